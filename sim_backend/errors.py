@@ -1,0 +1,31 @@
+"""The one error tree of the project: every message says what happened, the value, the limit and the fix."""
+
+
+class MccdError(Exception):
+    """An error that a user can act on; `exit_code` is what the command line ends with."""
+
+    exit_code = 1
+
+
+class CheckError(MccdError):
+    """A test or a check was carried out and failed (exit code 1)."""
+
+    exit_code = 1
+
+
+class ConfigError(MccdError):
+    """The command line, a model, a plan or a map asks for something that cannot be (exit code 2)."""
+
+    exit_code = 2
+
+
+class HardwareError(MccdError):
+    """A bench did not do what it was told, or said that it could not (exit code 3)."""
+
+    exit_code = 3
+
+
+class DataError(MccdError):
+    """A file or its data cannot be used as they are (exit code 4)."""
+
+    exit_code = 4
