@@ -1,0 +1,174 @@
+"""A linear model as a sum of second-order blocks: the one form in which every plant here is held.
+
+Each block is a pair of states (q, v) in companion form, so a badly scaled eighth-order polynomial never has to be
+formed, every block is discretised exactly on its own, and rigid-body modes need no special case:
+
+    dq/dt = v + B_direct u                       (B_direct is zero for a mechanical mode)
+    dv/dt = -omega^2 q - 2 sigma v + B u
+    y     = sum over blocks of (C q + C_rate v) + D u
+
+with omega the undamped natural frequency (rad/s) and sigma the decay rate (1/s). `B` and `C` are the participation of
+the block in each input and output.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class ModalModel:
+    """Sum of `m` second-order blocks from `n_u` inputs to `n_y` outputs, in continuous time.
+
+    Shapes: `omega_rad_s` and `sigma_1_s` (m,); `b` and `b_direct` (m, n_u); `c` and `c_rate` (n_y, m); `d` (n_y, n_u);
+    `delay_s` (n_u,), a pure delay of each input. A rigid body has omega 0; two real poles have sigma > omega.
+    Raises ConfigError when a shape does not fit or a number is not finite.
+    """
+
+    omega_rad_s: Array
+    sigma_1_s: Array
+    b: Array
+    b_direct: Array
+    c: Array
+    c_rate: Array
+    d: Array
+    delay_s: Array
+
+    def __post_init__(self) -> None:
+        m, n_u, n_y = self.omega_rad_s.size, self.b.shape[1], self.c.shape[0]
+        wanted = {
+            "omega_rad_s": (m,),
+            "sigma_1_s": (m,),
+            "b": (m, n_u),
+            "b_direct": (m, n_u),
+            "c": (n_y, m),
+            "c_rate": (n_y, m),
+            "d": (n_y, n_u),
+            "delay_s": (n_u,),
+        }
+        for name, shape in wanted.items():
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ConfigError(f"linear model: {name} has shape {value.shape}, needs {shape}; give one entry per block, input and output")
+            if not np.all(np.isfinite(value)):
+                raise ConfigError(f"linear model: {name} holds a number that is not finite; every entry must be a real number")
+        if np.any(self.omega_rad_s < 0.0) or np.any(self.delay_s < 0.0):
+            raise ConfigError("linear model: a natural frequency or a delay is negative; both must be zero or more")
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of second-order blocks."""
+        return int(self.omega_rad_s.size)
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return int(self.b.shape[1])
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return int(self.c.shape[0])
+
+    def with_(self, **changes: Array) -> ModalModel:
+        """Return a copy with the named arrays replaced."""
+        return replace(self, **changes)
+
+    def poles_1_s(self) -> ComplexArray:
+        """Return the poles (1/s), shape (m, 2): -sigma ± sqrt(sigma^2 - omega^2)."""
+        root = np.sqrt((self.sigma_1_s**2 - self.omega_rad_s**2).astype(complex))
+        return np.stack([-self.sigma_1_s + root, -self.sigma_1_s - root], axis=1)
+
+    def state_space(self) -> tuple[Array, Array, Array, Array]:
+        """Return (A, B, C, D) with states ordered q0, v0, q1, v1, …; the delays are left out."""
+        m = self.n_blocks
+        a = np.zeros((2 * m, 2 * m))
+        bb = np.zeros((2 * m, self.n_inputs))
+        cc = np.zeros((self.n_outputs, 2 * m))
+        for i in range(m):
+            a[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.block(i)
+            bb[2 * i], bb[2 * i + 1] = self.b_direct[i], self.b[i]
+            cc[:, 2 * i], cc[:, 2 * i + 1] = self.c[:, i], self.c_rate[:, i]
+        return a, bb, cc, self.d.copy()
+
+    def block(self, i: int) -> Array:
+        """Return the 2 × 2 companion matrix of block `i`."""
+        return np.array([[0.0, 1.0], [-self.omega_rad_s[i] ** 2, -2.0 * self.sigma_1_s[i]]])
+
+    def frequency_response(self, frequency_hz: Array, hold_rate_hz: float | None = None) -> ComplexArray:
+        """Return the response, shape (n_f, n_y, n_u), in output units per input unit.
+
+        With `hold_rate_hz` it is the exact response of the sampled system behind a zero-order hold at that rate
+        (what a stepped sine on the bench measures); without, that of the continuous plant. Delays are included.
+        """
+        if hold_rate_hz is not None:
+            return discretise(self, hold_rate_hz).frequency_response(frequency_hz)
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[:, None]
+        den = s**2 + 2.0 * self.sigma_1_s * s + self.omega_rad_s**2
+        # (sI - A)^-1 of the companion block applied to [b_direct, b]
+        q = (s + 2.0 * self.sigma_1_s)[..., None] * self.b_direct + self.b
+        v = s[..., None] * self.b - (self.omega_rad_s**2)[:, None] * self.b_direct
+        out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None]) + np.einsum("ym,fmu->fyu", self.c_rate, v / den[..., None])
+        return (out + self.d) * np.exp(-s[:, :, None] * self.delay_s)
+
+
+@dataclass(frozen=True)
+class DiscreteModel:
+    """The exact zero-order-hold equivalent of a ModalModel at one rate.
+
+    Shapes: `a` (m, 2, 2), `b` (m, 2, n_u), `c` (n_y, m, 2), `rate_c` (n_y, m, 2) and `rate_d` (n_y, n_u), which give
+    the output's time derivative; `d` (n_y, n_u); `delay_samples` (n_u,), not necessarily whole.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    rate_c: Array
+    rate_d: Array
+    d: Array
+    delay_samples: Array
+    rate_hz: float
+
+    def frequency_response(self, frequency_hz: Array) -> ComplexArray:
+        """Return the response from the samples of the input to those of the output, shape (n_f, n_y, n_u)."""
+        z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=float) / self.rate_hz)
+        m = self.a.shape[0]
+        resolvent = z[:, None, None, None] * np.eye(2) - self.a  # (f, m, 2, 2)
+        states = np.linalg.solve(resolvent, np.broadcast_to(self.b, (z.size, m, 2, self.b.shape[2])))
+        out = np.einsum("ymk,fmku->fyu", self.c, states) + self.d
+        # a fractional delay is a straight line between two held samples, exactly as the simulation plays it
+        whole = np.floor(self.delay_samples)
+        part = self.delay_samples - whole
+        return out * ((1.0 - part) + part / z[:, None, None]) * z[:, None, None] ** -whole
+
+
+def discretise(model: ModalModel, rate_hz: float) -> DiscreteModel:
+    """Return the exact zero-order-hold equivalent of `model` at `rate_hz`, block by block.
+
+    Each block's [A B; 0 0] is exponentiated together, which is exact also for rigid bodies, where A is singular.
+    Raises ConfigError when the rate is not positive.
+    """
+    if not rate_hz > 0.0:
+        raise ConfigError(f"sample rate is {rate_hz} Hz; it must be above zero")
+    m, n_u, n_y = model.n_blocks, model.n_inputs, model.n_outputs
+    a, b = np.empty((m, 2, 2)), np.empty((m, 2, n_u))
+    c, rate_c, rate_d = np.empty((n_y, m, 2)), np.empty((n_y, m, 2)), np.zeros((n_y, n_u))
+    for i in range(m):
+        block, inputs = model.block(i), np.stack([model.b_direct[i], model.b[i]])
+        joint = np.zeros((2 + n_u, 2 + n_u))
+        joint[:2, :2], joint[:2, 2:] = block, inputs
+        step = expm(joint / rate_hz)
+        a[i], b[i] = step[:2, :2], step[:2, 2:]
+        c[:, i, :] = np.stack([model.c[:, i], model.c_rate[:, i]], axis=1)
+        rate_c[:, i, :] = c[:, i, :] @ block
+        rate_d += c[:, i, :] @ inputs
+    return DiscreteModel(a, b, c, rate_c, rate_d, model.d, model.delay_s * rate_hz, float(rate_hz))
