@@ -1,0 +1,210 @@
+"""What an effect is: one object that simulation, screening, fitting, naming and the report all read.
+
+An effect says what it is (name, family, symptom), where in the loop it acts (`site`), what its parameters are, and how it
+is simulated: `step`, a compiled function called once per sample with the signals at its place, returning what it
+*adds* there. A contribution that is added, never a value that replaces, makes two promises easy to keep: neutral
+parameters add nothing, so they give exactly the model without the effect; and running the same compiled step along a
+measured trajectory gives the effect's first-order signature, so that screening needs no second definition of the physics.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from sim_backend.errors import ConfigError
+
+if TYPE_CHECKING:
+    from sim_backend.effects.view import RecordView
+    from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+_POINTER = types.CPointer(types.float64)
+
+STEP = types.float64(types.float64, types.float64, types.float64, types.float64, types.float64, _POINTER, _POINTER)
+"""Signature of every compiled step: (signal, position, rate, aux, dt_s, parameters, state) -> contribution.
+
+`signal` is the value at the effect's place before it (command, current, torque, sensor, reading), `position` and `rate`
+the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step. `parameters` and
+`state` are pointers to this effect's own numbers.
+"""
+
+
+class Site(IntEnum):
+    """Where in the loop an effect adds its contribution; the order is that of the signal path."""
+
+    COMMAND = 0  # the command of one input, before the amplifier
+    CURRENT = 1  # the current of one actuator
+    DRIVE = 2  # the torque of one input, between actuator and structure; may depend on position
+    STRUCTURE = 3  # a torque on one coordinate that depends on its motion; extrapolated to mid-step by the kernel
+    HEAD = 4  # the reading of one sensor head
+    READING = 5  # the reading of one degree of freedom
+    MODEL = 6  # not a signal: the effect changes the linear model itself (`retune`)
+    RECORD = 7  # not a signal: the effect changes the finished record (`rewrite`), e.g. its clock
+
+
+class Aux(IntEnum):
+    """What a step receives as `aux`."""
+
+    NONE = 0
+    EXOGENOUS = 1  # numbers drawn beforehand by `draw`, one per sample (noise, dropped samples)
+    TEMPERATURE = 2  # the bench's temperature (K)
+    SOURCE_COMMAND = 3  # the command of the effect's source channel (`where` is "source->target")
+    SOURCE_POSITION = 4  # the position of the effect's source channel
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """Powers of the input unit, the output unit, the second and the kelvin in a parameter's unit.
+
+    Units depend on the bench (N m and rad here, V and m on a piezo mirror), so a parameter states powers and gets both its unit
+    and its natural size from the channels it is used with.
+    """
+
+    u: int = 0
+    y: int = 0
+    s: int = 0
+    k: int = 0
+
+    def unit(self, u: str, y: str) -> str:
+        """Return the unit for input unit `u` and output unit `y`, e.g. 'N m/rad^3'; '1' when dimensionless."""
+        parts = [(u, self.u), (y, self.y), ("s", self.s), ("K", self.k)]
+        above = [_power(name, p) for name, p in parts if p > 0]
+        below = [_power(name, -p) for name, p in parts if p < 0]
+        return "/".join([" ".join(above) or "1", *below])
+
+    def scale(self, u: float, y: float, s: float, k: float = 1.0) -> float:
+        """Return the natural size of the parameter where signals have sizes `u`, `y`, `s` and `k`."""
+        return float(u**self.u * y**self.y * s**self.s * k**self.k)
+
+
+def _power(name: str, p: int) -> str:
+    if name == "1":
+        return ""
+    base = f"({name})" if " " in name and p > 1 else name
+    return base if p == 1 else f"{base}^{p}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of one parameter: its neutral value, dimension, bounds and whether it is a size or a shape.
+
+    With all *sizes* neutral the effect adds nothing, and for fixed *shapes* the contribution is linear in the sizes.
+    An effect without sizes is neutral at its shapes' neutral values (a limit at infinity, say).
+    Bounds are absolute; `log` says that the parameter is searched on a logarithmic scale.
+    """
+
+    name: str
+    neutral: float
+    dimension: Dimension
+    low: float
+    high: float
+    size: bool
+    log: bool
+    about: str
+
+
+def size(about: str, *, u: int = 0, y: int = 0, s: int = 0, k: int = 0, low: float = -math.inf, high: float = math.inf) -> Any:
+    """Declare a size parameter (neutral 0, contribution linear in it) as a dataclass field."""
+    return _declare(0.0, Dimension(u, y, s, k), low, high, size=True, log=False, about=about)
+
+
+def shape(
+    about: str,
+    neutral: float,
+    *,
+    u: int = 0,
+    y: int = 0,
+    s: int = 0,
+    k: int = 0,
+    low: float = 0.0,
+    high: float = math.inf,
+    log: bool = True,
+) -> Any:
+    """Declare a shape parameter (the contribution depends on it nonlinearly) as a dataclass field."""
+    return _declare(neutral, Dimension(u, y, s, k), low, high, size=False, log=log, about=about)
+
+
+def _declare(neutral: float, dim: Dimension, low: float, high: float, *, size: bool, log: bool, about: str) -> Any:
+    meta = {"dimension": dim, "low": low, "high": high, "size": size, "log": log, "about": about}
+    return field(default=neutral, metadata=meta)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect at one place, with its parameters as fields.
+
+    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `aux`, `n_state`, `step`, `guess`, `draw`, `retune`,
+    `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
+    """
+
+    where: str
+
+    name: ClassVar[str]
+    family: ClassVar[str]  # structure, drive, sensor or surroundings
+    site: ClassVar[Site]
+    symptom: ClassVar[str]  # what a person sees in the residual; ends the sentence "the residual …"
+    aux: ClassVar[Aux] = Aux.NONE
+    n_state: ClassVar[int] = 0
+    step: ClassVar[Any] = None  # compiled with @cfunc(STEP, cache=True)
+
+    def __post_init__(self) -> None:
+        for p in self.parameters():
+            value = getattr(self, p.name)
+            neutral_at_infinity = math.isinf(p.neutral) and value == p.neutral
+            if not (math.isfinite(value) or neutral_at_infinity) or not p.low <= value <= p.high:
+                raise ConfigError(
+                    f"effect {self.name} at {self.where}: {p.name} is {value:g}; it must lie in [{p.low:g}, {p.high:g}]"
+                )
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """Return what is known of each parameter, in the order in which `step` receives them."""
+        return tuple(Parameter(name=f.name, neutral=float(f.default), **f.metadata) for f in fields(cls) if f.metadata)
+
+    @classmethod
+    def sizes(cls) -> tuple[str, ...]:
+        """Return the names of the size parameters."""
+        return tuple(p.name for p in cls.parameters() if p.size)
+
+    @classmethod
+    def shapes(cls) -> tuple[str, ...]:
+        """Return the names of the shape parameters."""
+        return tuple(p.name for p in cls.parameters() if not p.size)
+
+    def values(self) -> Array:
+        """Return the parameter values, shape (n_parameters,), in the order of `parameters`."""
+        return np.array([getattr(self, p.name) for p in self.parameters()], dtype=float)
+
+    def is_neutral(self) -> bool:
+        """Tell whether the effect adds nothing: all sizes zero or, without sizes, all shapes neutral."""
+        watched = [p for p in self.parameters() if p.size] or list(self.parameters())
+        return all(getattr(self, p.name) == p.neutral for p in watched)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return starts for the shape parameters that span what `view` could show; [{}] when there are none."""
+        return [{}]
+
+    def start(self) -> Array:
+        """Return the state before the first sample, shape (n_state,)."""
+        return np.zeros(self.n_state)
+
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Return the exogenous numbers of `n` samples, shape (n,), for effects whose `aux` is EXOGENOUS."""
+        raise ConfigError(f"effect {self.name} draws no exogenous numbers; its aux is {self.aux.name}")
+
+    def retune(self, model: ModalModel, input_index: int, output_index: int) -> ModalModel:
+        """Return the linear model with this effect in it, for effects whose site is MODEL."""
+        raise ConfigError(f"effect {self.name} does not change the linear model; it acts on {self.site.name}")
+
+    def rewrite(self, values: Array, rate_hz: float) -> Array:
+        """Return a finished channel, shape (n,), as this effect would have recorded it, for effects whose site is RECORD."""
+        raise ConfigError(f"effect {self.name} does not change the record; it acts on {self.site.name}")

@@ -1,0 +1,63 @@
+"""What an effect may look at when it guesses the scale of its parameters: one channel pair of a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecordView:
+    """The signals at one place: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
+
+    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first resonance of
+    the nominal model at this place (0 for a rigid body).
+    """
+
+    rate_hz: float
+    u: Array
+    position: Array
+    rate: Array
+    residual: Array
+    temperature_k: Array | None
+    lowest_mode_hz: float
+
+    @property
+    def u_peak(self) -> float:
+        """Largest magnitude of the input."""
+        return float(np.max(np.abs(self.u), initial=0.0))
+
+    @property
+    def position_peak(self) -> float:
+        """Largest magnitude of the position."""
+        return float(np.max(np.abs(self.position), initial=0.0))
+
+    @property
+    def rate_peak(self) -> float:
+        """Largest magnitude of the rate."""
+        return float(np.max(np.abs(self.rate), initial=0.0))
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record."""
+        return self.u.size / self.rate_hz
+
+    def residual_lines_hz(self, n: int) -> list[float]:
+        """Return the `n` frequencies at which the residual's spectrum stands highest above its surroundings."""
+        power = np.abs(np.fft.rfft(self.residual * np.hanning(self.residual.size))) ** 2
+        if power.size < 32:
+            return []
+        width = max(power.size // 64, 8)
+        floor = np.array([np.median(power[max(0, i - width) : i + width]) for i in range(0, power.size, width)])
+        excess = power / np.maximum(np.repeat(floor, width)[: power.size], np.finfo(float).tiny)
+        excess[:2] = 0.0
+        lines: list[float] = []
+        for _ in range(n):
+            i = int(np.argmax(excess))
+            lines.append(i * self.rate_hz / self.residual.size)
+            excess[max(0, i - 3) : i + 4] = 0.0
+        return lines
