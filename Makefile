@@ -1,0 +1,58 @@
+# Everything below needs only Python >= 3.11 with its venv module, make and git.
+#   make report   the whole campaign on the simulated bench, then the report (in report/)
+#   make test     the tests
+#   make check    formatting, lint, types and import contracts
+#   make format   rewrite the sources in the one format
+#   make lock     pin all dependencies anew (constraints.txt)
+#   make clean    remove what the targets above have made
+PYTHON ?= python3
+VENV   ?= .venv
+OUT    ?= report
+BIN    := $(VENV)/bin
+
+# The set-up is done again only when the contents of these two files change, whatever their dates say.
+STAMP  := $(VENV)/.mccd-$(shell cat pyproject.toml constraints.txt | cksum | cut -d ' ' -f 1)
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# One thread per process in the linear algebra: the tests already use one process per core.
+export OMP_NUM_THREADS      ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: report test check format lock clean
+.DELETE_ON_ERROR:
+
+report: $(STAMP)
+	$(BIN)/mccd report --out $(OUT)
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
+
+check: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(STAMP)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+$(STAMP): $(BIN)/python
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev]'
+	rm -f $(VENV)/.mccd-*
+	touch $@
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "mccd needs Python 3.11 or newer; $(PYTHON) is older or absent: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+
+lock:
+	$(PYTHON) -m venv --clear build/lock
+	build/lock/bin/python -m pip install --quiet setuptools '.[dev,peers,cluster,docs]'
+	{ echo '# Every dependency, direct or not, of mccd and its extras. Made by `make lock`; do not edit.'; \
+	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints.txt
+	rm -rf build/lock
+
+clean:
+	rm -rf $(VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

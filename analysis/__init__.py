@@ -1,0 +1,1 @@
+"""Measurements on recorded data: arrays in, one small frozen result per measurement out."""

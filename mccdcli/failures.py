@@ -1,0 +1,61 @@
+"""What becomes of an error: one line on standard error and an exit code, never a traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+import click
+
+from sim_backend.errors import ConfigError, DataError, MccdError
+
+USAGE = ConfigError.exit_code
+BUG = 70  # EX_SOFTWARE of sysexits.h
+INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
+BROKEN_PIPE = 141  # 128 + SIGPIPE
+
+
+def exit_code_of(run: Callable[[], object]) -> int:
+    """Call `run` and return the exit code: the number that it returns, 0 for none, or that of its error."""
+    try:
+        code = run()
+        sys.stdout.flush()
+        return code if isinstance(code, int) else 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return USAGE
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "mccd"
+        return _refuse(f"{error.format_message()} (see '{command} --help')", USAGE)
+    except click.ClickException as error:
+        return _refuse(error.format_message(), USAGE)
+    except (click.Abort, KeyboardInterrupt):
+        return _refuse("interrupted", INTERRUPTED)
+    except MccdError as error:
+        return _refuse(str(error), error.exit_code)
+    except BrokenPipeError:
+        # what is still buffered has no reader: give it one that discards it, or Python complains at its exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    except OSError as error:
+        # with a file name it is the state of the user's disk or folder; without one we forgot to say which
+        if error.filename is None:
+            return _report_bug(error)
+        return _refuse(f"{os.fsdecode(error.filename)}: {error.strerror}", DataError.exit_code)
+    except Exception as error:
+        return _report_bug(error)
+
+
+def _refuse(message: str, exit_code: int) -> int:
+    click.echo(f"mccd: error: {' '.join(message.split())}", err=True)
+    return exit_code
+
+
+def _report_bug(error: Exception) -> int:
+    from mccdcli.crash import write_crash_file
+
+    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return _refuse(
+        f"this is a bug in mccd ({what}); please report it together with {write_crash_file(error)}", BUG
+    )

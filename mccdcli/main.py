@@ -1,0 +1,66 @@
+"""The entry point `mccd`: the lazy tree of commands inside the one place where errors become exit codes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+from mccdcli.failures import exit_code_of
+from mccdcli.lazy import LazyGroup
+from mccdcli.registry import COMMANDS, GROUPS
+
+HELP = """Test, calibrate and correct the model of a cryogenic chopping mirror.
+
+Runs the test campaign on the simulated bench or on a real one, rebuilds the published tables and figures from
+the logs, shows what the simulation gets wrong, names the cause and measures what correcting it gains.
+"""
+
+EPILOG = """\b
+Exit codes:
+    0  passed
+    1  a test or a check failed (for diagnose: the simulation is wrong)
+    2  usage or configuration
+    3  hardware
+    4  data
+   70  a bug in mccd; a file with the details is named
+  130  interrupted (141 if the reader of the output went away)
+
+The result goes to standard output, progress and remarks to standard error. NO_COLOR is honoured.
+"""
+
+
+def _print_version(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        from mccdcli.version import version_line
+
+        click.echo(version_line())
+        ctx.exit()
+
+
+cli = LazyGroup(
+    "mccd",
+    COMMANDS,
+    GROUPS,
+    help=HELP,
+    epilog=EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    params=[
+        click.Option(
+            ["--version"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_print_version,
+            help="Show version and commit, and exit.",
+        )
+    ],
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line (default: that of the process) and return its exit code.
+
+    A command returns its exit code or None for success, or raises; nothing it raises passes from here.
+    """
+    return exit_code_of(lambda: cli.main(arguments, prog_name="mccd", standalone_mode=False))

@@ -1,0 +1,88 @@
+"""The options that commands have in common, each written once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+BENCHES: Final = ("sim", "emulator", "serial:DEVICE", "tcp:HOST:PORT")
+
+
+class BenchAddress(click.ParamType[str]):
+    """`sim`, `emulator`, `serial:DEVICE` or `tcp:HOST:PORT`: its form is checked, its text passed on."""
+
+    name = "bench"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return `value` if it has the form of a bench address, else end with a usage error."""
+        address = str(value)
+        kind, colon, rest = address.partition(":")
+        host, _, port = rest.rpartition(":")
+        well_formed = {
+            "sim": not colon,
+            "emulator": not colon,
+            "serial": bool(rest),
+            "tcp": bool(host) and port.isdecimal() and 0 < int(port) < 65536,
+        }
+        if not well_formed.get(kind, False):
+            near = get_close_matches(kind, well_formed, n=1)
+            hint = f" Did you mean '{near[0]}'?" if near and near[0] != kind else ""
+            self.fail(f"{address!r} is not a bench; a bench is {', '.join(BENCHES)}.{hint}", param, ctx)
+        return address
+
+
+OPTIONS: Final[dict[str, Callable[[F], F]]] = {
+    "bench": click.option(
+        "--bench",
+        type=BenchAddress(),
+        default="sim",
+        show_default=True,
+        metavar="BENCH",
+        help=f"Where to run: {', '.join(BENCHES)}.",
+    ),
+    "out": click.option(
+        "-o", "--out", type=click.Path(path_type=Path), metavar="PATH", help="Where to write the result."
+    ),
+    "seed": click.option(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        metavar="N",
+        help="Seed of everything random.",
+    ),
+    "dry_run": click.option(
+        "--dry-run", is_flag=True, help="Say what would be done (steps, limits, duration, bytes) and stop."
+    ),
+    "json": click.option(
+        "--json",
+        "as_json",
+        is_flag=True,
+        help="Result as JSON on standard output, all else on standard error.",
+    ),
+}
+
+
+def common_options(*names: str) -> Callable[[F], F]:
+    """Decorator that adds the options of these names, in the order of OPTIONS; without a name, all of them.
+
+    They reach the command as `bench` (str), `out` (Path or None), `seed` (int), `dry_run` (bool) and `as_json`
+    (bool).
+    """
+    unknown = set(names) - set(OPTIONS)
+    if unknown:
+        raise ValueError(f"no common option {sorted(unknown)}; there are {list(OPTIONS)}")
+
+    def decorate(command: F) -> F:
+        for name, option in reversed(OPTIONS.items()):
+            if not names or name in names:
+                command = option(command)
+        return command
+
+    return decorate

@@ -1,0 +1,44 @@
+"""What a command says: its result on standard output, its remarks on standard error."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+
+def emit(result: object, *, as_json: bool, text: str) -> None:
+    """Print the result on standard output: `result` as one JSON document, or `text` for a person to read."""
+    click.echo(json.dumps(plain(result), indent=2, ensure_ascii=False, allow_nan=False) if as_json else text)
+
+
+def say(remark: str) -> None:
+    """Print a remark on standard error, where it cannot mix with the result."""
+    click.echo(remark, err=True)
+
+
+def plain(value: object) -> Any:
+    """Reduce `value` to what JSON can hold.
+
+    Dataclasses become objects by field; arrays and sequences, lists; sets, sorted lists; paths and everything
+    else without a JSON form, text. JSON has no NaN and no infinity: they become null.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted((plain(item) for item in value), key=str)
+    if hasattr(value, "tolist"):  # a numpy array or scalar, told without importing numpy
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    return str(value)

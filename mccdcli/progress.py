@@ -1,0 +1,62 @@
+"""Progress of long work on standard error: a bar on a terminal, else a line now and then."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from mccdcli.output import say
+
+# report(done, total, what): how much of the work is done, in any unit, and what is being done now
+Report = Callable[[float, float, str], None]
+
+LINE_PERIOD_S = 5.0  # often enough to see that it lives, seldom enough for the log of a night's run
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Report]:
+    """Show the progress of one piece of work, with the time left; call what this yields as the work advances.
+
+    Library code takes the callable as a plain argument, so it need not know of terminals. Nothing is written
+    to standard output, and nothing at all for work that ends before its first line is due.
+    """
+    if sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
+        with _bar(title) as report:
+            yield report
+    else:
+        yield _lines(title)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Report]:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:  # rich honours NO_COLOR
+        task = bars.add_task(escape(title), total=None)
+
+        def report(done: float, total: float, what: str = "") -> None:
+            bars.update(task, completed=done, total=total, description=escape(f"{title} {what}".rstrip()))
+
+        yield report
+
+
+def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
+    started_s = clock()
+    due_s = started_s + LINE_PERIOD_S
+
+    def report(done: float, total: float, what: str = "") -> None:
+        nonlocal due_s
+        now_s = clock()
+        if now_s < due_s or total <= 0:
+            return
+        due_s = now_s + LINE_PERIOD_S
+        left = f", {(now_s - started_s) * (total - done) / done:.0f} s left" if done > 0 else ""
+        say(f"{title}: {100 * done / total:.0f} %{left} {what}".rstrip())
+
+    return report
