@@ -1,0 +1,1 @@
+"""Control design: one strategy element per file, pure functions from models to coefficients and arrays."""
