@@ -1,0 +1,121 @@
+"""From any state space to the sum of second-order blocks, and to a canonical scaling of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_continuous_lyapunov, svd
+
+from sim_backend.errors import DataError
+from sim_backend.linear import Array, ModalModel
+
+ComplexArray = NDArray[np.complex128]
+
+
+def modal_from_state_space(a: Array, b: Array, c: Array, d: Array) -> ModalModel:
+    """Return the ModalModel of a continuous state space with an even number of distinct eigenvalues.
+
+    Shapes: `a` (n, n), `b` (n, n_u), `c` (n_y, n), `d` (n_y, n_u). Raises DataError when the order is odd or an
+    eigenvalue is defective to working precision.
+    """
+    values, right = np.linalg.eig(a)
+    if values.size % 2:
+        raise DataError(
+            f"state space has odd order {values.size}; second-order blocks need an even number of states"
+        )
+    if np.linalg.cond(right) > 1e14:
+        raise DataError(
+            "state space has repeated eigenvalues without enough eigenvectors; perturb it or reduce its order"
+        )
+    return modal_from_poles(values, (c @ right).T, np.linalg.solve(right, b.astype(complex)), d)
+
+
+def modal_from_poles(
+    poles: ComplexArray, outputs: ComplexArray, inputs: ComplexArray, d: Array
+) -> ModalModel:
+    """Return the ModalModel of sum over k of outputs[k] inputs[k]' / (s - poles[k]) + d.
+
+    Shapes: `poles` (n,), closed under conjugation; `outputs` (n, n_y); `inputs` (n, n_u); `d` (n_y, n_u). Right-half
+    plane poles are reflected.
+    """
+    poles = np.where(poles.real > 0.0, -poles.conj(), poles)
+    upper = np.flatnonzero(poles.imag > 0.0)
+    real = np.flatnonzero(poles.imag == 0.0)
+    real = real[np.argsort(poles[real].real)]
+    omega, sigma, rows_b, rows_c = [], [], [], []
+    for i, k in [*((i, None) for i in upper), *zip(real[::2], real[1::2], strict=True)]:
+        pair = np.array([poles[i], poles[i].conj() if k is None else poles[k]])
+        if k is not None and abs(pair[0] - pair[1]) < 1e-6 * abs(pair[0]):
+            pair = pair * np.array([1.0 + 1e-6, 1.0 - 1e-6])
+        left = np.stack([inputs[i], inputs[i].conj() if k is None else inputs[k]])
+        out = np.stack([outputs[i], outputs[i].conj() if k is None else outputs[k]])
+        # eigenvectors of the companion block are (1, p)
+        vectors = np.array([[1.0, 1.0], pair])
+        rows_b.append((vectors @ left).real)
+        rows_c.append(np.linalg.solve(vectors.T, out).real)
+        omega.append(np.sqrt(max((pair[0] * pair[1]).real, 0.0)))
+        sigma.append(-0.5 * (pair[0] + pair[1]).real)
+    n_u, n_y = inputs.shape[1], outputs.shape[1]
+    bb, cc = np.array(rows_b).reshape(-1, 2, n_u), np.array(rows_c).reshape(-1, 2, n_y)
+    order = np.argsort(omega)
+    model = ModalModel(
+        np.array(omega)[order],
+        np.array(sigma)[order],
+        bb[order, 1],
+        bb[order, 0],
+        cc[order, 0].T.copy(),
+        cc[order, 1].T.copy(),
+        np.asarray(d, dtype=float).copy(),
+        np.zeros(n_u),
+    )
+    return canonical(model)
+
+
+def canonical(model: ModalModel) -> ModalModel:
+    """Return the same system with each block's free choices made one way.
+
+    A complex pair may be scaled by any complex factor between its input and its output: the phase is chosen so that
+    b_direct is as small as it can be (zero for a mechanical mode), the size so that the strongest input has b = 1.
+    Blocks with two real poles, and rigid bodies, are only scaled.
+    """
+    b, direct, c, rate = model.b.copy(), model.b_direct.copy(), model.c.copy(), model.c_rate.copy()
+    for i in range(model.n_blocks):
+        omega, sigma = model.omega_rad_s[i], model.sigma_1_s[i]
+        if omega > sigma and (np.any(direct[i]) or np.any(rate[:, i])):
+            pole = -sigma + 1j * np.sqrt(omega**2 - sigma**2)
+            # rows (b_direct, b) = (2 Re w, 2 Re p w), and output residue of the pole = c + p c_rate
+            w = 0.5 * (direct[i] - 1j * (b[i] - pole.real * direct[i]) / pole.imag)
+            out = c[:, i] + pole * rate[:, i]
+            turn = svd(np.stack([w.real, -w.imag], axis=1), full_matrices=False)[2][-1]
+            turn = complex(turn[0], turn[1])
+            w, out = w * turn, out / turn
+            direct[i], b[i] = 2.0 * w.real, 2.0 * (pole * w).real
+            rate[:, i] = out.imag / pole.imag
+            c[:, i] = out.real - pole.real * rate[:, i]
+        strongest = np.argmax(np.abs(b[i]))
+        size = b[i, strongest] if b[i, strongest] != 0.0 else 1.0
+        b[i], direct[i] = b[i] / size, direct[i] / size
+        c[:, i], rate[:, i] = c[:, i] * size, rate[:, i] * size
+    return model.with_(b=b, b_direct=direct, c=c, c_rate=rate)
+
+
+def balanced_truncation(a: Array, b: Array, c: Array, order: int) -> tuple[Array, Array, Array, Array]:
+    """Return (A, B, C) of the given order and all Hankel singular values of a stable system, largest first.
+
+    Square-root method (Laub, Heath, Paige & Ward 1987). Raises DataError when a Gramian cannot be computed.
+    """
+    control = _factor(solve_continuous_lyapunov(a, -b @ b.T))
+    observe = _factor(solve_continuous_lyapunov(a.T, -c.T @ c))
+    left, hankel, right = svd(observe.T @ control)
+    keep = min(order, int(np.sum(hankel > 1e-14 * hankel[0])))
+    root = np.sqrt(hankel[:keep])
+    to_full, to_small = control @ right[:keep].T / root, (observe @ left[:, :keep] / root).T
+    return to_small @ a @ to_full, to_small @ b, c @ to_full, hankel
+
+
+def _factor(gramian: Array) -> Array:
+    """Return a square root of a Gramian whose smallest eigenvalues may be rounded below zero."""
+    if not np.all(np.isfinite(gramian)):
+        raise DataError("model reduction: a Gramian is not finite; the fit has poles on the imaginary axis")
+    values, vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))
+    return vectors * np.sqrt(np.maximum(values, 0.0))

@@ -1,0 +1,142 @@
+"""The parameters of a ModalModel as one vector, with every derivative that a fit in time or frequency needs.
+
+Each block enters the output only through its position q and rate v under a unit force,
+
+    y = sum over blocks of (N0 q + N1 v) + D u
+    N1 = c b_direct' + c_rate b'
+    N0 = c (2 sigma b_direct + b)' - omega^2 c_rate b_direct'
+
+so a fit needs only q, v and their derivatives with respect to ln(omega) and ln(sigma): as spectra (rational.py) or as
+signals (timefit.py). Logarithms keep every pole in the left half plane and make the units of time irrelevant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.errors import ConfigError
+from sim_backend.linear import Array, ModalModel
+
+IntArray = NDArray[np.intp]
+FORMS = ("general", "mechanical")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each array of a ModalModel stands in the parameter vector, and which entries a fit may move.
+
+    `free` (p,) is True where the entry moves. Built by `layout_of`.
+    """
+
+    n_blocks: int
+    n_inputs: int
+    n_outputs: int
+    free: NDArray[np.bool_]
+
+    def index(self, name: str) -> IntArray:
+        """Return the positions of the named array in the vector, in the array's own shape."""
+        start = 0
+        for key, shape in self._shapes().items():
+            size = int(np.prod(shape))
+            if key == name:
+                return np.arange(start, start + size).reshape(shape)
+            start += size
+        raise ConfigError(f"linear model has no parameter {name!r}; it has {', '.join(self._shapes())}")
+
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        m, n_u, n_y = self.n_blocks, self.n_inputs, self.n_outputs
+        return {
+            "log_omega": (m,),
+            "log_sigma": (m,),
+            "b": (m, n_u),
+            "b_direct": (m, n_u),
+            "c": (n_y, m),
+            "c_rate": (n_y, m),
+            "d": (n_y, n_u),
+            "delay_s": (n_u,),
+        }
+
+    @property
+    def size(self) -> int:
+        """Length of the parameter vector."""
+        return sum(int(np.prod(s)) for s in self._shapes().values())
+
+
+def layout_of(
+    model: ModalModel, form: str = "general", feedthrough: bool = True, delay: bool = False
+) -> Layout:
+    """Return the layout for `model`; a zero omega or sigma, and with form "mechanical" b_direct and c_rate, stay fixed.
+
+    Raises ConfigError for an unknown form.
+    """
+    if form not in FORMS:
+        raise ConfigError(f"model form {form!r} is unknown; choose one of {', '.join(FORMS)}")
+    bare = Layout(model.n_blocks, model.n_inputs, model.n_outputs, np.zeros(0, dtype=bool))
+    free = np.ones(bare.size, dtype=bool)
+    free[bare.index("log_omega")] = model.omega_rad_s > 0.0
+    free[bare.index("log_sigma")] = model.sigma_1_s > 0.0
+    if form == "mechanical":
+        free[bare.index("b_direct")] = False
+        free[bare.index("c_rate")] = False
+    free[bare.index("d")] = feedthrough
+    free[bare.index("delay_s")] = delay
+    return Layout(bare.n_blocks, bare.n_inputs, bare.n_outputs, free)
+
+
+def pack(model: ModalModel) -> Array:
+    """Return the parameter vector (p,) of a model; ln of a zero omega or sigma is stored as -inf and never moves."""
+    with np.errstate(divide="ignore"):
+        logs = np.log(model.omega_rad_s), np.log(model.sigma_1_s)
+    rest = (model.b, model.b_direct, model.c, model.c_rate, model.d, model.delay_s)
+    return np.concatenate([*logs, *(a.ravel() for a in rest)])
+
+
+def unpack(vector: Array, layout: Layout) -> ModalModel:
+    """Return the model that a parameter vector (p,) describes."""
+    get = {
+        name: vector[layout.index(name)]
+        for name in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")
+    }
+    return ModalModel(
+        np.exp(get["log_omega"]),
+        np.exp(get["log_sigma"]),
+        get["b"],
+        get["b_direct"],
+        get["c"],
+        get["c_rate"],
+        get["d"],
+        np.maximum(get["delay_s"], 0.0),
+    )
+
+
+@dataclass(frozen=True)
+class Participation:
+    """How blocks enter each output entry, with derivatives; all are linear weights on (q, v).
+
+    Shapes: `n0`, `n1`, `n0_log_omega`, `n0_log_sigma` (m, n_y, n_u); `force` (m, n_u) is 2 sigma b_direct + b.
+    """
+
+    n0: Array
+    n1: Array
+    n0_log_omega: Array
+    n0_log_sigma: Array
+    force: Array
+
+
+def participation(model: ModalModel) -> Participation:
+    """Return the weights of position and rate of each block in each entry (see the module's equations)."""
+    omega2, sigma2 = model.omega_rad_s[:, None] ** 2, 2.0 * model.sigma_1_s[:, None]
+    force = sigma2 * model.b_direct + model.b
+    c, c_rate = model.c.T[:, :, None], model.c_rate.T[:, :, None]
+    direct = model.b_direct[:, None, :]
+    rate_part = omega2[:, :, None] * c_rate * direct
+    return Participation(
+        n0=c * force[:, None, :] - rate_part,
+        n1=c * direct + c_rate * model.b[:, None, :],
+        n0_log_omega=-2.0 * rate_part,
+        n0_log_sigma=sigma2[:, :, None] * c * direct,
+        force=force,
+    )

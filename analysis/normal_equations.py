@@ -1,0 +1,103 @@
+"""Levenberg-Marquardt on accumulated normal equations, for problems whose Jacobian is too tall to be stored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Sum of squared residuals, with J'r (p,) and J'J (p, p) where the residual is model minus data."""
+
+    cost: float
+    gradient: Array
+    hessian: Array
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Parameters (p,) at the minimum, the normal equations there, iterations taken and whether it converged."""
+
+    parameters: Array
+    normal: Normal
+    iterations: int
+    converged: bool
+
+
+def minimise(
+    assemble: Callable[[Array], Normal],
+    cost: Callable[[Array], float],
+    start: Array,
+    iterations: int = 100,
+    tolerance: float = 1e-9,
+) -> Minimum:
+    """Return the minimum of a sum of squares, from `start` (p,).
+
+    `assemble` gives the normal equations and `cost` the sum of squares alone. Damping follows Nielsen (1999); steps
+    are scaled by the diagonal of J'J, so units of the parameters do not matter, and directions that the data do not
+    see (the free scaling of a mode between input and output) are left where they are. Converged when a step predicts
+    and brings a relative decrease below `tolerance`.
+    """
+    x, damping, growth = start.copy(), 1e-3, 2.0
+    normal = assemble(x)
+    for count in range(iterations):
+        step, predicted = _step(normal, damping)
+        trial = cost(x + step)
+        actual = normal.cost - trial
+        if np.isfinite(trial) and actual >= 0.0 and predicted > 0.0:
+            small = max(predicted, actual) <= tolerance * max(normal.cost, np.finfo(float).tiny)
+            x = x + step
+            normal = assemble(x)
+            if small:
+                return Minimum(x, normal, count + 1, True)
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * actual / predicted - 1.0) ** 3)
+            damping, growth = max(damping, 1e-12), 2.0
+            continue
+        # a step too small to change the cost beyond rounding is the end, not a failure
+        if predicted <= 1e-13 * normal.cost or damping > 1e12:
+            return Minimum(x, normal, count + 1, True)
+        damping, growth = damping * growth, growth * 2.0
+    return Minimum(x, normal, iterations, False)
+
+
+def _step(normal: Normal, damping: float) -> tuple[Array, float]:
+    """Return the damped step and the decrease that the quadratic model predicts for it."""
+    scale = column_scale(normal.hessian)
+    scaled = normal.hessian / np.outer(scale, scale)
+    gradient = normal.gradient / scale
+    boost = damping
+    while True:
+        try:
+            factor = cho_factor(scaled + boost * np.eye(scale.size), check_finite=False)
+            break
+        except LinAlgError:
+            boost = max(10.0 * boost, 1e-14)
+    step = -cho_solve(factor, gradient, check_finite=False)
+    predicted = -float(step @ (2.0 * gradient + scaled @ step))
+    return step / scale, predicted
+
+
+def column_scale(hessian: Array) -> Array:
+    """Return the square root of the diagonal of J'J (p,), one where a parameter has no effect."""
+    diagonal = np.sqrt(np.diag(hessian))
+    return np.where(diagonal > 0.0, diagonal, 1.0)
+
+
+def covariance(normal: Normal) -> Array:
+    """Return the parameter covariance (p, p) for unit residual variance: the pseudo-inverse of J'J.
+
+    Directions without information (eigenvalue below 1e-12 of the largest, after scaling to a unit diagonal) get no
+    variance: they are choices of coordinates, and no quantity that the data determine depends on them.
+    """
+    scale = column_scale(normal.hessian)
+    values, vectors = np.linalg.eigh(normal.hessian / np.outer(scale, scale))
+    keep = values > 1e-12 * values[-1]
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    return inverse / np.outer(scale, scale)

@@ -1,0 +1,176 @@
+"""Relaxed vector fitting with poles common to all entries: a start for fits of frequency responses.
+
+Gustavsen & Semlyen (1999), relaxed normalisation by Gustavsen (2006), and the column compression of Deschrijver et al.
+(2008). It works on partial fractions in lambda = s for a continuous measurement and lambda = z behind a zero-order hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.linear import Array
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class PoleResidues:
+    """Sum over k of residues[k] / (s - poles[k]) + d: `poles` (n,) closed under conjugation, `residues` (n, n_y, n_u)."""
+
+    poles: ComplexArray
+    residues: ComplexArray
+    d: Array
+
+
+def vector_fit(
+    frequency_hz: Array,
+    response: ComplexArray,
+    n_poles: int,
+    weight: Array,
+    hold_rate_hz: float | None = None,
+    feedthrough: bool = True,
+    iterations: int = 15,
+) -> PoleResidues:
+    """Return common poles and full residues that fit `response` (n_f, n_y, n_u), in continuous time.
+
+    `weight` (n_f, n_y, n_u) multiplies the error. `n_poles` is even. Poles that leave the stable region are reflected.
+    """
+    scale = float(hold_rate_hz) if hold_rate_hz is not None else 2.0 * np.pi * float(frequency_hz[-1])
+    s = 2j * np.pi * frequency_hz / scale
+    sampled = hold_rate_hz is not None
+    point = np.exp(s) if sampled else s
+    data = response.reshape(frequency_hz.size, -1)
+    weights = weight.reshape(data.shape)
+    poles = _starting_poles(np.abs(s), n_poles)
+    if sampled:
+        poles = np.exp(poles)
+    for _ in range(iterations):
+        moved = _relocate(point, data, weights, poles, feedthrough)
+        moved = _stable(moved, sampled)
+        change = np.max(
+            np.abs(np.sort_complex(moved) - np.sort_complex(poles)) / np.abs(np.sort_complex(moved) - sampled)
+        )
+        poles = moved
+        if change < 1e-7:
+            break
+    poles = _pairable(poles) if sampled else poles
+    residues, d = _residues(point, data, weights, poles, feedthrough)
+    if sampled:
+        held = np.log(poles)
+        # the zero-order hold turns 1 / (s - p) into ((e^pT - 1) / p) / (z - e^pT)
+        residues = residues * (held / np.expm1(held))[:, None]
+        poles = held
+    shape = (n_poles, response.shape[1], response.shape[2])
+    return PoleResidues(poles * scale, (residues * scale).reshape(shape), d.reshape(shape[1:]))
+
+
+def _starting_poles(s_abs: Array, n_poles: int) -> ComplexArray:
+    """Return lightly damped pairs spread evenly over the logarithm of the band, with linear ones among them.
+
+    Resonances sit anywhere, and the lines of a multisine crowd at the top of the band while its decades do not; half
+    of the pairs follow the quantiles of the lines, half their decades.
+    """
+    pairs = n_poles // 2
+    low = max(s_abs[0], s_abs[-1] * 1e-4) if s_abs[0] > 0.0 else s_abs[-1] * 1e-3
+    decades = np.geomspace(low, s_abs[-1], pairs // 2 + 2)[1:-1]
+    lines = np.quantile(s_abs, np.linspace(0.0, 1.0, pairs - pairs // 2 + 2)[1:-1])
+    centre = np.sort(np.concatenate([decades, lines * 1.0001]))
+    upper = centre * (-0.01 + 1j)
+    return np.stack([upper, upper.conj()], axis=1).ravel()
+
+
+def _basis(point: ComplexArray, poles: ComplexArray) -> ComplexArray:
+    """Return the partial fractions (n_f, n) whose coefficients are real: sums and differences for complex pairs."""
+    basis = 1.0 / (point[:, None] - poles)
+    for k in np.flatnonzero(poles.imag > 0.0):
+        first, second = basis[:, k].copy(), basis[:, k + 1].copy()
+        basis[:, k], basis[:, k + 1] = first + second, 1j * (first - second)
+    return basis
+
+
+def _real(matrix: ComplexArray) -> Array:
+    return np.concatenate([matrix.real, matrix.imag])
+
+
+def _relocate(
+    point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool
+) -> ComplexArray:
+    """Return the zeros of the weighting function sigma(lambda), the next poles."""
+    basis = _basis(point, poles)
+    n, ones = poles.size, np.ones((point.size, 1))
+    model = np.concatenate([basis, ones], axis=1) if feedthrough else basis
+    sigma = np.concatenate([basis, ones], axis=1)
+    width, blocks = model.shape[1], []
+    for e in range(data.shape[1]):
+        w = weights[:, e, None]
+        joint = _real(np.concatenate([w * model, -(w * data[:, e, None]) * sigma], axis=1))
+        blocks.append(np.linalg.qr(joint, mode="r")[width : width + n + 1, width:])
+    stacked = np.concatenate(blocks)
+    # relaxed normalisation: the real part of sigma sums to the number of lines
+    anchor = sigma.real.sum(axis=0) * np.linalg.norm(weights * np.abs(data)) / point.size
+    system = np.concatenate([stacked, anchor[None]])
+    target = np.zeros(system.shape[0])
+    target[-1] = anchor[-1]
+    column = np.linalg.norm(system, axis=0)
+    column = np.where(column > 0.0, column, 1.0)
+    solution = np.linalg.lstsq(system / column, target, rcond=None)[0] / column
+    constant = solution[-1] if abs(solution[-1]) > 1e-8 else np.copysign(1e-8, solution[-1])
+    block, drive = np.zeros((n, n)), np.ones(n)
+    for k in np.flatnonzero(poles.imag == 0.0):
+        block[k, k] = poles[k].real
+    for k in np.flatnonzero(poles.imag > 0.0):
+        p = poles[k]
+        block[k : k + 2, k : k + 2] = [[p.real, p.imag], [-p.imag, p.real]]
+        drive[k], drive[k + 1] = 2.0, 0.0
+    return _ordered(np.linalg.eigvals(block - np.outer(drive, solution[:-1]) / constant))
+
+
+def _ordered(poles: ComplexArray) -> ComplexArray:
+    """Return the poles with each conjugate right behind its upper partner, real ones last."""
+    upper = poles[poles.imag > 0.0]
+    pairs = np.stack([upper, upper.conj()], axis=1).ravel()
+    return np.concatenate([pairs, poles[poles.imag == 0.0]])
+
+
+def _stable(poles: ComplexArray, sampled: bool) -> ComplexArray:
+    """Return the poles with unstable ones reflected and those on the border moved just inside."""
+    if sampled:
+        size = np.abs(poles)
+        poles = np.where(size > 1.0, 1.0 / poles.conj(), poles)
+        return np.where(np.abs(poles) > 1.0 - 1e-9, poles * (1.0 - 1e-9), poles)
+    real = np.minimum(-np.abs(poles.real), -1e-9 * np.abs(poles))
+    return real + 1j * poles.imag
+
+
+def _pairable(poles: ComplexArray) -> ComplexArray:
+    """Return sampled poles that have a continuous partner: negative or zero real ones are moved.
+
+    A single negative real z has no real continuous equivalent. It carries almost nothing below the Nyquist frequency,
+    so it is mirrored to a fast real pole, from where the refinement moves it.
+    """
+    fast = np.clip(np.abs(poles.real), 1e-3, None)
+    return np.where((poles.imag == 0.0) & (poles.real < 1e-3), fast, poles)
+
+
+def _residues(
+    point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool
+) -> tuple[ComplexArray, Array]:
+    """Return the residues (n, entries) and feedthrough (entries,) by weighted least squares for given poles."""
+    basis = _basis(point, poles)
+    if feedthrough:
+        basis = np.concatenate([basis, np.ones((point.size, 1))], axis=1)
+    coefficient = np.empty((basis.shape[1], data.shape[1]))
+    for e in range(data.shape[1]):
+        w = weights[:, e, None]
+        system = _real(w * basis)
+        column = np.linalg.norm(system, axis=0)
+        target = _real(w * data[:, e, None])[:, 0]
+        coefficient[:, e] = np.linalg.lstsq(system / column, target, rcond=None)[0] / column
+    residues = coefficient[: poles.size].astype(complex)
+    for k in np.flatnonzero(poles.imag > 0.0):
+        first, second = residues[k].copy(), residues[k + 1].copy()
+        residues[k], residues[k + 1] = first + 1j * second, first - 1j * second
+    return residues, coefficient[-1] if feedthrough else np.zeros(data.shape[1])
