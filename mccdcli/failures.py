@@ -22,6 +22,8 @@ def exit_code_of(run: Callable[[], object]) -> int:
         code = run()
         sys.stdout.flush()
         return code if isinstance(code, int) else 0
+    except click.exceptions.Exit as error:
+        return error.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return USAGE
@@ -31,7 +33,8 @@ def exit_code_of(run: Callable[[], object]) -> int:
     except click.ClickException as error:
         return _refuse(error.format_message(), USAGE)
     except (click.Abort, KeyboardInterrupt):
-        return _refuse("interrupted", INTERRUPTED)
+        click.echo("mccd: interrupted", err=True)
+        return INTERRUPTED
     except MccdError as error:
         return _refuse(str(error), error.exit_code)
     except BrokenPipeError:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Sequence
+from typing import Final
 
 import click
+from click.shell_completion import shell_complete
 
 from mccdcli.failures import exit_code_of
 from mccdcli.lazy import LazyGroup
 from mccdcli.registry import COMMANDS, GROUPS
 
-HELP = """Test, calibrate and correct the model of a cryogenic chopping mirror.
+COMPLETION_VARIABLE: Final = "_MCCD_COMPLETE"
+
+HELP: Final = """Test, calibrate and correct the model of a cryogenic chopping mirror.
 
 Runs the test campaign on the simulated bench or on a real one, rebuilds the published tables and figures from
 the logs, shows what the simulation gets wrong, names the cause and measures what correcting it gains.
 """
 
-EPILOG = """\b
+EPILOG: Final = """\b
 Exit codes:
     0  passed
     1  a test or a check failed (for diagnose: the simulation is wrong)
@@ -63,4 +69,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     A command returns its exit code or None for success, or raises; nothing it raises passes from here.
     """
-    return exit_code_of(lambda: cli.main(arguments, prog_name="mccd", standalone_mode=False))
+    return exit_code_of(lambda: run(cli, sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def run(tree: click.Group, arguments: list[str]) -> object:
+    """Complete the command line if a shell asks for that, else carry it out; return what the command returns.
+
+    `click.Group.main` would do the same, but ends with 1 when the reader of the output has gone away, and 1
+    is the code of a failed check.
+    """
+    if completing := os.environ.get(COMPLETION_VARIABLE):
+        return shell_complete(tree, {}, "mccd", COMPLETION_VARIABLE, completing)
+    with tree.make_context("mccd", arguments) as ctx:
+        return tree.invoke(ctx)

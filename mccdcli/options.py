@@ -72,8 +72,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
 def common_options(*names: str) -> Callable[[F], F]:
     """Decorator that adds the options of these names, in the order of OPTIONS; without a name, all of them.
 
-    They reach the command as `bench` (str), `out` (Path or None), `seed` (int), `dry_run` (bool) and `as_json`
-    (bool).
+    They reach the command as `bench`: str, `out`: Path | None, `seed`: int, `dry_run`: bool, `as_json`: bool.
     """
     unknown = set(names) - set(OPTIONS)
     if unknown:

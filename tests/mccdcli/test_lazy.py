@@ -1,0 +1,159 @@
+"""The tree of commands: nothing is imported before it is needed, and every line of the table holds."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from mccdcli.lazy import LazyGroup
+from mccdcli.main import cli
+from mccdcli.registry import COMMANDS, GROUPS, Entry
+
+# what costs more than a few milliseconds to import, or is ours and may import such
+HEAVY = {"analysis", "campaigns", "control", "h5py", "jinja2", "matplotlib", "msgspec", "numba", "numpy"} | {
+    "pandas",
+    "rich",
+    "scipy",
+    "serial",
+}
+
+
+def modules_after(*arguments: str, **environment: str) -> set[str]:
+    """Run `mccd ARGUMENTS` in a fresh interpreter; return the names of all modules that it has imported."""
+    script = (
+        "import atexit, json, os, sys\n"
+        "atexit.register(lambda: os.write(2, json.dumps(sorted(sys.modules)).encode()))\n"
+        "from mccdcli.main import main\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | environment,
+    )
+    assert done.stdout, done.stderr
+    return set(json.loads(done.stderr))
+
+
+def roots(modules: set[str]) -> set[str]:
+    return {name.partition(".")[0] for name in modules}
+
+
+def commands_in(modules: set[str]) -> set[str]:
+    return {name for name in modules if name.startswith("mccdcli.commands.")}
+
+
+@pytest.mark.parametrize("group", ["", *GROUPS])
+def test_help_of_a_group_imports_neither_a_command_nor_anything_heavy(group: str) -> None:
+    modules = modules_after(*group.split(), "--help")
+    assert roots(modules) & HEAVY == set()
+    assert commands_in(modules) == set()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command_imports_nothing_heavy(name: str) -> None:
+    modules = modules_after(*name.split(), "--help")
+    assert roots(modules) & HEAVY == set()
+    assert commands_in(modules) == {COMMANDS[name].target.partition(":")[0]}
+
+
+@pytest.mark.parametrize("group", ["", *GROUPS])
+def test_completing_a_name_imports_no_command(group: str) -> None:
+    words = ["mccd", *group.split(), ""]
+    modules = modules_after(
+        _MCCD_COMPLETE="bash_complete", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
+    )
+    assert "mccdcli.lazy" in modules
+    assert roots(modules) & HEAVY == set()
+    assert commands_in(modules) == set()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_completing_an_option_imports_nothing_heavy(name: str) -> None:
+    words = ["mccd", *name.split(), "--"]
+    modules = modules_after(
+        _MCCD_COMPLETE="bash_complete", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
+    )
+    assert roots(modules) & HEAVY == set()
+
+
+def test_completion_offers_names_and_options() -> None:
+    def offered(words: str, index: int) -> set[str]:
+        environment = {"_MCCD_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(index)}
+        done = subprocess.run(
+            [sys.executable, "-m", "mccdcli"],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            env=os.environ | environment,
+        )
+        return {line.partition(",")[2] for line in done.stdout.splitlines()}
+
+    assert offered("mccd comp", 1) == {"completion"}
+    assert offered("mccd --", 1) == {"--help", "--version"}
+    assert offered("mccd completion z", 2) == {"zsh"}
+
+
+@pytest.mark.parametrize(("name", "entry"), COMMANDS.items())
+def test_each_line_of_the_table_leads_to_a_command_that_explains_itself(name: str, entry: Entry) -> None:
+    ctx, command = click.Context(cli), cli
+    for word in name.split():
+        assert isinstance(command, LazyGroup)
+        command = command.get_command(ctx, word)  # type: ignore[assignment]
+    assert isinstance(command, click.Command)
+    assert command.name == name.split()[-1]
+    assert command.help is not None
+    assert " ".join(command.help.partition("\n\n")[0].split()) == entry.help
+    assert "Examples:" in command.help
+    assert f"mccd {name}" in command.help
+
+
+def test_every_group_has_a_line_of_help_and_a_command() -> None:
+    used = {name.partition(" ")[0] for name in COMMANDS if " " in name}
+    assert used == set(GROUPS)
+    assert not used & set(COMMANDS)
+
+
+@pytest.fixture
+def tree() -> LazyGroup:
+    entries = {
+        "chop": Entry("no_such_module:chop", "Chop."),
+        "log show": Entry("no_such_module:show", "Show a log."),
+        "log verify": Entry("no_such_module:verify", "Verify a log."),
+    }
+    return LazyGroup("mccd", entries, {"log": "Look at logs."}, help="Root.")
+
+
+def test_help_lists_groups_and_commands_that_cannot_be_imported(tree: LazyGroup) -> None:
+    root = CliRunner().invoke(tree, ["--help"]).output
+    assert root.index("chop  Chop.") < root.index("log   Look at logs.")
+    assert "show" not in root
+    nested = CliRunner().invoke(tree, ["log", "--help"]).output
+    assert "Look at logs." in nested
+    assert nested.index("show    Show a log.") < nested.index("verify  Verify a log.")
+
+
+def test_a_mistyped_name_is_answered_with_the_nearest_ones(tree: LazyGroup) -> None:
+    for arguments, suggestion in (
+        [["chpo"], "'chop'"],
+        [["lgo", "show"], "'log'"],
+        [["log", "vrify"], "'verify'"],
+    ):
+        done = CliRunner().invoke(tree, arguments)
+        assert done.exit_code == 2
+        assert f"Did you mean {suggestion}?" in done.output
+
+
+def test_a_name_like_no_other_is_refused_without_a_suggestion(tree: LazyGroup) -> None:
+    done = CliRunner().invoke(tree, ["zzzzzz"])
+    assert done.exit_code == 2
+    assert "No such command 'zzzzzz'" in done.output
+    assert "Did you mean" not in done.output

@@ -1,0 +1,48 @@
+"""The result on standard output, everything else on standard error."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mccdcli.output import emit, plain, say
+
+
+@dataclass(frozen=True)
+class Settling:
+    axis: str
+    time_s: np.ndarray
+    file: Path
+
+
+def test_json_is_all_there_is_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+    say("settling on θx …")
+    emit({"ok": True, "µ": "θ"}, as_json=True, text="passed")
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {"ok": True, "µ": "θ"}
+    assert err == "settling on θx …\n"
+
+
+def test_text_is_printed_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    emit({"ok": True}, as_json=False, text="passed")
+    assert capsys.readouterr() == ("passed\n", "")
+
+
+def test_what_json_cannot_hold_is_reduced_to_what_it_can() -> None:
+    result = Settling("θx", np.array([[0.005, np.nan], [np.inf, 1.0]]), Path("runs/a.h5"))
+    assert plain(result) == {"axis": "θx", "time_s": [[0.005, None], [None, 1.0]], "file": "runs/a.h5"}
+    reduced = plain(
+        {1: np.float64(0.1), "b": np.int64(3), "c": np.bool_(True), "d": (1, {"y", "x"}), "e": None}
+    )
+    assert reduced == {"1": 0.1, "b": 3, "c": True, "d": [1, ["x", "y"]], "e": None}
+    assert type(reduced["b"]) is int and type(reduced["c"]) is bool
+
+
+def test_every_digit_of_a_number_survives(capsys: pytest.CaptureFixture[str]) -> None:
+    values = np.random.default_rng(1).standard_normal(100)
+    emit(values, as_json=True, text="")
+    assert np.array_equal(json.loads(capsys.readouterr().out), values)
