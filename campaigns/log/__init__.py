@@ -1,0 +1,26 @@
+"""Logs of runs: one HDF5 file each, written so that it survives a kill, read so that it cannot do harm."""
+
+from campaigns.log.checksum import sha256_of, sidecar_of
+from campaigns.log.read import Run, Window, read_run
+from campaigns.log.schema import FINAL_STATUSES, HELD_OUT, ROLES, SCHEMA, Channel, Header, LogSegment
+from campaigns.log.units import UNITS, Unit, unit_named
+from campaigns.log.write import LogWriter
+
+__all__ = [
+    "FINAL_STATUSES",
+    "HELD_OUT",
+    "ROLES",
+    "SCHEMA",
+    "UNITS",
+    "Channel",
+    "Header",
+    "LogSegment",
+    "LogWriter",
+    "Run",
+    "Unit",
+    "Window",
+    "read_run",
+    "sha256_of",
+    "sidecar_of",
+    "unit_named",
+]

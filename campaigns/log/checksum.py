@@ -1,0 +1,64 @@
+"""The checksum sidecar: `RUN.h5.sha256` beside `RUN.h5`, in the format that `sha256sum -c` checks."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import uuid
+from pathlib import Path
+
+from sim_backend.errors import DataError
+
+_SIDECAR_LIMIT_BYTES = 4096
+
+
+def sidecar_of(path: Path) -> Path:
+    """Return the path of the checksum that belongs to the log at `path`."""
+    return path.with_name(path.name + ".sha256")
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of the file at `path` as hexadecimal text; raises DataError if it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
+
+
+def write_sidecar(path: Path) -> str:
+    """Bring the closed log at `path` to disk, write its checksum beside it and return the checksum.
+
+    The sidecar appears whole or not at all. Raises OSError when either cannot be written.
+    """
+    with path.open("rb") as stream:
+        os.fsync(stream.fileno())
+    digest = sha256_of(path)
+    hidden = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.tmp")
+    try:
+        hidden.write_text(f"{digest}  {path.name}\n", encoding="utf-8")
+        hidden.replace(sidecar_of(path))
+    finally:
+        hidden.unlink(missing_ok=True)
+    return digest
+
+
+def read_sidecar(path: Path) -> str | None:
+    """Return the checksum that the sidecar of `path` promises, or None without a sidecar.
+
+    Raises DataError when the sidecar is not one line of checksum and the log's name at the time of writing.
+    """
+    sidecar = sidecar_of(path)
+    try:
+        if not sidecar.exists():
+            return None
+        if sidecar.stat().st_size > _SIDECAR_LIMIT_BYTES:
+            raise ValueError
+        digest, name = sidecar.read_text(encoding="utf-8").rstrip("\n").split("  ", 1)
+        if len(digest) != 64 or not set(digest) <= set("0123456789abcdef") or not name:
+            raise ValueError
+    except (ValueError, OSError):
+        raise DataError(
+            f"{sidecar} is no checksum of one line 'SHA-256  NAME': restore it, or delete it"
+        ) from None
+    return digest

@@ -1,0 +1,184 @@
+"""Opening HDF5 files of unknown origin: what reaches outside the file or exhausts the memory is refused.
+
+The checks read descriptions only (link kinds, layouts, sizes), never data, so a refusal costs no memory.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from sim_backend.errors import DataError
+
+MAX_CHUNK_BYTES = 64 * 2**20  # a chunk is what has to be decompressed at once
+MAX_LINKS = 4096
+MAX_RANK = 8
+MAX_TEXT_BYTES = 16 * 2**20
+# Deflate reaches 1032:1 on constant data. Measured data stay below 20:1, so 100:1 leaves room for quiet
+# channels while a bomb stays within 100 times its own size.
+MAX_EXPANSION = 100
+FREE_BYTES = 2**20  # below this size the expansion does not matter
+KNOWN_FILTERS = {
+    h5py.h5z.FILTER_DEFLATE: "deflate",
+    h5py.h5z.FILTER_SHUFFLE: "shuffle",
+    h5py.h5z.FILTER_FLETCHER32: "fletcher32",
+}
+_LINK_KINDS = {h5py.h5l.TYPE_SOFT: "soft", h5py.h5l.TYPE_EXTERNAL: "external"}
+
+
+def refuse(path: Path, item: str, what: str, fix: str) -> DataError:
+    """Return the error for an item of a file that is not accepted, on one line of printable text."""
+    shown = item.encode("unicode_escape", "backslashreplace").decode()[:120]
+    reason = what.encode("unicode_escape", "backslashreplace").decode()[:300]
+    return DataError(f"{path}: '{shown}' {reason}; {fix}")
+
+
+def open_h5(path: Path) -> h5py.File:
+    """Open the HDF5 file at `path` for reading, without a lock; raises DataError for any other file."""
+    try:
+        if not path.is_file():
+            raise DataError(f"{path} is no file: check the path")
+        if not h5py.is_hdf5(path):
+            raise DataError(
+                f"{path} is no HDF5 file (or its first bytes are damaged): convert it with `mccd import`"
+            )
+        return h5py.File(path, "r", locking=False)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise DataError(f"cannot open {path}: {first_line(error)}; restore it from a copy") from None
+
+
+def link_names(group: h5py.Group, path: Path) -> list[str]:
+    """Return the names of the links in `group`; raises DataError for too many or one that is not UTF-8."""
+    links = group.id.links
+    count = group.id.get_num_objs()
+    if count > MAX_LINKS:
+        raise refuse(path, str(group.name), f"holds {count} items of at most {MAX_LINKS}", "split the file")
+    raw: list[bytes] = []
+    links.iterate(raw.append)
+    names = []
+    for name in raw:
+        try:
+            names.append(name.decode("utf-8"))
+        except UnicodeDecodeError:
+            raise refuse(path, repr(name), "is a name that is not UTF-8", "rename it") from None
+    return names
+
+
+def member(group: h5py.Group, name: str, path: Path) -> h5py.Group | h5py.Dataset:
+    """Return the group or dataset that `group` itself holds under `name`; a dataset passed `check_dataset`.
+
+    Raises DataError when it is missing, a link to elsewhere, or a dataset that is refused.
+    """
+    item = f"{str(group.name).rstrip('/')}/{name}"
+    try:
+        kind = group.id.links.get_info(name.encode("utf-8")).type
+    except (KeyError, RuntimeError):
+        raise refuse(path, item, "is missing", "check that the file is what it should be") from None
+    if kind != h5py.h5l.TYPE_HARD:
+        what = f"is a link of kind {_LINK_KINDS.get(kind, 'unknown')}; only data inside the file are read"
+        raise refuse(path, item, what, "copy the data into the file")
+    found = group[name]
+    if isinstance(found, h5py.Dataset):
+        check_dataset(found, path, item)
+    elif not isinstance(found, h5py.Group):
+        raise refuse(path, item, "is neither group nor dataset", "remove it")
+    return found
+
+
+def check_dataset(dataset: h5py.Dataset, path: Path, item: str) -> None:
+    """Raise DataError if reading it would leave the file, need a foreign filter or exhaust the memory."""
+    plist = dataset.id.get_create_plist()
+    layout = plist.get_layout()
+    if layout == h5py.h5d.VIRTUAL:
+        raise refuse(path, item, "is a virtual dataset", "copy its data into the file")
+    if plist.get_external_count():
+        raise refuse(path, item, "keeps its data in another file", "copy them into the file")
+    if dataset.dtype.hasobject:
+        raise refuse(path, item, "has a type of variable length", "store numbers or texts of fixed length")
+    if dataset.ndim > MAX_RANK:
+        raise refuse(path, item, f"has {dataset.ndim} axes of at most {MAX_RANK}", "reshape it")
+    for index in range(plist.get_nfilters()):
+        code = plist.get_filter(index)[0]
+        if code not in KNOWN_FILTERS:
+            allowed = ", ".join(KNOWN_FILTERS.values())
+            raise refuse(path, item, f"uses filter {code}, known are {allowed}", "repack it without")
+    chunk_bytes = _bytes(dataset.chunks or (), dataset.dtype.itemsize)
+    if dataset.chunks and chunk_bytes > MAX_CHUNK_BYTES:
+        what = f"has chunks of {chunk_bytes} bytes of at most {MAX_CHUNK_BYTES}"
+        raise refuse(path, item, what, "repack it with smaller chunks")
+    _check_size(dataset, path, item)
+
+
+def _check_size(dataset: h5py.Dataset, path: Path, item: str) -> None:
+    size = _bytes(dataset.shape or (), dataset.dtype.itemsize)
+    stored, in_file = dataset.id.get_storage_size(), path.stat().st_size
+    if stored > in_file:
+        raise refuse(
+            path, item, f"claims {stored} stored bytes in a file of {in_file}", "restore it from a copy"
+        )
+    limit = max(MAX_EXPANSION * stored, FREE_BYTES)
+    if size > limit:
+        what = f"has shape {dataset.shape}, {size} bytes, of at most {limit} for {stored} stored bytes"
+        raise refuse(path, item, what, "store it whole and with less compression")
+
+
+def _bytes(shape: tuple[int, ...], itemsize: int) -> int:
+    total = itemsize
+    for length in shape:
+        total *= int(length)
+    return total
+
+
+def text_attribute(
+    owner: h5py.Group | h5py.Dataset, name: str, path: Path, default: str | None = None
+) -> str:
+    """Return the text attribute `name`, else `default`; raises DataError without both or for no text."""
+    item = f"{owner.name}@{name}"
+    value = _attribute(owner, name, path)
+    if value is None and default is not None:
+        return default
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "surrogateescape")
+    if not isinstance(value, str):
+        raise refuse(path, item, "is missing" if value is None else "is no text", "see docs/log-format.md")
+    try:
+        size = len(value.encode("utf-8"))
+    except UnicodeEncodeError:
+        raise refuse(path, item, "is not UTF-8", "write it as UTF-8") from None
+    if size > MAX_TEXT_BYTES:
+        raise refuse(path, item, f"has {size} bytes of at most {MAX_TEXT_BYTES}", "shorten it")
+    return value
+
+
+def number_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> float | int | None:
+    """Return the number in the attribute `name`, None without it; raises DataError when it is no number."""
+    value = _attribute(owner, name, path)
+    if value is None:
+        return None
+    if not isinstance(value, np.integer | np.floating):
+        raise refuse(path, f"{owner.name}@{name}", "is no single number", "see docs/log-format.md")
+    return value.item()
+
+
+def _attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> object:
+    item = f"{owner.name}@{name}"
+    try:
+        if not h5py.h5a.exists(owner.id, name.encode()):
+            return None
+        described = h5py.h5a.open(owner.id, name.encode())
+        kind, space = described.get_type(), described.get_space()
+        scalar = space.get_simple_extent_npoints() == 1
+        simple = isinstance(kind, h5py.h5t.TypeStringID | h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID)
+        if not (scalar and simple):
+            raise refuse(path, item, "is no single text or number", "see docs/log-format.md")
+        value: object = owner.attrs[name]
+    except (OSError, RuntimeError, ValueError, TypeError, UnicodeError) as error:
+        raise refuse(path, item, f"cannot be read ({first_line(error)})", "restore it from a copy") from None
+    return value.flat[0] if isinstance(value, np.ndarray) else value
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of an error's text, or its kind when it has none."""
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]

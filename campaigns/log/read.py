@@ -1,0 +1,326 @@
+"""The reader of a log: description at once, values by slice or in blocks, from files nobody has to trust."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.log.guard import (
+    first_line,
+    link_names,
+    member,
+    number_attribute,
+    open_h5,
+    refuse,
+    text_attribute,
+)
+from campaigns.log.schema import (
+    CHANNELS,
+    COMMITTED,
+    OPEN_STATUS,
+    OPEN_STOP,
+    SCHEMA,
+    SEGMENTS,
+    Channel,
+    Header,
+    LogSegment,
+)
+from sim_backend.errors import ConfigError, DataError
+
+Array = NDArray[np.float64]
+BLOCK_ROWS = 65536
+_MAX_SEGMENTS = 1_000_000
+_SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recorded run, opened by `read_run`; close it or use it as a context manager.
+
+    `rows` is the number of committed rows of every channel; nothing beyond is ever read. `channels` and
+    `segments` describe, `read`, `window` and `blocks` give values in SI units.
+    """
+
+    path: Path
+    header: Header
+    rows: int
+    channels: Mapping[str, Channel]
+    segments: tuple[LogSegment, ...]
+    _file: h5py.File = field(repr=False, compare=False)
+    _datasets: Mapping[str, h5py.Dataset] = field(repr=False, compare=False)
+
+    @property
+    def run_uid(self) -> str:
+        """The unique name of the run."""
+        return self.header.run_uid
+
+    @property
+    def status(self) -> str:
+        """How the run ended; `running` while its writer lives, `crashed` when that died."""
+        return self.header.status
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The rate that all channels share."""
+        return next(iter(self.channels.values())).sample_rate_hz
+
+    def names(self, role: str) -> tuple[str, ...]:
+        """Return the names of the channels with this role, in the order of the log."""
+        return tuple(name for name, channel in self.channels.items() if channel.role == role)
+
+    def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
+        """Return rows `start` to `stop` (exclusive; default: all committed ones) of a channel as (n,), SI.
+
+        Raises ConfigError for an unknown channel or rows that do not exist, DataError where the file is damaged.
+        """
+        last = self.rows if stop is None else stop
+        if not 0 <= start <= last <= self.rows:
+            raise ConfigError(f"rows {start} to {last} of {self.path}: it holds rows 0 to {self.rows}")
+        try:
+            return np.asarray(self._dataset(name)[start:last], dtype=np.float64)
+        except (OSError, RuntimeError, ValueError) as error:
+            what = f"cannot be read from row {start} to {last} ({first_line(error)})"
+            raise refuse(
+                self.path, name, what, "run `mccd log recover`, or restore the file from a copy"
+            ) from None
+
+    def time_s(self, name: str, start: int = 0, stop: int | None = None) -> Array:
+        """Return the times of rows `start` to `stop` of a channel as (n,); raises ConfigError as `read`."""
+        channel = self._described(name)
+        return channel.t0_s + np.arange(start, self.rows if stop is None else stop) / channel.sample_rate_hz
+
+    def window(self, label: str) -> Window:
+        """Return the rows of the segment `label`; raises ConfigError naming those there are."""
+        for segment in self.segments:
+            if segment.label == label:
+                return Window(self, segment)
+        raise ConfigError(
+            f"{self.path} has no segment '{label}': it has {_listed(part.label for part in self.segments)}"
+        )
+
+    def blocks(
+        self,
+        names: Iterable[str] | None = None,
+        start: int = 0,
+        stop: int | None = None,
+        rows: int = BLOCK_ROWS,
+    ) -> Iterator[tuple[int, dict[str, Array]]]:
+        """Yield (first row, {name: values}) over rows `start` to `stop`, at most `rows` at a time.
+
+        Raises as `read`.
+        """
+        if rows < 1:
+            raise ConfigError(f"blocks of {rows} rows: ask for at least 1")
+        chosen = tuple(self.channels if names is None else names)
+        last = self.rows if stop is None else stop
+        for first in range(start, last, rows):
+            until = min(first + rows, last)
+            yield first, {name: self.read(name, first, until) for name in chosen}
+
+    def close(self) -> None:
+        """Close the file; the description stays usable, the values do not."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _described(self, name: str) -> Channel:
+        if name not in self.channels:
+            raise ConfigError(f"{self.path} has no channel '{name}': it has {_listed(self.channels)}")
+        return self.channels[name]
+
+    def _dataset(self, name: str) -> h5py.Dataset:
+        self._described(name)
+        return self._datasets[name]
+
+
+@dataclass(frozen=True)
+class Window:
+    """The rows of one segment of a run."""
+
+    run: Run
+    segment: LogSegment
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The settings under which the segment was recorded."""
+        return self.segment.settings
+
+    def read(self, name: str) -> Array:
+        """Return the segment's rows of a channel as (n,) in SI units; raises as `Run.read`."""
+        return self.run.read(name, self.segment.start, self.segment.stop)
+
+    def time_s(self, name: str) -> Array:
+        """Return the times of the segment's rows as (n,); raises as `Run.time_s`."""
+        return self.run.time_s(name, self.segment.start, self.segment.stop)
+
+    def blocks(
+        self, names: Iterable[str] | None = None, rows: int = BLOCK_ROWS
+    ) -> Iterator[tuple[int, dict[str, Array]]]:
+        """Yield (first row, {name: values}) over the segment; the row counts from the start of the run."""
+        return self.run.blocks(names, self.segment.start, self.segment.stop, rows)
+
+
+def read_run(path: str | os.PathLike[str]) -> Run:
+    """Open the log at `path` for reading, even while it is written; raises DataError if it is no log."""
+    target = Path(path)
+    file = open_h5(target)
+    try:
+        return _described_run(target, file)
+    except DataError:
+        file.close()
+        raise
+    except ConfigError as error:  # the schema's own checks, met here in a file instead of in a call
+        file.close()
+        raise DataError(f"{target}: {error}") from None
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError, OverflowError, MemoryError) as error:
+        file.close()
+        raise DataError(f"{target} is damaged: {first_line(error)}; run `mccd log verify`") from None
+
+
+def _described_run(path: Path, file: h5py.File) -> Run:
+    schema = text_attribute(file, "schema", path, default="")
+    if schema != SCHEMA:
+        raise DataError(
+            f"{path} has schema {schema[:40]!r}, this version reads {SCHEMA!r}: "
+            "if it is another tool's file, use `mccd import`"
+        )
+    header = _header(path, file)
+    group = member(file, CHANNELS, path)
+    if not isinstance(group, h5py.Group):
+        raise refuse(path, CHANNELS, "is no group", "see docs/log-format.md")
+    rows = _committed(path, file)
+    datasets, channels = _channels(path, group, rows)
+    segments = _segments(path, file, rows)
+    return Run(path, header, rows, MappingProxyType(channels), segments, file, MappingProxyType(datasets))
+
+
+def _header(path: Path, file: h5py.File) -> Header:
+    texts = {
+        name: text_attribute(file, name, path)
+        for name in (
+            "run_uid",
+            "test",
+            "configuration",
+            "started_utc",
+            "tool_version",
+            "tool_commit",
+            "status",
+        )
+    }
+    texts |= {name: text_attribute(file, name, path, default="") for name in ("status_reason", "ended_utc")}
+    if texts["status"] == OPEN_STATUS and not _has_writer(path):
+        texts["status"], texts["status_reason"] = "crashed", "its writer ended without closing it"
+    seed = number_attribute(file, "seed", path)
+    bench = _object(text_attribute(file, "bench", path), path, "bench")
+    return Header(bench=bench, seed=None if seed is None else int(seed), **texts)
+
+
+def _has_writer(path: Path) -> bool:
+    """Return whether a process holds the lock that HDF5 takes for writing; True where locks do not exist."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    with path.open("rb") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # a file system without locks
+            return True
+    return False
+
+
+def _committed(path: Path, file: h5py.File) -> int:
+    counter = member(file, COMMITTED, path)
+    if not isinstance(counter, h5py.Dataset) or counter.shape != () or counter.dtype.kind not in "iu":
+        raise refuse(path, COMMITTED, "is no single integer", "see docs/log-format.md")
+    rows = int(counter[()])
+    if rows < 0:
+        raise refuse(path, COMMITTED, f"is {rows}, less than 0", "restore the file from a copy")
+    return rows
+
+
+def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.Dataset], dict[str, Channel]]:
+    found: list[tuple[int, Channel, h5py.Dataset]] = []
+    for name in link_names(group, path):
+        dataset = member(group, name, path)
+        item = f"{CHANNELS}/{name}"
+        if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or dataset.dtype.kind not in "fiu":
+            raise refuse(path, item, "is no one-dimensional dataset of numbers", "see docs/log-format.md")
+        if dataset.shape[0] < rows:
+            what = f"has {dataset.shape[0]} rows, fewer than the {rows} committed ones"
+            raise refuse(path, item, what, "restore the file from a copy")
+        rate, t0_s = (number_attribute(dataset, key, path) for key in ("sample_rate_hz", "t0_s"))
+        if rate is None:
+            raise refuse(path, item, "has no sample_rate_hz", "see docs/log-format.md")
+        unit, role = (text_attribute(dataset, key, path) for key in ("unit", "role"))
+        dof = text_attribute(dataset, "dof", path, default="")
+        index = number_attribute(dataset, "index", path)
+        channel = Channel(name, unit, role, dof, float(rate), float(t0_s or 0.0))
+        found.append((len(found) if index is None else int(index), channel, dataset))
+    if len({channel.sample_rate_hz for _, channel, _ in found}) != 1:
+        raise refuse(
+            path, CHANNELS, "has no channels, or channels of different rates", "see docs/log-format.md"
+        )
+    found.sort(key=lambda entry: entry[0])
+    return (
+        {channel.name: dataset for _, channel, dataset in found},
+        {channel.name: channel for _, channel, _ in found},
+    )
+
+
+def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
+    table = member(file, SEGMENTS, path)
+    kinds = table.dtype.fields if isinstance(table, h5py.Dataset) else None
+    if (
+        kinds is None
+        or {name: kind[0].kind for name, kind in kinds.items()} != _SEGMENT_FIELDS
+        or table.ndim != 1
+    ):
+        raise refuse(path, SEGMENTS, "is no table of label, start, stop, settings", "see docs/log-format.md")
+    if table.shape[0] > _MAX_SEGMENTS:
+        raise refuse(path, SEGMENTS, f"has {table.shape[0]} rows of at most {_MAX_SEGMENTS}", "split the run")
+    segments: list[LogSegment] = []
+    for raw in table[:]:
+        label, start, stop = raw["label"].decode("utf-8"), int(raw["start"]), int(raw["stop"])
+        if not label or start >= rows > 0:
+            continue  # begun, but none of its rows was committed before the writer ended
+        stop = rows if stop == OPEN_STOP else min(stop, rows)
+        if not 0 <= start <= stop:
+            what = f"has segment {label!r} from row {start} to {stop} of {rows}"
+            raise refuse(path, SEGMENTS, what, "restore the file from a copy")
+        settings = _object(raw["settings"].decode("utf-8"), path, f"{SEGMENTS}/{label}")
+        segments.append(LogSegment(label, start, stop, MappingProxyType(settings)))
+    return tuple(segments)
+
+
+def _object(text: str, path: Path, item: str) -> dict[str, Any]:
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        value = None
+    if not isinstance(value, dict):
+        raise refuse(path, item, "is no JSON object", "see docs/log-format.md")
+    return value
+
+
+def _listed(names: Iterable[str]) -> str:
+    known = sorted(names)
+    more = f" and {len(known) - 20} more" if len(known) > 20 else ""
+    return ", ".join(known[:20]) + more or "none"
