@@ -1,0 +1,89 @@
+"""What an installation holds, and that the commands of the README are there."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import tomllib
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PACKAGES = ("sim_backend", "campaigns", "analysis", "mccdcli")
+
+
+def test_the_script_and_its_target() -> None:
+    assert SETTINGS["project"]["scripts"] == {"mccd": "mccdcli.main:main"}
+
+
+def test_every_folder_with_sources_is_a_package() -> None:
+    # setuptools leaves out a folder without __init__.py, and the checkout would hide that
+    for package in PACKAGES:
+        for source in (ROOT / package).rglob("*.py"):
+            assert (source.parent / "__init__.py").exists(), f"{source.parent} lacks __init__.py"
+
+
+def test_every_file_that_is_not_a_source_is_package_data() -> None:
+    patterns = SETTINGS["tool"]["setuptools"]["package-data"]["*"]
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*"):
+            if not path.is_file() or path.suffix in (".py", ".pyc", ".nbi", ".nbc"):
+                continue
+            inside = PurePosixPath(path.relative_to(ROOT / package).as_posix())
+            # "**/" stands for any number of folders, none included: match from the right
+            assert any(inside.match(pattern.removeprefix("**/")) for pattern in patterns), path
+
+
+def targets() -> set[str]:
+    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+def test_the_readme_s_two_commands_are_targets_of_the_makefile() -> None:
+    shell = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert shell is not None
+    commands = [line.partition("#")[0].strip() for line in shell[1].splitlines()]
+    assert commands == ["make report", "make test"]
+    assert {"report", "test", "check"} <= targets()
+
+
+def test_continuous_integration_runs_the_readme_s_command() -> None:
+    script = ROOT / ".ci" / "run"
+    assert os.access(script, os.X_OK)
+    lines = script.read_text().splitlines()
+    assert lines[0] == "#!/usr/bin/env bash"
+    assert "set -euo pipefail" in lines
+    assert any(line.startswith("make test ") for line in lines)
+    assert any(line.startswith("make check ") for line in lines)
+
+
+@pytest.mark.parametrize("target", ["report", "test", "check"])
+def test_a_dry_run_of_each_target_sets_up_before_it_runs(target: str, tmp_path: Path) -> None:
+    fresh = f"VENV={tmp_path / 'fresh'}"
+    done = subprocess.run(
+        ["make", "--dry-run", fresh, target], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    steps = [
+        "-m venv",
+        "pip install",
+        {"report": "mccd report", "test": "-m pytest", "check": "lint-imports"}[target],
+    ]
+    places = [done.stdout.index(step) for step in steps]
+    assert places == sorted(places)
+
+
+def test_a_python_too_old_is_told_apart_from_a_broken_set_up(tmp_path: Path) -> None:
+    old = tmp_path / "python3.9"
+    old.write_text("#!/bin/sh\nexit 1\n")  # what the version check of an old Python answers
+    old.chmod(0o755)
+    done = subprocess.run(
+        ["make", f"VENV={tmp_path / 'fresh'}", f"PYTHON={old}", "test"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode != 0
+    assert f"mccd needs Python 3.11 or newer; {old} is older or absent" in done.stderr

@@ -1,0 +1,63 @@
+"""The rules of the house that no linter holds: sizes, and words that do not belong into the sources."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PRODUCT = ("sim_backend", "campaigns", "analysis", "mccdcli")
+FILE_LINES = 400
+FUNCTION_LINES = 60
+
+
+def sources(*folders: str) -> list[str]:
+    paths = (path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+    return sorted(str(path.relative_to(ROOT)) for path in paths)
+
+
+def functions(source: str) -> Iterator[tuple[str, int]]:
+    """Yield the name and the number of lines of each function, nested ones too."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            assert node.end_lineno is not None
+            yield node.name, node.end_lineno - node.lineno + 1
+
+
+def test_lines_are_counted_from_def_to_the_last() -> None:
+    source = "@wrapped\ndef f():\n    def g():\n        return 1\n    return g\n\n\nx = 1\n"
+    assert dict(functions(source)) == {"f": 4, "g": 2}
+
+
+def matches(pattern: str) -> list[str]:
+    """Return "file: text" for each match of `pattern` in the product's sources."""
+    return [f"{n}: {m[0]}" for n in sources(*PRODUCT) for m in re.finditer(pattern, (ROOT / n).read_text())]
+
+
+def test_a_file_holds_one_idea() -> None:
+    lines = {name: (ROOT / name).read_text().count("\n") for name in sources(*PRODUCT, "benchmarks", "tests")}
+    assert {name: n for name, n in lines.items() if n > FILE_LINES} == {}
+
+
+def test_a_function_does_one_thing() -> None:
+    lengths = {
+        f"{name}: {function}": n
+        for name in sources(*PRODUCT, "benchmarks")
+        for function, n in functions((ROOT / name).read_text())
+    }
+    assert {function: n for function, n in lengths.items() if n > FUNCTION_LINES} == {}
+
+
+def test_nothing_is_left_for_later_and_nothing_is_hidden_from_coverage() -> None:
+    assert matches(r"\b(?:TODO|FIXME|XXX)\b|pragma: no cover") == []
+
+
+def test_no_source_names_a_folder_of_one_machine() -> None:
+    assert matches(r"""["'\s]/(?:home|root|Users|work)/""") == []
+
+
+def test_no_file_is_a_drawer() -> None:
+    drawers = {"utils.py", "util.py", "helpers.py", "misc.py", "common.py"}
+    assert [name for name in sources(*PRODUCT) if Path(name).name in drawers] == []
