@@ -18,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report test check format lock clean
+.PHONY: report test check check-format check-lint check-types check-imports format lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
@@ -27,10 +27,18 @@ report: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
-check: $(STAMP)
-	$(BIN)/ruff format --check .
+check: check-format check-lint check-types check-imports
+
+check-format: $(STAMP)
+	$(BIN)/ruff format --quiet --check .
+
+check-lint: $(STAMP)
 	$(BIN)/ruff check .
+
+check-types: $(STAMP)
 	$(BIN)/mypy
+
+check-imports: $(STAMP)
 	$(BIN)/lint-imports
 
 format: $(STAMP)
