@@ -12,7 +12,7 @@ from pathlib import Path
 
 from platformdirs import user_log_path
 
-from mccdcli.version import version_line
+from campaigns.version import tool_commit, tool_version
 
 
 def write_crash_file(error: BaseException) -> Path:
@@ -20,7 +20,7 @@ def write_crash_file(error: BaseException) -> Path:
     now = datetime.now(UTC)
     text = "\n".join(
         [
-            f"{now.isoformat(timespec='seconds')}  {version_line()}",
+            f"{now.isoformat(timespec='seconds')}  mccd {tool_version()} (commit {tool_commit()})",
             f"Python {platform.python_version()} on {platform.platform()}",
             f"command line: {sys.argv}",
             "",

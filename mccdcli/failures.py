@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import click
 
+from mccdcli.output import say
 from sim_backend.errors import ConfigError, DataError, MccdError
 
 USAGE = ConfigError.exit_code
@@ -33,7 +34,7 @@ def exit_code_of(run: Callable[[], object]) -> int:
     except click.ClickException as error:
         return _refuse(error.format_message(), USAGE)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("mccd: interrupted", err=True)
+        say("mccd: interrupted")
         return INTERRUPTED
     except MccdError as error:
         return _refuse(str(error), error.exit_code)
@@ -51,7 +52,7 @@ def exit_code_of(run: Callable[[], object]) -> int:
 
 
 def _refuse(message: str, exit_code: int) -> int:
-    click.echo(f"mccd: error: {' '.join(message.split())}", err=True)
+    say(f"mccd: error: {' '.join(message.split())}")
     return exit_code
 
 
@@ -59,6 +60,4 @@ def _report_bug(error: Exception) -> int:
     from mccdcli.crash import write_crash_file
 
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return _refuse(
-        f"this is a bug in mccd ({what}); please report it together with {write_crash_file(error)}", BUG
-    )
+    return _refuse(f"this is a bug in mccd ({what}); please report it together with {write_crash_file(error)}", BUG)

@@ -58,9 +58,7 @@ class LazyGroup(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.exceptions.NoSuchCommand as error:
-            raise click.exceptions.NoSuchCommand(
-                error.command_name, possibilities=self._helps(), ctx=ctx
-            ) from error
+            raise click.exceptions.NoSuchCommand(error.command_name, possibilities=self._helps(), ctx=ctx) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table of commands without importing one."""
@@ -69,10 +67,6 @@ class LazyGroup(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Complete a name without importing a command."""
-        found = [
-            CompletionItem(name, help=help)
-            for name, help in self._helps().items()
-            if name.startswith(incomplete)
-        ]
+        found = [CompletionItem(name, help=help) for name, help in self._helps().items() if name.startswith(incomplete)]
         # click.Group would import every command to ask whether it is hidden; its parent completes the options
         return found + click.Command.shell_complete(self, ctx, incomplete)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from typing import Final
 
 import click
@@ -38,9 +39,9 @@ The result goes to standard output, progress and remarks to standard error. NO_C
 
 def _print_version(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted and not ctx.resilient_parsing:
-        from mccdcli.version import version_line
+        from campaigns.version import tool_commit, tool_version
 
-        click.echo(version_line())
+        click.echo(f"mccd {tool_version()} (commit {tool_commit()})")
         ctx.exit()
 
 
@@ -69,6 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     A command returns its exit code or None for success, or raises; nothing it raises passes from here.
     """
+    if isinstance(sys.stdout, TextIOWrapper):  # a terminal without Greek letters gets \u03b8, not an error
+        sys.stdout.reconfigure(errors="backslashreplace")
     return exit_code_of(lambda: run(cli, sys.argv[1:] if arguments is None else list(arguments)))
 
 

@@ -69,6 +69,12 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
 }
 
 
+def existing_file(name: str, nargs: int = 1) -> Callable[[F], F]:
+    """Decorator that adds the argument `name`: a file to read (Path), or with `nargs` -1 one or more of them."""
+    kind = click.Path(exists=True, dir_okay=False, path_type=Path)
+    return click.argument(name, type=kind, nargs=nargs, required=True)
+
+
 def common_options(*names: str) -> Callable[[F], F]:
     """Decorator that adds the options of these names, in the order of OPTIONS; without a name, all of them.
 

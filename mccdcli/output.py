@@ -5,20 +5,32 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+from unicodedata import category
 
 import click
 
 
 def emit(result: object, *, as_json: bool, text: str) -> None:
     """Print the result on standard output: `result` as one JSON document, or `text` for a person to read."""
-    click.echo(json.dumps(plain(result), indent=2, ensure_ascii=False, allow_nan=False) if as_json else text)
+    if as_json:
+        click.echo(json.dumps(plain(result), indent=2, allow_nan=False))
+    else:
+        click.echo(visible(text))
 
 
 def say(remark: str) -> None:
     """Print a remark on standard error, where it cannot mix with the result."""
-    click.echo(remark, err=True)
+    click.echo(visible(remark), err=True)
+
+
+def visible(text: str) -> str:
+    """Return `text` with control and other invisible characters spelled out, line breaks and tabs left.
+
+    What stands in a file may be anything; it must not reach the terminal as a command to it.
+    """
+    return "".join(c if c in "\n\t" or category(c)[0] != "C" else ascii(c)[1:-1] for c in text)
 
 
 def plain(value: object) -> Any:
@@ -42,3 +54,12 @@ def plain(value: object) -> Any:
     if value is None or isinstance(value, (str, bool, int)):
         return value
     return str(value)
+
+
+def table(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
+    """Set `rows` in columns, two spaces apart, the last one ragged; the `heads`, if given, above them."""
+    lines = [heads, *rows] if heads else list(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+    )

@@ -15,12 +15,28 @@ class Entry(NamedTuple):
 
 
 # A name of two words ("log show") is a command in a group; the group needs a line in GROUPS.
-GROUPS: Final[Mapping[str, str]] = MappingProxyType({})
+GROUPS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "log": "Show, verify and recover logs.",
+    }
+)
 
 COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
     {
         "completion": Entry(
             "mccdcli.commands.completion:completion", "Print the script that completes mccd in your shell."
+        ),
+        "log recover": Entry(
+            "mccdcli.commands.log_recover:recover",
+            "Recover what a crash left of a log into a new file, marked as crashed.",
+        ),
+        "log show": Entry(
+            "mccdcli.commands.log_show:show",
+            "Show what a log holds: its run, its channels and its segments.",
+        ),
+        "log verify": Entry(
+            "mccdcli.commands.log_verify:verify",
+            "Verify that logs are as they were written; exit code 1 if one is not.",
         ),
     }
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -58,9 +59,7 @@ def log_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    "error", [ZeroDivisionError("division by zero"), OSError("no file named"), KeyError("x")]
-)
+@pytest.mark.parametrize("error", [ZeroDivisionError("division by zero"), OSError("no file named"), KeyError("x")])
 def test_a_bug_is_one_line_that_names_a_file_with_the_traceback(
     error: Exception, log_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,11 +132,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 def test_ctrl_c_ends_a_command_without_a_traceback(tmp_path: Path) -> None:
     (tmp_path / "waiting.py").write_text(
-        "import click, sys, time\n"
-        "@click.command()\n"
-        "def wait():\n"
-        "    print('ready', flush=True)\n"
-        "    time.sleep(60)\n"
+        "import click, sys, time\n@click.command()\ndef wait():\n    print('ready', flush=True)\n    time.sleep(60)\n"
     )
     script = (
         "import sys\n"
@@ -157,3 +152,9 @@ def test_ctrl_c_ends_a_command_without_a_traceback(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == 130
         assert process.stderr.read().strip() == "mccd: interrupted"
+
+
+def test_the_version_says_which_release_and_which_commit(mccd) -> None:
+    done = mccd("--version")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.fullmatch(r"mccd \d+\.\d+\.\d+\S* \(commit ([0-9a-f]{7,}(-dirty)?|unknown)\)\n", done.stdout)

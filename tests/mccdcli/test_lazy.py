@@ -68,9 +68,7 @@ def test_help_of_a_command_imports_nothing_heavy(name: str) -> None:
 @pytest.mark.parametrize("group", ["", *GROUPS])
 def test_completing_a_name_imports_no_command(group: str) -> None:
     words = ["mccd", *group.split(), ""]
-    modules = modules_after(
-        _MCCD_COMPLETE="bash_complete", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
-    )
+    modules = modules_after(_MCCD_COMPLETE="bash_complete", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1))
     assert "mccdcli.lazy" in modules
     assert roots(modules) & HEAVY == set()
     assert commands_in(modules) == set()
@@ -79,9 +77,7 @@ def test_completing_a_name_imports_no_command(group: str) -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_completing_an_option_imports_nothing_heavy(name: str) -> None:
     words = ["mccd", *name.split(), "--"]
-    modules = modules_after(
-        _MCCD_COMPLETE="bash_complete", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
-    )
+    modules = modules_after(_MCCD_COMPLETE="bash_complete", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1))
     assert roots(modules) & HEAVY == set()
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mccdcli.output import emit, plain, say
+from mccdcli.output import emit, plain, say, table, visible
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,7 @@ def test_text_is_printed_as_it_stands(capsys: pytest.CaptureFixture[str]) -> Non
 def test_what_json_cannot_hold_is_reduced_to_what_it_can() -> None:
     result = Settling("θx", np.array([[0.005, np.nan], [np.inf, 1.0]]), Path("runs/a.h5"))
     assert plain(result) == {"axis": "θx", "time_s": [[0.005, None], [None, 1.0]], "file": "runs/a.h5"}
-    reduced = plain(
-        {1: np.float64(0.1), "b": np.int64(3), "c": np.bool_(True), "d": (1, {"y", "x"}), "e": None}
-    )
+    reduced = plain({1: np.float64(0.1), "b": np.int64(3), "c": np.bool_(True), "d": (1, {"y", "x"}), "e": None})
     assert reduced == {"1": 0.1, "b": 3, "c": True, "d": [1, ["x", "y"]], "e": None}
     assert type(reduced["b"]) is int and type(reduced["c"]) is bool
 
@@ -46,3 +44,19 @@ def test_every_digit_of_a_number_survives(capsys: pytest.CaptureFixture[str]) ->
     values = np.random.default_rng(1).standard_normal(100)
     emit(values, as_json=True, text="")
     assert np.array_equal(json.loads(capsys.readouterr().out), values)
+
+
+def test_what_stands_in_a_file_cannot_command_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    text = "a\x1b[2J\x07b\r\u202ec\udc80\n\td µθ"
+    assert visible(text) == "a\\x1b[2J\\x07b\\r\\u202ec\\udc80\n\td µθ"
+    say(text)
+    emit(None, as_json=False, text=text)
+    out, err = capsys.readouterr()
+    assert out == err == visible(text) + "\n"
+
+
+def test_columns_are_as_wide_as_their_widest_cell() -> None:
+    rows = [("angle", "rad"), ("x", "m")]
+    assert table(rows, heads=("channel", "unit")) == "channel  unit\nangle    rad\nx        m"
+    assert table(rows) == "angle  rad\nx      m"
+    assert table([]) == ""

@@ -1,0 +1,30 @@
+"""`mccd log recover`: save what a crash left of a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mccdcli.options import common_options, existing_file
+from mccdcli.output import emit
+
+
+@click.command()
+@existing_file("run")
+@common_options("out", "json")
+def recover(run: Path, out: Path | None, as_json: bool) -> None:
+    r"""Recover what a crash left of a log into a new file, marked as crashed.
+
+    The new file is RUN.recovered.h5 unless --out names another; the old one is not touched.
+
+    \b
+    Examples:
+      mccd log recover RUN.h5
+      mccd log recover RUN.h5 --out SAVED.h5
+    """
+    from campaigns.log import recover as recover_log
+
+    saved = recover_log(run, out or run.with_suffix(f".recovered{run.suffix}"))
+    text = f"{saved.path}: {saved.rows} of {saved.committed_rows} rows ({saved.reason})"
+    emit(saved, as_json=as_json, text=text)
