@@ -2,8 +2,10 @@
 
 from campaigns.log.checksum import sha256_of, sidecar_of
 from campaigns.log.read import Run, Window, read_run
+from campaigns.log.recover import Recovery, recover
 from campaigns.log.schema import FINAL_STATUSES, HELD_OUT, ROLES, SCHEMA, Channel, Header, LogSegment
 from campaigns.log.units import UNITS, Unit, unit_named
+from campaigns.log.verify import Check, VerifyReport, verify
 from campaigns.log.write import LogWriter
 
 __all__ = [
@@ -13,14 +15,19 @@ __all__ = [
     "SCHEMA",
     "UNITS",
     "Channel",
+    "Check",
     "Header",
     "LogSegment",
     "LogWriter",
+    "Recovery",
     "Run",
     "Unit",
+    "VerifyReport",
     "Window",
     "read_run",
+    "recover",
     "sha256_of",
     "sidecar_of",
     "unit_named",
+    "verify",
 ]

@@ -58,7 +58,5 @@ def read_sidecar(path: Path) -> str | None:
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef") or not name:
             raise ValueError
     except (ValueError, OSError):
-        raise DataError(
-            f"{sidecar} is no checksum of one line 'SHA-256  NAME': restore it, or delete it"
-        ) from None
+        raise DataError(f"{sidecar} is no checksum of one line 'SHA-256  NAME': restore it, or delete it") from None
     return digest

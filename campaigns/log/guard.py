@@ -41,9 +41,7 @@ def open_h5(path: Path) -> h5py.File:
         if not path.is_file():
             raise DataError(f"{path} is no file: check the path")
         if not h5py.is_hdf5(path):
-            raise DataError(
-                f"{path} is no HDF5 file (or its first bytes are damaged): convert it with `mccd import`"
-            )
+            raise DataError(f"{path} is no HDF5 file (or its first bytes are damaged): convert it with `mccd import`")
         return h5py.File(path, "r", locking=False)
     except (OSError, RuntimeError, ValueError) as error:
         raise DataError(f"cannot open {path}: {first_line(error)}; restore it from a copy") from None
@@ -115,9 +113,7 @@ def _check_size(dataset: h5py.Dataset, path: Path, item: str) -> None:
     size = _bytes(dataset.shape or (), dataset.dtype.itemsize)
     stored, in_file = dataset.id.get_storage_size(), path.stat().st_size
     if stored > in_file:
-        raise refuse(
-            path, item, f"claims {stored} stored bytes in a file of {in_file}", "restore it from a copy"
-        )
+        raise refuse(path, item, f"claims {stored} stored bytes in a file of {in_file}", "restore it from a copy")
     limit = max(MAX_EXPANSION * stored, FREE_BYTES)
     if size > limit:
         what = f"has shape {dataset.shape}, {size} bytes, of at most {limit} for {stored} stored bytes"
@@ -131,9 +127,7 @@ def _bytes(shape: tuple[int, ...], itemsize: int) -> int:
     return total
 
 
-def text_attribute(
-    owner: h5py.Group | h5py.Dataset, name: str, path: Path, default: str | None = None
-) -> str:
+def text_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path, default: str | None = None) -> str:
     """Return the text attribute `name`, else `default`; raises DataError without both or for no text."""
     item = f"{owner.name}@{name}"
     value = _attribute(owner, name, path)

@@ -73,14 +73,24 @@ class Run:
         """The rate that all channels share."""
         return next(iter(self.channels.values())).sample_rate_hz
 
+    @property
+    def chunk_rows(self) -> int:
+        """Rows that are stored, checked and lost together."""
+        return min((dataset.chunks or (BLOCK_ROWS,))[0] for dataset in self._datasets.values())
+
+    @property
+    def stored_rows(self) -> int:
+        """Rows of the longest dataset; more than `rows` while being written or after a kill."""
+        return max(dataset.shape[0] for dataset in self._datasets.values())
+
     def names(self, role: str) -> tuple[str, ...]:
         """Return the names of the channels with this role, in the order of the log."""
         return tuple(name for name, channel in self.channels.items() if channel.role == role)
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all committed ones) of a channel as (n,), SI.
+        """Return rows `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.
 
-        Raises ConfigError for an unknown channel or rows that do not exist, DataError where the file is damaged.
+        Raises ConfigError for an unknown channel or row, DataError where the file is damaged.
         """
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
@@ -89,9 +99,7 @@ class Run:
             return np.asarray(self._dataset(name)[start:last], dtype=np.float64)
         except (OSError, RuntimeError, ValueError) as error:
             what = f"cannot be read from row {start} to {last} ({first_line(error)})"
-            raise refuse(
-                self.path, name, what, "run `mccd log recover`, or restore the file from a copy"
-            ) from None
+            raise refuse(self.path, name, what, "run `mccd log recover`, or restore the file from a copy") from None
 
     def time_s(self, name: str, start: int = 0, stop: int | None = None) -> Array:
         """Return the times of rows `start` to `stop` of a channel as (n,); raises ConfigError as `read`."""
@@ -275,9 +283,7 @@ def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.
         channel = Channel(name, unit, role, dof, float(rate), float(t0_s or 0.0))
         found.append((len(found) if index is None else int(index), channel, dataset))
     if len({channel.sample_rate_hz for _, channel, _ in found}) != 1:
-        raise refuse(
-            path, CHANNELS, "has no channels, or channels of different rates", "see docs/log-format.md"
-        )
+        raise refuse(path, CHANNELS, "has no channels, or channels of different rates", "see docs/log-format.md")
     found.sort(key=lambda entry: entry[0])
     return (
         {channel.name: dataset for _, channel, dataset in found},
@@ -288,23 +294,23 @@ def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.
 def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
     table = member(file, SEGMENTS, path)
     kinds = table.dtype.fields if isinstance(table, h5py.Dataset) else None
-    if (
-        kinds is None
-        or {name: kind[0].kind for name, kind in kinds.items()} != _SEGMENT_FIELDS
-        or table.ndim != 1
-    ):
+    if kinds is None or {name: kind[0].kind for name, kind in kinds.items()} != _SEGMENT_FIELDS or table.ndim != 1:
         raise refuse(path, SEGMENTS, "is no table of label, start, stop, settings", "see docs/log-format.md")
     if table.shape[0] > _MAX_SEGMENTS:
         raise refuse(path, SEGMENTS, f"has {table.shape[0]} rows of at most {_MAX_SEGMENTS}", "split the run")
     segments: list[LogSegment] = []
+    labels: set[str] = set()
+    free = 0
     for raw in table[:]:
         label, start, stop = raw["label"].decode("utf-8"), int(raw["start"]), int(raw["stop"])
-        if not label or start >= rows > 0:
+        if not label or (start >= rows and stop != start):
             continue  # begun, but none of its rows was committed before the writer ended
         stop = rows if stop == OPEN_STOP else min(stop, rows)
-        if not 0 <= start <= stop:
-            what = f"has segment {label!r} from row {start} to {stop} of {rows}"
+        if not free <= start <= stop or label in labels:
+            what = f"has segment {label!r} from row {start} to {stop}, used twice or overlapping another"
             raise refuse(path, SEGMENTS, what, "restore the file from a copy")
+        free = stop
+        labels.add(label)
         settings = _object(raw["settings"].decode("utf-8"), path, f"{SEGMENTS}/{label}")
         segments.append(LogSegment(label, start, stop, MappingProxyType(settings)))
     return tuple(segments)

@@ -73,22 +73,19 @@ class Channel:
         check_name(self.name, "channel")
         si = unit_named(self.unit).si
         if si != self.unit:
-            raise ConfigError(
-                f"channel '{self.name}' has unit '{self.unit}': a log stores SI, convert to '{si}'"
-            )
+            raise ConfigError(f"channel '{self.name}' has unit '{self.unit}': a log stores SI, convert to '{si}'")
         if self.role not in ROLES:
             raise ConfigError(f"channel '{self.name}' has role '{self.role}': use one of {', '.join(ROLES)}")
         if not (np.isfinite(self.sample_rate_hz) and 0.0 < self.sample_rate_hz <= 1e9):
             raise ConfigError(
-                f"channel '{self.name}' has sample rate {self.sample_rate_hz} Hz: "
-                "give a number above 0 and up to 1e9"
+                f"channel '{self.name}' has sample rate {self.sample_rate_hz} Hz: give a number above 0 and up to 1e9"
             )
         if not np.isfinite(self.t0_s):
             raise ConfigError(f"channel '{self.name}' starts at {self.t0_s} s: give a finite time")
 
     @classmethod
     def of(cls, like: ChannelLike) -> Channel:
-        """Return the channel that an object with its attributes describes; raises ConfigError as `Channel`."""
+        """Return the channel that an object with its attributes describes; raises as `Channel`."""
         return cls(like.name, like.unit, like.role, like.dof, float(like.sample_rate_hz), float(like.t0_s))
 
 
@@ -174,9 +171,7 @@ def check_time(text: str, what: str) -> None:
     except ValueError:
         zone = None
     if zone is None:
-        raise ConfigError(
-            f"{what} is {text[:40]!r}: write ISO 8601 with a zone, as in 2026-03-01T12:00:00+00:00"
-        )
+        raise ConfigError(f"{what} is {text[:40]!r}: write ISO 8601 with a zone, as in 2026-03-01T12:00:00+00:00")
 
 
 def to_json(value: Mapping[str, Any], what: str) -> str:
@@ -187,9 +182,7 @@ def to_json(value: Mapping[str, Any], what: str) -> str:
     try:
         return json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False, default=_plain)
     except (TypeError, ValueError) as error:
-        raise ConfigError(
-            f"{what} cannot be written as JSON ({error}): use finite numbers, texts, lists"
-        ) from None
+        raise ConfigError(f"{what} cannot be written as JSON ({error}): use finite numbers, texts, lists") from None
 
 
 def _plain(value: object) -> object:

@@ -10,7 +10,6 @@ import contextlib
 import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -22,26 +21,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from campaigns.log.checksum import write_sidecar
+from campaigns.log.create import give_name, lay_out, storable
+from campaigns.log.failure import cannot, let_go
 from campaigns.log.schema import (
     CHANNELS,
     COMMITTED,
     FINAL_STATUSES,
     OPEN_STATUS,
     OPEN_STOP,
-    SCHEMA,
     SEGMENTS,
     Channel,
     ChannelLike,
     Header,
     check_name,
-    segment_dtype,
     to_json,
 )
-from sim_backend.errors import ConfigError, DataError, MccdError
+from sim_backend.errors import ConfigError, MccdError
 
 CHUNK_ROWS = 4096
 SETTINGS_BYTES = 1024
-SEGMENTS_PER_CHUNK = 64
 
 
 class LogWriter:
@@ -114,15 +112,15 @@ class LogWriter:
         try:
             file = h5py.File(hidden, "x")
             try:
-                _lay_out(file, header, columns, chunk_rows, settings_bytes)
+                lay_out(file, header, columns, chunk_rows, settings_bytes)
                 file.flush()
-                _give_name(hidden, target)
+                give_name(hidden, target)
             except BaseException:
                 file.close()
                 hidden.unlink(missing_ok=True)
                 raise
         except (OSError, RuntimeError) as error:
-            raise _cannot("make", target, error) from None
+            raise cannot("make", target, error) from None
         return cls(target, file, columns, chunk_rows)
 
     @property
@@ -204,16 +202,19 @@ class LogWriter:
         self._closed = True
         if self.status == OPEN_STATUS:
             self.status = "complete"
+        if self._broken:
+            let_go(self._file)
+            return
         try:
-            if not self._broken:
-                self._finish()
+            self._finish()
+        except (OSError, RuntimeError, ValueError, MccdError) as error:
+            let_go(self._file)
+            raise error if isinstance(error, MccdError) else cannot("complete", self.path, error) from None
+        try:
             self._file.close()
-            if not self._broken:
-                write_sidecar(self.path)
+            write_sidecar(self.path)
         except (OSError, RuntimeError) as error:
-            with contextlib.suppress(OSError, RuntimeError):
-                self._file.close()
-            raise _cannot("complete", self.path, error) from None
+            raise cannot("complete", self.path, error) from None
 
     def __enter__(self) -> Self:
         return self
@@ -244,7 +245,7 @@ class LogWriter:
             ("status_reason", self.status_reason),
             ("ended_utc", _now()),
         ):
-            self._file.attrs.modify(name, _storable(text))
+            self._file.attrs.modify(name, storable(text))
         self._file.flush()
 
     def _commit(self, columns: list[NDArray[np.float64]]) -> None:
@@ -264,7 +265,7 @@ class LogWriter:
             yield
         except (OSError, RuntimeError, ValueError) as error:
             self._broken = True
-            raise _cannot("write", self.path, error) from None
+            raise cannot("write", self.path, error) from None
 
     def _columns(self, block: Mapping[str, ArrayLike]) -> list[NDArray[np.float64]]:
         names = [channel.name for channel in self.channels]
@@ -299,68 +300,11 @@ def _checked(channels: Sequence[ChannelLike]) -> tuple[Channel, ...]:
     columns = tuple(Channel.of(channel) for channel in channels)
     names = [column.name for column in columns]
     if not columns or len(set(names)) != len(names):
-        raise ConfigError(
-            f"a log needs at least one channel and unique names, got {names}: name each channel once"
-        )
+        raise ConfigError(f"a log needs at least one channel and unique names, got {names}: name each channel once")
     rates = {column.sample_rate_hz for column in columns}
     if len(rates) > 1:
-        raise ConfigError(
-            f"channels have sample rates {sorted(rates)} Hz: all channels of a log share one, resample"
-        )
+        raise ConfigError(f"channels have sample rates {sorted(rates)} Hz: all channels of a log share one, resample")
     return columns
-
-
-def _lay_out(
-    file: h5py.File, header: Header, channels: tuple[Channel, ...], chunk_rows: int, settings_bytes: int
-) -> None:
-    file.attrs["schema"] = SCHEMA
-    for field in fields(Header):
-        value = getattr(header, field.name)
-        if field.name == "seed":
-            if value is not None:
-                file.attrs["seed"] = np.int64(value)
-        elif field.name == "bench":
-            file.attrs["bench"] = _storable(to_json(value, "bench identity"))
-        else:
-            file.attrs[field.name] = _storable(value)
-    group = file.create_group(CHANNELS)
-    for index, channel in enumerate(channels):
-        dataset = group.create_dataset(
-            channel.name, (0,), "<f8", maxshape=(None,), chunks=(chunk_rows,), fletcher32=True
-        )
-        dataset.attrs["index"] = np.int64(index)
-        for field in fields(Channel):
-            if field.name != "name":
-                dataset.attrs[field.name] = getattr(channel, field.name)
-    file.create_dataset(
-        SEGMENTS, (0,), segment_dtype(settings_bytes), maxshape=(None,), chunks=(SEGMENTS_PER_CHUNK,)
-    )
-    file.create_dataset(COMMITTED, data=np.int64(0))
-
-
-def _give_name(hidden: Path, target: Path) -> None:
-    try:
-        os.link(hidden, target)  # unlike a rename, it fails when the name is taken in the meantime
-    except FileExistsError:
-        raise ConfigError(f"{target} exists and a log never overwrites: choose another path") from None
-    except OSError:  # a file system without hard links
-        hidden.rename(target)
-        return
-    hidden.unlink()
-
-
-def _storable(text: str) -> str:
-    """Return `text` without what HDF5 strings cannot hold: NUL and lone surrogates."""
-    return text.replace("\0", "\ufffd").encode("utf-8", "replace").decode("utf-8")
-
-
-def _cannot(verb: str, path: Path, error: Exception) -> DataError:
-    detail = (
-        os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error).split("\n")[0]
-    )
-    return DataError(
-        f"cannot {verb} the log {path}: {detail}; check the folder, its rights and the free space"
-    )
 
 
 def _now() -> str:

@@ -1,0 +1,59 @@
+"""The empty log: everything that stands in the file before its first row."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from campaigns.log.schema import CHANNELS, COMMITTED, SCHEMA, SEGMENTS, Channel, Header, segment_dtype, to_json
+from sim_backend.errors import ConfigError
+
+SEGMENTS_PER_CHUNK = 64
+
+
+def lay_out(
+    file: h5py.File, header: Header, channels: tuple[Channel, ...], chunk_rows: int, settings_bytes: int
+) -> None:
+    """Write the header, the empty channels, the empty table of segments and the counter into a new file."""
+    file.attrs["schema"] = SCHEMA
+    for field in fields(Header):
+        value = getattr(header, field.name)
+        if field.name == "seed":
+            if value is not None:
+                file.attrs["seed"] = np.int64(value)
+        elif field.name == "bench":
+            file.attrs["bench"] = storable(to_json(value, "bench identity"))
+        else:
+            file.attrs[field.name] = storable(value)
+    group = file.create_group(CHANNELS)
+    for index, channel in enumerate(channels):
+        dataset = group.create_dataset(
+            channel.name, (0,), "<f8", maxshape=(None,), chunks=(chunk_rows,), fletcher32=True
+        )
+        dataset.attrs["index"] = np.int64(index)
+        for field in fields(Channel):
+            if field.name != "name":
+                dataset.attrs[field.name] = getattr(channel, field.name)
+    file.create_dataset(SEGMENTS, (0,), segment_dtype(settings_bytes), maxshape=(None,), chunks=(SEGMENTS_PER_CHUNK,))
+    file.create_dataset(COMMITTED, data=np.int64(0))
+
+
+def give_name(hidden: Path, target: Path) -> None:
+    """Rename the finished file `hidden` to `target`; raises ConfigError when that name is taken."""
+    try:
+        os.link(hidden, target)  # unlike a rename, it fails when the name is taken in the meantime
+    except FileExistsError:
+        raise ConfigError(f"{target} exists and a log never overwrites: choose another path") from None
+    except OSError:  # a file system without hard links
+        hidden.rename(target)
+        return
+    hidden.unlink()
+
+
+def storable(text: str) -> str:
+    """Return `text` without what HDF5 strings cannot hold: NUL and lone surrogates."""
+    return text.replace("\0", "\ufffd").encode("utf-8", "replace").decode("utf-8")

@@ -1,0 +1,87 @@
+"""Recovery: what a crash or a damage left of a log, saved into a new file; the old one is not touched."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaigns.log.read import Run, read_run
+from campaigns.log.schema import LogSegment, to_json
+from campaigns.log.write import SETTINGS_BYTES, LogWriter
+from sim_backend.errors import DataError
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What was saved: `rows` of the `committed_rows` that the damaged log had counted, and why no more."""
+
+    path: Path
+    rows: int
+    committed_rows: int
+    reason: str
+
+
+def recover(path: str | os.PathLike[str], target: str | os.PathLike[str]) -> Recovery:
+    """Copy the sound committed rows of the log at `path`, up to the first damage, into a new log at `target`.
+
+    The copy keeps the run's uid and description and gets status `crashed` with the reason. Raises DataError
+    when the log cannot be opened at all or holds no sound row, ConfigError when `target` exists.
+    """
+    with read_run(path) as run:
+        rows, damage = _sound_rows(run)
+        if not rows:
+            raise DataError(f"{path} holds no sound row of {run.rows} committed: repeat the run; {damage}")
+        reason = f"recovered {rows} of {run.rows} committed rows of a run that was {run.status}"
+        reason += f"; {damage}" if damage else ""
+        segments = [
+            LogSegment(part.label, part.start, min(part.stop, rows), part.settings)
+            for part in run.segments
+            if part.start < rows
+        ]
+        _copy(run, rows, segments, Path(target), reason[:1000])
+    return Recovery(Path(target), rows, run.rows, reason)
+
+
+def _sound_rows(run: Run) -> tuple[int, str]:
+    sound, damage = run.rows, ""
+    for name in run.channels:
+        done = 0
+        try:
+            for first, block in run.blocks((name,), stop=sound, rows=run.chunk_rows):
+                done = first + block[name].size
+        except DataError as error:
+            sound, damage = done, str(error)
+    return sound, damage
+
+
+def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason: str) -> None:
+    header = run.header
+    widest = max((len(to_json(part.settings, part.label).encode()) for part in segments), default=0)
+    with LogWriter.create(
+        target,
+        list(run.channels.values()),
+        test=header.test,
+        bench=header.bench,
+        configuration=header.configuration,
+        seed=header.seed,
+        run_uid=header.run_uid,
+        started_utc=header.started_utc,
+        tool_version=header.tool_version,
+        tool_commit=header.tool_commit,
+        chunk_rows=min(run.chunk_rows, 2**20),
+        settings_bytes=max(widest, SETTINGS_BYTES),
+    ) as log:
+        done = 0
+        for part in segments:
+            _append(run, log, done, part.start)
+            with log.segment(part.label, part.settings):
+                _append(run, log, part.start, part.stop)
+            done = part.stop
+        _append(run, log, done, rows)
+        log.set_status("crashed", reason)
+
+
+def _append(run: Run, log: LogWriter, start: int, stop: int) -> None:
+    for _, block in run.blocks(start=start, stop=stop):
+        log.append(block)
