@@ -20,7 +20,7 @@ def test_the_script_and_its_target() -> None:
 
 
 def test_every_folder_with_sources_is_a_package() -> None:
-    # setuptools leaves out a folder without __init__.py, and the checkout would hide that
+    # without __init__.py neither the type checker nor the import contracts would look into the folder
     for package in PACKAGES:
         for source in (ROOT / package).rglob("*.py"):
             assert (source.parent / "__init__.py").exists(), f"{source.parent} lacks __init__.py"
