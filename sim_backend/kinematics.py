@@ -36,9 +36,7 @@ def points_from_dof(radius_m: float) -> Array:
     Raises ConfigError when the radius is not positive. Source: (6.1), inverted.
     """
     if not (np.isfinite(radius_m) and radius_m > 0.0):
-        raise ConfigError(
-            f"radius of the sensors or actuators is {radius_m} m; it must be a finite length above zero"
-        )
+        raise ConfigError(f"radius of the sensors or actuators is {radius_m} m; it must be a finite length above zero")
     angle = np.deg2rad(POINT_ANGLES_DEG)
     x_m, y_m = radius_m * np.cos(angle), radius_m * np.sin(angle)
     return np.stack([y_m, -x_m, np.ones(3)], axis=1)

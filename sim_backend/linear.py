@@ -58,9 +58,14 @@ class ModalModel:
         for name, shape in wanted.items():
             value = getattr(self, name)
             if value.shape != shape:
-                raise ConfigError(f"linear model: {name} has shape {value.shape}, needs {shape}; give one entry per block, input and output")
+                raise ConfigError(
+                    f"linear model: {name} has shape {value.shape}, needs {shape}; give one entry per block, input and "
+                    f"output"
+                )
             if not np.all(np.isfinite(value)):
-                raise ConfigError(f"linear model: {name} holds a number that is not finite; every entry must be a real number")
+                raise ConfigError(
+                    f"linear model: {name} holds a number that is not finite; every entry must be a real number"
+                )
         if np.any(self.omega_rad_s < 0.0) or np.any(self.delay_s < 0.0):
             raise ConfigError("linear model: a natural frequency or a delay is negative; both must be zero or more")
 
@@ -102,7 +107,7 @@ class ModalModel:
 
     def block(self, i: int) -> Array:
         """Return the 2 × 2 companion matrix of block `i`."""
-        return np.array([[0.0, 1.0], [-self.omega_rad_s[i] ** 2, -2.0 * self.sigma_1_s[i]]])
+        return np.array([[0.0, 1.0], [-(self.omega_rad_s[i] ** 2), -2.0 * self.sigma_1_s[i]]])
 
     def frequency_response(self, frequency_hz: Array, hold_rate_hz: float | None = None) -> ComplexArray:
         """Return the response, shape (n_f, n_y, n_u), in output units per input unit.
@@ -117,7 +122,9 @@ class ModalModel:
         # (sI - A)^-1 of the companion block applied to [b_direct, b]
         q = (s + 2.0 * self.sigma_1_s)[..., None] * self.b_direct + self.b
         v = s[..., None] * self.b - (self.omega_rad_s**2)[:, None] * self.b_direct
-        out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None]) + np.einsum("ym,fmu->fyu", self.c_rate, v / den[..., None])
+        out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None]) + np.einsum(
+            "ym,fmu->fyu", self.c_rate, v / den[..., None]
+        )
         return (out + self.d) * np.exp(-s[:, :, None] * self.delay_s)
 
 

@@ -51,9 +51,7 @@ def real_pairs(roots: ArrayLike, alone: tuple[complex, ...] = ()) -> list[tuple[
     upper = [r for r in left if r.imag > 1e-12 * abs(r)]
     lower = [r for r in left if r.imag < -1e-12 * abs(r)]
     if len(upper) != len(lower):
-        raise ConfigError(
-            f"{len(upper)} roots above and {len(lower)} below the real axis; give conjugates too"
-        )
+        raise ConfigError(f"{len(upper)} roots above and {len(lower)} below the real axis; give conjugates too")
     pairs += [(complex(r), complex(r).conjugate()) for r in upper]
     while len(real) > 1:
         k = int(np.argmin(-np.diff(real)))
@@ -75,9 +73,7 @@ def block_numerator(
 
     def rest(x: complex) -> complex:
         if np.any(x == o):
-            raise ConfigError(
-                f"pole {x} appears in two second-order blocks, which cannot hold it; spread the poles"
-            )
+            raise ConfigError(f"pole {x} appears in two second-order blocks, which cannot hold it; spread the poles")
         # factors are taken in turn, so that neither product leaves the range of numbers
         value = complex(gain)
         for i in range(max(z.size, o.size)):
@@ -105,9 +101,7 @@ def modal_from_zpk(zeros_1_s: ArrayLike, poles_1_s: ArrayLike, gain: float) -> M
     """
     zeros, poles = np.asarray(zeros_1_s, dtype=complex), np.asarray(poles_1_s, dtype=complex)
     if zeros.size > poles.size:
-        raise ConfigError(
-            f"{zeros.size} zeros over {poles.size} poles is improper; leave out a zero or add a pole"
-        )
+        raise ConfigError(f"{zeros.size} zeros over {poles.size} poles is improper; leave out a zero or add a pole")
     pairs = real_pairs(poles)
     if any(p2 is None for _, p2 in pairs):
         raise ConfigError(
@@ -133,9 +127,7 @@ def modal_from_zpk(zeros_1_s: ArrayLike, poles_1_s: ArrayLike, gain: float) -> M
     )
 
 
-def modal_from_polynomial(
-    numerator: ArrayLike, denominator: ArrayLike, output_scale: float = 1.0
-) -> ModalModel:
+def modal_from_polynomial(numerator: ArrayLike, denominator: ArrayLike, output_scale: float = 1.0) -> ModalModel:
     """Return numerator(s)/denominator(s), highest power first, as a ModalModel.
 
     `output_scale` turns the output into SI. Example: Table 6.2 gives mrad per N m, so `output_scale` is 1e-3.

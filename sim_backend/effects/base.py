@@ -1,10 +1,11 @@
 """What an effect is: one object that simulation, screening, fitting, naming and the report all read.
 
-An effect says what it is (name, family, symptom), where in the loop it acts (`site`), what its parameters are, and how it
-is simulated: `step`, a compiled function called once per sample with the signals at its place, returning what it
+An effect says what it is (name, family, symptom), where in the loop it acts (`site`), what its parameters are, and
+how it is simulated: `step`, a compiled function called once per sample with the signals at its place, returning what it
 *adds* there. A contribution that is added, never a value that replaces, makes two promises easy to keep: neutral
 parameters add nothing, so they give exactly the model without the effect; and running the same compiled step along a
-measured trajectory gives the effect's first-order signature, so that screening needs no second definition of the physics.
+measured trajectory gives the effect's first-order signature, so that screening needs no second definition of the
+physics.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numba import types
@@ -32,8 +33,8 @@ STEP = types.float64(types.float64, types.float64, types.float64, types.float64,
 """Signature of every compiled step: (signal, position, rate, aux, dt_s, parameters, state) -> contribution.
 
 `signal` is the value at the effect's place before it (command, current, torque, sensor, reading), `position` and `rate`
-the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step. `parameters` and
-`state` are pointers to this effect's own numbers.
+the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step. `parameters`
+and `state` are pointers to this effect's own numbers.
 """
 
 
@@ -64,8 +65,8 @@ class Aux(IntEnum):
 class Dimension:
     """Powers of the input unit, the output unit, the second and the kelvin in a parameter's unit.
 
-    Units depend on the bench (N m and rad here, V and m on a piezo mirror), so a parameter states powers and gets both its unit
-    and its natural size from the channels it is used with.
+    Units depend on the bench (N m and rad here, V and m on a piezo mirror), so a parameter states powers and gets
+    both its unit and its natural size from the channels it is used with.
     """
 
     u: int = 0
@@ -111,7 +112,16 @@ class Parameter:
     about: str
 
 
-def size(about: str, *, u: int = 0, y: int = 0, s: int = 0, k: int = 0, low: float = -math.inf, high: float = math.inf) -> Any:
+def size(
+    about: str,
+    *,
+    u: int = 0,
+    y: int = 0,
+    s: int = 0,
+    k: int = 0,
+    low: float = -math.inf,
+    high: float = math.inf,
+) -> Any:
     """Declare a size parameter (neutral 0, contribution linear in it) as a dataclass field."""
     return _declare(0.0, Dimension(u, y, s, k), low, high, size=True, log=False, about=about)
 
@@ -141,8 +151,8 @@ def _declare(neutral: float, dim: Dimension, low: float, high: float, *, size: b
 class Effect:
     """One physical effect at one place, with its parameters as fields.
 
-    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `aux`, `n_state`, `step`, `guess`, `draw`, `retune`,
-    `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
+    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `aux`, `n_state`, `step`, `guess`, `draw`,
+    `retune`, `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
     """
 
     where: str
@@ -150,6 +160,7 @@ class Effect:
     name: ClassVar[str]
     family: ClassVar[str]  # structure, drive, sensor or surroundings
     site: ClassVar[Site]
+    cause: ClassVar[str] = ""  # the name it is reported by, where several models share one cause; else `name`
     symptom: ClassVar[str]  # what a person sees in the residual; ends the sentence "the residual …"
     aux: ClassVar[Aux] = Aux.NONE
     n_state: ClassVar[int] = 0
@@ -165,9 +176,16 @@ class Effect:
                 )
 
     @classmethod
+    def reported(cls) -> str:
+        """Return the name of the physical cause: what a diagnosis says."""
+        return cls.cause or cls.name
+
+    @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return what is known of each parameter, in the order in which `step` receives them."""
-        return tuple(Parameter(name=f.name, neutral=float(f.default), **f.metadata) for f in fields(cls) if f.metadata)
+        return tuple(
+            Parameter(name=f.name, neutral=cast(float, f.default), **f.metadata) for f in fields(cls) if f.metadata
+        )
 
     @classmethod
     def sizes(cls) -> tuple[str, ...]:
@@ -206,5 +224,5 @@ class Effect:
         raise ConfigError(f"effect {self.name} does not change the linear model; it acts on {self.site.name}")
 
     def rewrite(self, values: Array, rate_hz: float) -> Array:
-        """Return a finished channel, shape (n,), as this effect would have recorded it, for effects whose site is RECORD."""
+        """Return a finished channel, shape (n,), as recorded with this effect, for effects whose site is RECORD."""
         raise ConfigError(f"effect {self.name} does not change the record; it acts on {self.site.name}")

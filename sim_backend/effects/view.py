@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 class RecordView:
     """The signals at one place: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
 
-    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first resonance of
-    the nominal model at this place (0 for a rigid body).
+    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first
+    resonance of the nominal model at this place (0 for a rigid body).
     """
 
     rate_hz: float

@@ -1,0 +1,63 @@
+"""The library of physical effects: `EFFECTS` is the only list; adding one is a file beside this and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sim_backend.effects.amplifier_noise import AmplifierNoise
+from sim_backend.effects.amplifier_saturation import AmplifierSaturation
+from sim_backend.effects.base import Aux, Dimension, Effect, Parameter, Site
+from sim_backend.effects.constant_torque import ConstantTorque
+from sim_backend.effects.coulomb_friction import CoulombFriction
+from sim_backend.effects.cubic_stiffness import CubicStiffness
+from sim_backend.effects.sensor_noise import SensorNoise
+from sim_backend.errors import ConfigError
+
+EFFECTS: tuple[type[Effect], ...] = (
+    CubicStiffness,
+    CoulombFriction,
+    AmplifierSaturation,
+    ConstantTorque,
+)
+"""What a diagnosis can name, in the order of the library's table."""
+
+NOISES: tuple[type[Effect], ...] = (AmplifierNoise, SensorNoise)
+"""What every bench has and no diagnosis names: the noise floor."""
+
+_BY_NAME = {e.name: e for e in (*EFFECTS, *NOISES)}
+
+
+def effect_class(name: str) -> type[Effect]:
+    """Return the effect class of a slug; raises ConfigError with the nearest names when there is none."""
+    if name not in _BY_NAME:
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, _BY_NAME, n=3) or sorted(_BY_NAME)
+        raise ConfigError(f"there is no effect '{name}'; did you mean {', '.join(near)}?")
+    return _BY_NAME[name]
+
+
+def make_effect(name: str, where: str, parameters: Mapping[str, float]) -> Effect:
+    """Return the effect `name` at `where`.
+
+    Raises ConfigError for an unknown effect or parameter, or a value out of bounds.
+    """
+    cls = effect_class(name)
+    known = [p.name for p in cls.parameters()]
+    unknown = sorted(set(parameters) - set(known))
+    if unknown:
+        raise ConfigError(f"effect {name} has no parameter '{unknown[0]}'; it has: {', '.join(known) or 'none'}")
+    return cls(where, **parameters)
+
+
+__all__ = [
+    "EFFECTS",
+    "NOISES",
+    "Aux",
+    "Dimension",
+    "Effect",
+    "Parameter",
+    "Site",
+    "effect_class",
+    "make_effect",
+]

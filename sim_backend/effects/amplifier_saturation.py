@@ -1,0 +1,34 @@
+"""Amplifier saturation: the command beyond a limit is cut off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, shape
+from sim_backend.effects.view import RecordView
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    return min(max(signal, -p[0]), p[0]) - signal
+
+
+@dataclass(frozen=True)
+class AmplifierSaturation(Effect):
+    """The output stays within ±limit; neutral at an infinite limit. At an actuator the limit is a current (A)."""
+
+    name = "amplifier-saturation"
+    family = "drive"
+    site = Site.COMMAND
+    symptom = "appears only while the command is beyond a fixed level"
+    step = _step
+
+    limit: float = shape("largest magnitude that the amplifier gives", math.inf, u=1, low=0.0)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return limits below the largest command of the record."""
+        return [{"limit": view.u_peak * part} for part in (0.95, 0.85, 0.7, 0.5)]

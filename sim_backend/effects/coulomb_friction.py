@@ -1,0 +1,35 @@
+"""Coulomb friction: a torque of constant size against the direction of motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, shape, size
+from sim_backend.effects.view import RecordView
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    return -p[0] * math.tanh(rate / p[1])
+
+
+@dataclass(frozen=True)
+class CoulombFriction(Effect):
+    """Torque -torque · tanh(rate / breakaway_rate): constant in size, smooth below the breakaway rate."""
+
+    name = "coulomb-friction"
+    family = "structure"
+    site = Site.STRUCTURE
+    symptom = "switches sign with the direction of motion and has the same size at any speed"
+    step = _step
+
+    torque: float = size("friction torque in motion", u=1, low=0.0)
+    breakaway_rate: float = shape("rate below which the friction fades", 1e-4, y=1, s=-1, low=1e-12)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return breakaway rates from nearly sharp to a tenth of the fastest motion."""
+        return [{"breakaway_rate": max(view.rate_peak * part, 1e-12)} for part in (1e-3, 1e-2, 1e-1)]

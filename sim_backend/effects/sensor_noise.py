@@ -1,0 +1,33 @@
+"""Sensor noise: white within the sample rate, at a sensor head or a reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Array, Aux, Effect, Site, size
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    return p[0] * aux
+
+
+@dataclass(frozen=True)
+class SensorNoise(Effect):
+    """Gaussian noise of standard deviation `std` per sample."""
+
+    name = "sensor-noise"
+    family = "sensor"
+    site = Site.READING
+    symptom = "is random, the same at every frequency and position"
+    aux = Aux.EXOGENOUS
+    step = _step
+
+    std: float = size("standard deviation per sample", y=1, low=0.0)
+
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Return `n` standard normal numbers."""
+        return rng.standard_normal(n)

@@ -1,0 +1,167 @@
+"""How everything that the compiled loop touches is laid out in arrays.
+
+`sim_backend.assembly` and `sim_backend.loops` build these tuples from a Model and a Segment.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Plant(NamedTuple):
+    """Discrete modes at the substep rate: a (m,2,2), b (m,2,n_u), c and rate_c (n_y,m,2), d and rate_d (n_y,n_u).
+
+    `delay` (n_u,) in samples of the bench's clock; `dt_s` the bench's sample time; `substeps` steps per sample;
+    `feedthrough` is 1 when d is not zero: readings then wait for the torque of their own sample.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    rate_c: Array
+    d: Array
+    rate_d: Array
+    delay: Array
+    dt_s: float
+    substeps: int
+    feedthrough: int
+
+
+class Transducers(NamedTuple):
+    """Actuators and sensors, equations (6.1) and (6.2).
+
+    `to_current` (n_a, n_u), `to_torque` (n_u, n_a), `to_heads` (n_s, n_y), `to_reading` (n_y, n_s); `heating` holds
+    (cold finger K, thermal resistance K/W, time constant s, actuator steepness (A²/W), 1 if simulated else 0).
+    """
+
+    to_current: Array
+    to_torque: Array
+    to_heads: Array
+    to_reading: Array
+    heating: Array
+
+
+class Effects(NamedTuple):
+    """All effects of a model, sorted by site: `first` (n_sites + 1,) delimits the sites.
+
+    Per effect: `address` of the step, `channel`, its number at the site, offsets `p0` and `s0` into `parameters` and
+    `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read` (n_e, n_y) and `write` (n_e, n_u),
+    the coordinate it watches and the inputs it acts on, and `weight`, by which its contribution is multiplied.
+    """
+
+    first: Ints
+    address: Ints
+    channel: Ints
+    p0: Ints
+    s0: Ints
+    aux: Ints
+    column: Ints
+    read: Array
+    write: Array
+    weight: Array
+    parameters: Array
+    states: Array
+
+
+class Controller(NamedTuple):
+    """Feedback and learning per axis (axis i commands input i from reading i).
+
+    Feedback: block filter fa (n,m,2,2), fb (n,m,2), fc (n,m,2), fd (n,); `integrator` (n,) block whose first state is
+    the integrator or -1. Learning: filter la, lb, lc, ld alike, `gain` (n,), `lead` (n,) samples, `period` (n,)
+    samples, `learning` (n,) 1 while learning, 0 while repeating, -1 when absent; `taps` (n, 2p+1), the zero-phase Q
+    filter.
+    """
+
+    fa: Array
+    fb: Array
+    fc: Array
+    fd: Array
+    integrator: Ints
+    la: Array
+    lb: Array
+    lc: Array
+    ld: Array
+    gain: Array
+    lead: Ints
+    period: Ints
+    learning: Ints
+    taps: Array
+
+
+class Waveform(NamedTuple):
+    """One period of what is played, repeated: `reference` and `feedforward` (period, n_u).
+
+    `events` (n_events, 4): sample in the period, axis, 1 closes and 0 opens the feedback, and the value the
+    integrator starts from; sorted by sample. `exogenous` (n, n_columns) covers the whole run.
+    """
+
+    reference: Array
+    feedforward: Array
+    events: Array
+    exogenous: Array
+
+
+class Memory(NamedTuple):
+    """What the bench remembers between two runs; changed in place.
+
+    `x` (m,2) modes; `past` (n_u,) last motion-dependent torque; `has_past` (1,); `queue` (n_u, depth) delayed commands;
+    `torque` (n_u,) last torque; `xf` and `xl` (n,m,2) filter states; `closed` (n,) feedback closed; `ring` and
+    `learned` (n, L) past learned inputs and filtered errors, L > period + p; `samples` (1,) samples played in all;
+    `temperature` (1,) K.
+    """
+
+    x: Array
+    past: Array
+    has_past: Ints
+    queue: Array
+    torque: Array
+    xf: Array
+    xl: Array
+    closed: Ints
+    ring: Array
+    learned: Array
+    samples: Ints
+    temperature: Array
+
+
+class Output(NamedTuple):
+    """What is recorded; an array of zero rows is not recorded.
+
+    `command` and `torque` (n, n_u), `current` (n, n_a), `position` and `reading` (n, n_y), `head` (n, n_s),
+    `temperature` (n,).
+    """
+
+    command: Array
+    torque: Array
+    current: Array
+    position: Array
+    reading: Array
+    head: Array
+    temperature: Array
+
+
+class Bus(NamedTuple):
+    """The signals of one sample, scratch memory of the loop.
+
+    `command`, `driven`, `delayed`, `held`, `moving`, `torque` (n_u,); `current` (n_a,); `position`, `rate`, `middle`,
+    `reading` (n_y,); `head` (n_s,).
+    """
+
+    command: Array
+    driven: Array
+    delayed: Array
+    held: Array
+    moving: Array
+    torque: Array
+    current: Array
+    position: Array
+    rate: Array
+    middle: Array
+    reading: Array
+    head: Array

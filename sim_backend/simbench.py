@@ -1,0 +1,197 @@
+"""The simulated bench: a Model, a seed and the compiled loop behind the Bench protocol."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend import kernel, layout
+from sim_backend.assembly import (
+    bus_of,
+    current_from_command,
+    effects_of,
+    places_of,
+    plant_of,
+    retuned,
+    transducers_of,
+)
+from sim_backend.bench import Identity, Limits, Record, Segment, Signal
+from sim_backend.effects import make_effect
+from sim_backend.effects.base import Aux, Effect, Site
+from sim_backend.errors import ConfigError
+from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
+from sim_backend.model import Model, number
+
+Array = NDArray[np.float64]
+
+_BLOCK = 1_000_000
+"""Samples simulated at once: bounds the memory of noise drawn beforehand to about 100 MB on the full bench."""
+
+
+class SimBench:
+    """A bench that exists only as a Model; two benches with the same model and seed measure the same numbers.
+
+    `substeps` refines the time grid of the plant and of motion-dependent torques. The recorded channels per axis are
+    `command_<dof>` (input), `<dof>` (output), `reference_<dof>` (reference); with hardware also `current_<actuator>`,
+    `head_<sensor>` and `temperature`; `truth` adds `true_<dof>`, for tests and for the simulated theodolite.
+    """
+
+    def __init__(
+        self, model: Model, seed: int, *, substeps: int = 1, name: str = "simulated", truth: bool = False
+    ) -> None:
+        self._model = model
+        self._rng = np.random.default_rng(seed)
+        self._seed = seed
+        self._truth = truth
+        self._name = name
+        self.places = places_of(model)
+        effects = [
+            make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
+        ]
+        self._all: list[Effect] = effects
+        self._plant = plant_of(retuned(model.linear(), effects, self.places), model.sample_rate_hz, substeps)
+        self._hw = transducers_of(model)
+        self._fx, self._effects = effects_of(effects, self.places)
+        n_u, n_a = self._hw.to_torque.shape
+        self._bus = bus_of(n_u, n_a, *self._hw.to_reading.shape)
+        self._axes = n_u
+        self._mem = fresh_memory(self._plant, n_u, self._hw.heating[0])
+
+    @property
+    def identity(self) -> Identity:
+        """Its public name; never the model's parameters."""
+        return Identity("sim", self._name, f"seed-{self._seed}", "1")
+
+    @property
+    def rate_hz(self) -> float:
+        """The sample rate of the loop and of every channel."""
+        return self._model.sample_rate_hz
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The degrees of freedom of the inputs."""
+        return self.places.inputs
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """Every channel in the order in which it is recorded."""
+        rate = self.rate_hz
+        model = self._model
+        out = [Signal(f"command_{p.dof}", p.unit, "input", p.dof, rate) for p in model.inputs]
+        out += [Signal(p.dof, p.unit, "output", p.dof, rate) for p in model.outputs]
+        out += [Signal(f"reference_{p.dof}", p.unit, "reference", p.dof, rate) for p in model.outputs]
+        if model.hardware is not None:
+            out += [Signal(f"current_{a}", "A", "aux", a, rate) for a in self.places.actuators]
+            out += [Signal(f"head_{s}", "m", "aux", s, rate) for s in self.places.heads]
+            out += [Signal("temperature", "K", "aux", "", rate)]
+        if self._truth:
+            out += [Signal(f"true_{p.dof}", p.unit, "aux", p.dof, rate) for p in model.outputs]
+        return tuple(out)
+
+    @property
+    def limits(self) -> Limits:
+        """End stops and peak current of the hardware; unlimited without."""
+        hw = self._model.hardware
+        if hw is None:
+            n = len(self.places.outputs)
+            return Limits(np.full(n, np.inf), np.inf, np.eye(self._axes))
+        angle, z = number(hw.end_stop_angle_rad), number(hw.end_stop_z_m)
+        return Limits(np.array([angle, angle, z]), number(hw.peak_current_a), current_from_command(hw))
+
+    def play(self, segment: Segment) -> Record:
+        """Play one segment from the present state and return the channels it asks for (all when it names none).
+
+        Raises ConfigError when the segment names an unknown channel or has the wrong number of axes.
+        """
+        wanted = self._wanted(segment)
+        if segment.reference.shape[1] != self._axes:
+            raise ConfigError(
+                f"segment '{segment.label}': {segment.reference.shape[1]} axes, the bench has {self._axes}"
+            )
+        if segment.cold_finger_k is not None:
+            self._hw.heating[0] = segment.cold_finger_k
+            self._mem.temperature[0] = segment.cold_finger_k
+        ctl = controller_of(segment, self._axes, self.rate_hz)
+        self._mem = refit_memory(self._mem, ctl)
+        for axis in range(self._axes):
+            if axis >= len(segment.feedback) or segment.feedback[axis] is None:
+                self._mem.closed[axis] = 0
+        out = self._output(segment.n_samples, wanted)
+        self._run(segment, ctl, out)
+        return Record(segment, self._channels(segment, out, wanted))
+
+    def _run(self, segment: Segment, ctl: layout.Controller, out: layout.Output) -> None:
+        events = events_of(segment)
+        period = segment.reference.shape[0]
+        reference, feedforward = (
+            np.ascontiguousarray(segment.reference),
+            np.ascontiguousarray(segment.feedforward),
+        )
+        whole = max(_BLOCK // period, 1) * period  # blocks end where a period does, so that gates keep their place
+        for start in range(0, segment.n_samples, whole):
+            n = min(whole, segment.n_samples - start)
+            wave = layout.Waveform(reference, feedforward, events, self._draw(n))
+            part = layout.Output(*(a[start : start + n] if a.shape[0] else a for a in out))
+            kernel.run(n, self._plant, self._hw, self._fx, ctl, wave, self._mem, self._bus, part)
+
+    def _draw(self, n: int) -> Array:
+        columns = [e.draw(n, self.rate_hz, self._rng) for e in self._effects if e.aux is Aux.EXOGENOUS]
+        return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+
+    def _wanted(self, segment: Segment) -> tuple[str, ...]:
+        names = tuple(s.name for s in self.signals)
+        unknown = sorted(set(segment.record) - set(names))
+        if unknown:
+            raise ConfigError(
+                f"segment '{segment.label}': the bench has no channel '{unknown[0]}'; channels: {', '.join(names)}"
+            )
+        return tuple(n for n in names if not segment.record or n in segment.record)
+
+    def _output(self, n: int, wanted: tuple[str, ...]) -> layout.Output:
+        (n_u, n_a), (n_y, n_s) = self._hw.to_torque.shape, self._hw.to_reading.shape
+
+        def rows(prefix: str, names: tuple[str, ...]) -> int:
+            return n if any(f"{prefix}{name}" in wanted for name in names) else 0
+
+        places = self.places
+        return layout.Output(
+            command=np.zeros((rows("command_", places.inputs), n_u)),
+            torque=np.zeros((0, n_u)),
+            current=np.zeros((rows("current_", places.actuators), n_a)),
+            position=np.zeros((rows("true_", places.outputs), n_y)),
+            reading=np.zeros((rows("", places.outputs), n_y)),
+            head=np.zeros((rows("head_", places.heads), n_s)),
+            temperature=np.zeros(rows("", ("temperature",))),
+        )
+
+    def _channels(self, segment: Segment, out: layout.Output, wanted: tuple[str, ...]) -> dict[str, Array]:
+        places = self.places
+        sources: dict[str, Array] = {}
+        for prefix, names, array in (
+            ("command_", places.inputs, out.command),
+            ("", places.outputs, out.reading),
+            ("current_", places.actuators, out.current),
+            ("head_", places.heads, out.head),
+            ("true_", places.outputs, out.position),
+        ):
+            if array.shape[0]:
+                sources.update({f"{prefix}{name}": array[:, i] for i, name in enumerate(names)})
+        sources["temperature"] = out.temperature
+        repeats = -(-segment.n_samples // segment.reference.shape[0])
+        for i, dof in enumerate(places.outputs[: segment.reference.shape[1]]):
+            if f"reference_{dof}" in wanted:
+                sources[f"reference_{dof}"] = np.tile(segment.reference[:, i], repeats)[: segment.n_samples]
+        return {name: self._recorded(sources[name]) for name in wanted}
+
+    def _recorded(self, values: Array) -> Array:
+        for effect in self._all:
+            if effect.site is Site.RECORD:
+                values = effect.rewrite(values, self.rate_hz)
+        return np.ascontiguousarray(values)
+
+    def safe(self) -> None:
+        """Open all loops and zero the drives: the mechanism swings out on its own."""
+        self._mem.closed[:] = 0
+
+    def close(self) -> None:
+        """Nothing is held."""
