@@ -20,9 +20,7 @@ def modal_from_state_space(a: Array, b: Array, c: Array, d: Array) -> ModalModel
     """
     values, right = np.linalg.eig(a)
     if values.size % 2:
-        raise DataError(
-            f"state space has odd order {values.size}; second-order blocks need an even number of states"
-        )
+        raise DataError(f"state space has odd order {values.size}; second-order blocks need an even number of states")
     if np.linalg.cond(right) > 1e14:
         raise DataError(
             "state space has repeated eigenvalues without enough eigenvectors; perturb it or reduce its order"
@@ -30,9 +28,7 @@ def modal_from_state_space(a: Array, b: Array, c: Array, d: Array) -> ModalModel
     return modal_from_poles(values, (c @ right).T, np.linalg.solve(right, b.astype(complex)), d)
 
 
-def modal_from_poles(
-    poles: ComplexArray, outputs: ComplexArray, inputs: ComplexArray, d: Array
-) -> ModalModel:
+def modal_from_poles(poles: ComplexArray, outputs: ComplexArray, inputs: ComplexArray, d: Array) -> ModalModel:
     """Return the ModalModel of sum over k of outputs[k] inputs[k]' / (s - poles[k]) + d.
 
     Shapes: `poles` (n,), closed under conjugation; `outputs` (n, n_y); `inputs` (n, n_u); `d` (n_y, n_u). Right-half
@@ -99,13 +95,18 @@ def canonical(model: ModalModel) -> ModalModel:
     return model.with_(b=b, b_direct=direct, c=c, c_rate=rate)
 
 
-def balanced_truncation(a: Array, b: Array, c: Array, order: int) -> tuple[Array, Array, Array, Array]:
-    """Return (A, B, C) of the given order and all Hankel singular values of a stable system, largest first.
+def balanced_truncation(
+    a: Array, b: Array, c: Array, order: int, shift_1_s: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return (A, B, C) of the given order and all Hankel singular values, largest first.
 
-    Square-root method (Laub, Heath, Paige & Ward 1987). Raises DataError when a Gramian cannot be computed.
+    Square-root method (Laub, Heath, Paige & Ward 1987). The Gramians are those of A - shift, which exist also for
+    integrators and rigid bodies; choose the shift below the lowest frequency of interest. Raises DataError when a
+    Gramian cannot be computed.
     """
-    control = _factor(solve_continuous_lyapunov(a, -b @ b.T))
-    observe = _factor(solve_continuous_lyapunov(a.T, -c.T @ c))
+    shifted = a - shift_1_s * np.eye(a.shape[0])
+    control = _factor(solve_continuous_lyapunov(shifted, -b @ b.T))
+    observe = _factor(solve_continuous_lyapunov(shifted.T, -c.T @ c))
     left, hankel, right = svd(observe.T @ control)
     keep = min(order, int(np.sum(hankel > 1e-14 * hankel[0])))
     root = np.sqrt(hankel[:keep])

@@ -65,25 +65,42 @@ class Layout:
         return sum(int(np.prod(s)) for s in self._shapes().values())
 
 
-def layout_of(
-    model: ModalModel, form: str = "general", feedthrough: bool = True, delay: bool = False
-) -> Layout:
-    """Return the layout for `model`; a zero omega or sigma, and with form "mechanical" b_direct and c_rate, stay fixed.
+@dataclass(frozen=True)
+class Structure:
+    """What a fit assumes about the plant.
 
-    Raises ConfigError for an unknown form.
+    `form` is "general" or "mechanical" (b_direct = c_rate = 0: each block is c b' / (s² + 2 sigma s + omega²));
+    `feedthrough` lets D move, `delay` the delay of each input. Raises ConfigError for an unknown form.
     """
-    if form not in FORMS:
-        raise ConfigError(f"model form {form!r} is unknown; choose one of {', '.join(FORMS)}")
+
+    form: str = "general"
+    feedthrough: bool = True
+    delay: bool = False
+
+    def __post_init__(self) -> None:
+        if self.form not in FORMS:
+            raise ConfigError(f"model form {self.form!r} is unknown; choose one of {', '.join(FORMS)}")
+
+
+def layout_of(model: ModalModel, structure: Structure) -> Layout:
+    """Return the layout of a model's parameters; an omega or a sigma that is zero stays zero."""
     bare = Layout(model.n_blocks, model.n_inputs, model.n_outputs, np.zeros(0, dtype=bool))
     free = np.ones(bare.size, dtype=bool)
     free[bare.index("log_omega")] = model.omega_rad_s > 0.0
     free[bare.index("log_sigma")] = model.sigma_1_s > 0.0
-    if form == "mechanical":
+    if structure.form == "mechanical":
         free[bare.index("b_direct")] = False
         free[bare.index("c_rate")] = False
-    free[bare.index("d")] = feedthrough
-    free[bare.index("delay_s")] = delay
+    free[bare.index("d")] = structure.feedthrough
+    free[bare.index("delay_s")] = structure.delay
     return Layout(bare.n_blocks, bare.n_inputs, bare.n_outputs, free)
+
+
+def step_limit(layout: Layout) -> Array:
+    """Return how far one step may move each free parameter: a factor e in a frequency or a decay rate."""
+    limit = np.full(layout.size, np.inf)
+    limit[layout.index("log_omega")] = limit[layout.index("log_sigma")] = 1.0
+    return limit[layout.free]
 
 
 def pack(model: ModalModel) -> Array:

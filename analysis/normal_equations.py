@@ -36,19 +36,20 @@ def minimise(
     cost: Callable[[Array], float],
     start: Array,
     iterations: int = 100,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-8,
+    limit: Array | float = np.inf,
 ) -> Minimum:
     """Return the minimum of a sum of squares, from `start` (p,).
 
     `assemble` gives the normal equations and `cost` the sum of squares alone. Damping follows Nielsen (1999); steps
     are scaled by the diagonal of J'J, so units of the parameters do not matter, and directions that the data do not
-    see (the free scaling of a mode between input and output) are left where they are. Converged when a step predicts
-    and brings a relative decrease below `tolerance`.
+    see (the free scaling of a mode between input and output) are left where they are. No parameter moves by more than
+    its `limit` (p,) in one step. Converged when a step predicts and brings a relative decrease below `tolerance`.
     """
     x, damping, growth = start.copy(), 1e-3, 2.0
     normal = assemble(x)
     for count in range(iterations):
-        step, predicted = _step(normal, damping)
+        step, predicted = _step(normal, damping, limit)
         trial = cost(x + step)
         actual = normal.cost - trial
         if np.isfinite(trial) and actual >= 0.0 and predicted > 0.0:
@@ -67,7 +68,7 @@ def minimise(
     return Minimum(x, normal, iterations, False)
 
 
-def _step(normal: Normal, damping: float) -> tuple[Array, float]:
+def _step(normal: Normal, damping: float, limit: Array | float) -> tuple[Array, float]:
     """Return the damped step and the decrease that the quadratic model predicts for it."""
     scale = column_scale(normal.hessian)
     scaled = normal.hessian / np.outer(scale, scale)
@@ -80,6 +81,8 @@ def _step(normal: Normal, damping: float) -> tuple[Array, float]:
         except LinAlgError:
             boost = max(10.0 * boost, 1e-14)
     step = -cho_solve(factor, gradient, check_finite=False)
+    # each on its own: one parameter without influence that runs away must not hold up the others
+    step = np.clip(step, -limit * scale, limit * scale)
     predicted = -float(step @ (2.0 * gradient + scaled @ step))
     return step / scale, predicted
 

@@ -1,59 +1,20 @@
-"""Fit of a sum of second-order blocks to frequency responses: vector fitting for the start, then maximum likelihood."""
+"""Identification of a sum of second-order blocks from frequency responses, of given or of chosen order."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
-from analysis.block_basis import block_matrices, block_spectra
-from analysis.modal_form import balanced_truncation, canonical, modal_from_poles, modal_from_state_space
-from analysis.modal_parameters import Layout, layout_of, pack, participation, unpack
-from analysis.normal_equations import Normal, covariance, minimise
-from analysis.vector_fitting import PoleResidues, vector_fit
-from sim_backend.errors import ConfigError, DataError
-from sim_backend.linear import Array, ModalModel, discretise
+from analysis.modal_parameters import Structure
+from analysis.response_fit import RationalFit, Target, make_target, refine, residual_cost
+from analysis.response_start import starting_model, with_new_block, without_weakest_block
+from sim_backend.errors import ConfigError
+from sim_backend.linear import Array, ModalModel
 
 ComplexArray = NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class Target:
-    """What a fit has to meet: frequency (n_f,), response and weight (n_f, n_y, n_u), and how it was measured.
-
-    The weight is 1 ÷ standard deviation of the real part (of the magnitude, for a magnitude-only fit).
-    """
-
-    frequency_hz: Array
-    response: ComplexArray
-    weight: Array
-    hold_rate_hz: float | None
-    magnitude_only: bool
-
-
-@dataclass(frozen=True)
-class RationalFit:
-    """A fitted model with its uncertainty.
-
-    `covariance` (p, p) belongs to the vector of `analysis.modal_parameters.pack(model)`; `omega_std_rad_s` and
-    `sigma_std_1_s` (m,) are drawn from it. `chi2` is the weighted sum of squares, `dof` its degrees of freedom;
-    `scaled` is True when no variance was given, and the covariance was scaled so that chi2 = dof. `criterion` is the
-    Bayesian information criterion, `orders` the numbers of blocks tried with their criteria.
-    """
-
-    model: ModalModel
-    layout: Layout
-    covariance: Array
-    omega_std_rad_s: Array
-    sigma_std_1_s: Array
-    chi2: float
-    dof: int
-    scaled: bool
-    criterion: float
-    converged: bool
-    orders: tuple[tuple[int, float], ...]
 
 
 def fit_rational(
@@ -63,9 +24,8 @@ def fit_rational(
     *,
     variance: Array | None = None,
     hold_rate_hz: float | None = None,
-    form: str = "general",
-    feedthrough: bool = True,
-    delay: bool = False,
+    structure: Structure | None = None,
+    rigid_bodies: int | None = 0,
     iterations: int = 200,
 ) -> RationalFit:
     """Return the ModalModel that fits a complex frequency response best.
@@ -73,290 +33,80 @@ def fit_rational(
     Shapes: `frequency_hz` (n_f,), rising; `response` (n_f, n_y, n_u); `variance` (n_f, n_y, n_u), E|error|² of each
     entry, or None for equal weights. `blocks` is the number of second-order blocks, or several to choose from by the
     Bayesian information criterion. `hold_rate_hz` is the rate of the zero-order hold before the plant, None for a
-    band-limited measurement. `form` "mechanical" keeps b_direct and c_rate at zero, so that each block is
-    c b' / (s² + 2 sigma s + omega²). Raises ConfigError or DataError when the arguments do not fit together.
+    band-limited measurement. `rigid_bodies` blocks get their poles at zero; None lets the criterion decide.
+    Raises ConfigError or DataError when the arguments do not fit together.
     """
-    target = _target(frequency_hz, response, variance, hold_rate_hz, magnitude_only=False)
+    target = make_target(frequency_hz, response, variance, hold_rate_hz)
     wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
-    entries = target.response.size
     if not wanted or wanted[0] < 1 or 2 * wanted[-1] >= target.frequency_hz.size:
-        raise ConfigError(
-            f"blocks is {blocks}; needs 1 to {(target.frequency_hz.size - 1) // 2} for {target.frequency_hz.size} lines of {entries} values"
-        )
+        limit = (target.frequency_hz.size - 1) // 2
+        raise ConfigError(f"blocks is {blocks}; choose 1 to {limit} for {target.frequency_hz.size} frequency lines")
+    search = _Search(target, structure or Structure(), variance is None, iterations)
     best: RationalFit | None = None
+    fit: RationalFit | None = None
     tried: list[tuple[int, float]] = []
     for count in wanted:
-        start = starting_model(target, count, form, feedthrough)
-        fit = refine(target, start, form, feedthrough, delay, scaled=variance is None, iterations=iterations)
+        fit = search.best_of_order(count, fit)
+        fit = search.with_rigid_bodies(fit, rigid_bodies)
         tried.append((count, fit.criterion))
         best = fit if best is None or fit.criterion < best.criterion else best
     assert best is not None
-    return RationalFit(**{**best.__dict__, "orders": tuple(tried)})
+    return replace(best, orders=tuple(tried))
 
 
-def _target(
-    frequency_hz: Array,
-    response: ComplexArray,
-    variance: Array | None,
-    hold_rate_hz: float | None,
-    magnitude_only: bool,
-) -> Target:
-    """Return the checked target with weights."""
-    f, g = np.asarray(frequency_hz, dtype=float), np.asarray(response, dtype=complex)
-    if g.ndim != 3 or g.shape[0] != f.size:
-        raise ConfigError(
-            f"response has shape {g.shape}, frequency has {f.size}; needs (n_f, n_y, n_u) with one row per frequency"
-        )
-    if f.size < 4 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0:
-        raise DataError(f"frequency response has {f.size} lines; a fit needs at least 4, positive and rising")
-    if hold_rate_hz is not None and not f[-1] <= 0.5 * hold_rate_hz:
-        raise ConfigError(
-            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or give the right rate"
-        )
-    if not np.all(np.isfinite(g)):
-        raise DataError(
-            "frequency response holds a number that is not finite; leave out the lines without excitation"
-        )
-    if variance is None:
-        weight = np.full(g.shape, 1.0 / np.sqrt(np.mean(np.abs(g) ** 2)))
-    else:
-        if np.shape(variance) != g.shape or not np.all(np.asarray(variance) > 0.0):
-            raise DataError(
-                f"variance must be positive with shape {g.shape}; give one for every entry of the response, or none"
-            )
-        # half of E|error|^2 falls to the real part and half to the imaginary part, and along the magnitude too
-        weight = np.sqrt(2.0 / np.asarray(variance, dtype=float))
-    return Target(f, g, weight, hold_rate_hz, magnitude_only)
+class _Search:
+    """Local fits from several starts of one order, under one target and one structure."""
 
+    def __init__(self, target: Target, structure: Structure, scaled: bool, iterations: int) -> None:
+        self._target, self._structure = target, structure
+        self._scaled, self._iterations = scaled, iterations
 
-def starting_model(target: Target, blocks: int, form: str, feedthrough: bool) -> ModalModel:
-    """Return a model with `blocks` blocks near the best fit: vector fitting, then balanced truncation to that order."""
-    fitted = vector_fit(
-        target.frequency_hz, target.response, 2 * blocks, target.weight, target.hold_rate_hz, feedthrough
-    )
-    n_y, n_u = target.response.shape[1:]
-    if min(n_y, n_u) == 1:
-        left, right = (
-            (fitted.residues[:, :, 0], np.ones((2 * blocks, 1)))
-            if n_u == 1
-            else (np.ones((2 * blocks, 1)), fitted.residues[:, 0, :])
-        )
-        model = modal_from_poles(fitted.poles, left.astype(complex), right.astype(complex), fitted.d)
-    else:
-        a, b, c = _realise(fitted)
-        a, b, c, _ = balanced_truncation(a, b, c, 2 * blocks)
-        model = modal_from_state_space(a, b, c, fitted.d)
-    return _as_mechanical(model, target) if form == "mechanical" else model
+    def _fit(self, start: ModalModel, iterations: int) -> RationalFit:
+        return refine(self._target, start, self._structure, self._scaled, iterations)
 
+    def best_of_order(self, count: int, smaller: RationalFit | None) -> RationalFit:
+        """Return the best fit with `count` blocks, from vector fitting, from a smaller fit, and from exchanges.
 
-def _realise(fitted: PoleResidues) -> tuple[Array, Array, Array]:
-    """Return a real state space (A, B, C) with every pole repeated once per rank of its residue (Gilbert 1963)."""
-    a, b, c = [], [], []
-    for pole, residue in zip(fitted.poles, fitted.residues, strict=True):
-        if pole.imag < 0.0:
-            continue
-        left, size, right = np.linalg.svd(residue)
-        for k in np.flatnonzero(size > 1e-9 * size[0]):
-            out, into = left[:, k] * np.sqrt(size[k]), right[k] * np.sqrt(size[k])
-            if pole.imag == 0.0:
-                a.append(np.array([[pole.real]]))
-                b.append(into.real[None])
-                c.append(out.real[:, None])
-            else:
-                a.append(np.array([[pole.real, pole.imag], [-pole.imag, pole.real]]))
-                # states are sqrt(2) (Re, Im) of the complex one, which follows x' = p x + into u
-                b.append(np.sqrt(2.0) * np.stack([into.real, -into.imag]))
-                c.append(np.sqrt(2.0) * np.stack([out.real, out.imag], axis=1))
-    return block_diag(*a), np.concatenate(b), np.concatenate(c, axis=1)
+        An exchange adds a block where the residual is largest and takes out the one that is missed least; it leads
+        out of minima in which a block stands where there is no mode. It is repeated while it helps.
+        """
+        short = max(self._iterations // 5, 10)
+        fits = [self._fit(start, short) for start in self._starts(count, smaller)]
+        best = min(fits, key=lambda fit: fit.chi2)
+        while not self._adequate(best):
+            grown = self._fit(with_new_block(self._target, best.model, self._structure), short // 2)
+            trial = self._fit(without_weakest_block(self._target, grown.model), short)
+            if trial.chi2 > (1.0 - 1e-3) * best.chi2:
+                break
+            best = trial
+        return self._fit(best.model, self._iterations)
 
+    def _starts(self, count: int, smaller: RationalFit | None) -> Iterator[ModalModel]:
+        yield starting_model(self._target, count, self._structure)
+        if smaller is not None:
+            model = smaller.model
+            while model.n_blocks < count:
+                model = with_new_block(self._target, model, self._structure)
+            yield model
 
-def _as_mechanical(model: ModalModel, target: Target) -> ModalModel:
-    """Return the model with b_direct = c_rate = 0 and rank-one participation fitted anew for its poles."""
-    q = block_spectra(*_points(model, target))[0][0].T
-    n_y, n_u = target.response.shape[1:]
-    m = model.n_blocks
-    n0 = np.empty((m, n_y, n_u))
-    for y, u in np.ndindex(n_y, n_u):
-        w = target.weight[:, y, u]
-        system = np.concatenate([(w[:, None] * q).real, (w[:, None] * q).imag])
-        goal = w * (target.response[:, y, u] - model.d[y, u])
-        column = np.linalg.norm(system, axis=0)
-        n0[:, y, u] = (
-            np.linalg.lstsq(system / column, np.concatenate([goal.real, goal.imag]), rcond=None)[0] / column
-        )
-    left, size, right = np.linalg.svd(n0, full_matrices=False)
-    zero_b, zero_c = np.zeros((m, n_u)), np.zeros((n_y, m))
-    return canonical(
-        model.with_(b=right[:, 0, :], c=(left[:, :, 0] * size[:, :1]).T, b_direct=zero_b, c_rate=zero_c)
-    )
+    def _adequate(self, fit: RationalFit) -> bool:
+        """Return whether the noise explains the residual: chi2 within three standard deviations of dof."""
+        return not fit.scaled and fit.chi2 < fit.dof + 3.0 * np.sqrt(2.0 * fit.dof)
 
-
-def _points(model: ModalModel, target: Target) -> tuple:
-    s = 2j * np.pi * target.frequency_hz
-    point = s if target.hold_rate_hz is None else np.exp(s / target.hold_rate_hz)
-    return block_matrices(model.omega_rad_s, model.sigma_1_s, target.hold_rate_hz), point
-
-
-def refine(
-    target: Target,
-    start: ModalModel,
-    form: str = "general",
-    feedthrough: bool = True,
-    delay: bool = False,
-    scaled: bool = False,
-    iterations: int = 200,
-) -> RationalFit:
-    """Return the weighted least-squares fit reached from `start` by Levenberg-Marquardt with an analytic Jacobian."""
-    layout = layout_of(start, form, feedthrough, delay)
-    fixed = pack(start)
-
-    def full(x: Array) -> Array:
-        vector = fixed.copy()
-        vector[layout.free] = x
-        return vector
-
-    def assemble(x: Array) -> Normal:
-        normal = normal_equations(target, unpack(full(x), layout), layout)
-        return Normal(
-            normal.cost, normal.gradient[layout.free], normal.hessian[np.ix_(layout.free, layout.free)]
-        )
-
-    def cost(x: Array) -> float:
-        model = unpack(full(x), layout)
-        if not np.all(np.isfinite(model.omega_rad_s)) or not np.all(np.isfinite(model.sigma_1_s)):
-            return np.inf
-        return _residual_cost(target, model)
-
-    minimum = minimise(assemble, cost, fixed[layout.free], iterations)
-    model = canonical(unpack(full(minimum.parameters), layout))
-    return _result(target, model, layout, scaled, minimum.converged)
-
-
-def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, converged: bool) -> RationalFit:
-    """Return the result with the covariance of the canonical model and the criterion."""
-    normal = normal_equations(target, model, layout)
-    free = np.flatnonzero(layout.free)
-    inside = np.ix_(free, free)
-    small = covariance(Normal(normal.cost, normal.gradient[free], normal.hessian[inside]))
-    values = target.response.size * (1 if target.magnitude_only else 2)
-    # each block has two free scalings between input and output (one if mechanical) that no data can see
-    count = int(
-        np.linalg.matrix_rank(small / np.outer(*[np.sqrt(np.maximum(np.diag(small), 1e-300))] * 2), tol=1e-9)
-    )
-    dof = max(values - count, 1)
-    factor = normal.cost / dof if scaled else 1.0
-    full = np.zeros((layout.size, layout.size))
-    full[inside] = small * factor
-    std = np.sqrt(np.maximum(np.diag(full), 0.0))
-    fit = values * np.log(normal.cost / values) if scaled else normal.cost
-    return RationalFit(
-        model,
-        layout,
-        full,
-        model.omega_rad_s * std[layout.index("log_omega")],
-        model.sigma_1_s * std[layout.index("log_sigma")],
-        normal.cost,
-        dof,
-        scaled,
-        float(fit + count * np.log(values)),
-        converged,
-        ((model.n_blocks, float(fit + count * np.log(values))),),
-    )
-
-
-def _residual(target: Target, response: ComplexArray) -> NDArray:
-    """Return the weighted residual (model minus data), complex, or real for a magnitude-only fit."""
-    if target.magnitude_only:
-        return target.weight * (np.abs(response) - np.abs(target.response))
-    return target.weight * (response - target.response)
-
-
-def _residual_cost(target: Target, model: ModalModel) -> float:
-    (q, v), part = block_spectra_state(model, target), participation(model)
-    response = np.tensordot(q, part.n0, axes=(0, 0)) + np.tensordot(v, part.n1, axes=(0, 0)) + model.d
-    response = response * _delay_factor(model, target)[0][:, None, :]
-    return float(np.sum(np.abs(_residual(target, response)) ** 2))
-
-
-def block_spectra_state(model: ModalModel, target: Target) -> ComplexArray:
-    """Return (q, v) of every block at the target's frequencies, shape (2, m, n_f)."""
-    return block_spectra(*_points(model, target))[0]
-
-
-def _delay_factor(model: ModalModel, target: Target) -> tuple[ComplexArray, ComplexArray]:
-    """Return the delay's factor and its derivative to the delay, each (n_f, n_u)."""
-    s = 2j * np.pi * target.frequency_hz[:, None]
-    if target.hold_rate_hz is None:
-        factor = np.exp(-s * model.delay_s)
-        return factor, -s * factor
-    # between two held samples the delayed input is a straight line, as sim_backend.linear plays it
-    samples = model.delay_s * target.hold_rate_hz
-    whole = np.floor(samples)
-    back = np.exp(-s / target.hold_rate_hz)
-    shift = back**whole
-    return shift * (1.0 + (samples - whole) * (back - 1.0)), shift * (back - 1.0) * target.hold_rate_hz
-
-
-def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Normal:
-    """Return cost, J'r (p,) and J'J (p, p) over all parameters of the layout.
-
-    The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from one
-    narrow Jacobian per entry.
-    """
-    (q, v), slope = block_spectra(*_points(model, target))
-    part = participation(model)
-    factor, factor_slope = _delay_factor(model, target)
-    omega2 = model.omega_rad_s[:, None] ** 2
-    gradient, hessian, cost = np.zeros(layout.size), np.zeros((layout.size, layout.size)), 0.0
-    place = {
-        k: layout.index(k) for k in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")
-    }
-    for y, u in np.ndindex(layout.n_outputs, layout.n_inputs):
-        n0, n1 = part.n0[:, y, u, None], part.n1[:, y, u, None]
-        bare = (n0 * q + n1 * v).sum(axis=0) + model.d[y, u]
-        c, rate = model.c[y, :, None], model.c_rate[y, :, None]
-        direct, b, force = model.b_direct[:, u, None], model.b[:, u, None], part.force[:, u, None]
-        columns = np.concatenate(
-            [
-                n0 * slope[0, 0] + n1 * slope[0, 1] + part.n0_log_omega[:, y, u, None] * q,
-                n0 * slope[1, 0] + n1 * slope[1, 1] + part.n0_log_sigma[:, y, u, None] * q,
-                c * q + rate * v,
-                c * (2.0 * model.sigma_1_s[:, None] * q + v) - omega2 * rate * q,
-                force * q + direct * v,
-                b * v - omega2 * direct * q,
-                np.ones((1, q.shape[1])),
-            ]
-        )
-        columns = np.concatenate([columns * factor[:, u], (bare * factor_slope[:, u])[None]])
-        names = [place["log_omega"], place["log_sigma"], place["b"][:, u], place["b_direct"][:, u]]
-        names += [place["c"][y], place["c_rate"][y], place["d"][y, u : u + 1], place["delay_s"][u : u + 1]]
-        index = np.concatenate(names)
-        jacobian, residual = _weighted(target, y, u, bare * factor[:, u], columns)
-        cost += float(residual @ residual)
-        gradient[index] += jacobian @ residual
-        hessian[np.ix_(index, index)] += jacobian @ jacobian.T
-    return Normal(cost, gradient, hessian)
-
-
-def _weighted(
-    target: Target, y: int, u: int, response: ComplexArray, columns: ComplexArray
-) -> tuple[Array, Array]:
-    """Return the real, weighted Jacobian (k, n) and residual (n,) of one entry."""
-    w, data = target.weight[:, y, u], target.response[:, y, u]
-    if target.magnitude_only:
-        size = np.abs(response)
-        along = np.conj(response) / np.where(size > 0.0, size, 1.0)
-        return (columns * (along * w)).real, w * (size - np.abs(data))
-    jacobian, residual = columns * w, w * (response - data)
-    return np.concatenate([jacobian.real, jacobian.imag], axis=1), np.concatenate(
-        [residual.real, residual.imag]
-    )
-
-
-def predicted_response(model: ModalModel, frequency_hz: Array, hold_rate_hz: float | None) -> ComplexArray:
-    """Return the response (n_f, n_y, n_u) of a model as a fit with the same hold sees it."""
-    return (
-        model.frequency_response(frequency_hz)
-        if hold_rate_hz is None
-        else discretise(model, hold_rate_hz).frequency_response(frequency_hz)
-    )
+    def with_rigid_bodies(self, fit: RationalFit, wanted: int | None) -> RationalFit:
+        """Return the fit with poles at zero for the lowest `wanted` blocks, or for as many as the criterion likes."""
+        below = 2.0 * np.pi * self._target.frequency_hz[0]
+        for i in range(fit.model.n_blocks if wanted is None else min(wanted, fit.model.n_blocks)):
+            order = np.argsort(fit.model.omega_rad_s)
+            omega, sigma = fit.model.omega_rad_s.copy(), fit.model.sigma_1_s.copy()
+            if wanted is None and omega[order[i]] > below:
+                break
+            omega[order[i]] = sigma[order[i]] = 0.0
+            start = fit.model.with_(omega_rad_s=omega, sigma_1_s=sigma)
+            if not np.isfinite(residual_cost(self._target, start)):
+                raise ConfigError("a rigid body has no finite response at 0 Hz; leave that line out")
+            trial = self._fit(start, self._iterations)
+            if wanted is None and trial.criterion > fit.criterion:
+                break
+            fit = trial
+        return fit

@@ -1,0 +1,236 @@
+"""Weighted least squares between a ModalModel and a frequency response: normal equations and their minimum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.block_basis import BlockMatrices, block_matrices, block_spectra
+from analysis.modal_form import canonical
+from analysis.modal_parameters import Layout, Structure, layout_of, pack, participation, step_limit, unpack
+from analysis.normal_equations import Normal, covariance, minimise
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import Array, ModalModel
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a fit has to meet: frequency (n_f,), response and weight (n_f, n_y, n_u), and how it was measured.
+
+    The weight is 1 ÷ standard deviation of the real part (of the magnitude, for a magnitude-only fit).
+    """
+
+    frequency_hz: Array
+    response: ComplexArray
+    weight: Array
+    hold_rate_hz: float | None
+    magnitude_only: bool
+
+
+@dataclass(frozen=True)
+class RationalFit:
+    """A fitted model with its uncertainty.
+
+    `covariance` (p, p) belongs to the vector of `analysis.modal_parameters.pack(model)`; `omega_std_rad_s` and
+    `sigma_std_1_s` (m,) are drawn from it. `chi2` is the weighted sum of squares, `dof` its degrees of freedom;
+    `scaled` is True when no variance was given, and the covariance was scaled so that chi2 = dof. `criterion` is the
+    Bayesian information criterion, `orders` the numbers of blocks tried with their criteria.
+    """
+
+    model: ModalModel
+    layout: Layout
+    covariance: Array
+    omega_std_rad_s: Array
+    sigma_std_1_s: Array
+    chi2: float
+    dof: int
+    scaled: bool
+    criterion: float
+    converged: bool
+    orders: tuple[tuple[int, float], ...]
+
+
+def make_target(
+    frequency_hz: Array,
+    response: ComplexArray,
+    variance: Array | None,
+    hold_rate_hz: float | None,
+    magnitude_only: bool = False,
+) -> Target:
+    """Return the checked target with weights."""
+    f, g = np.asarray(frequency_hz, dtype=float), np.asarray(response, dtype=complex)
+    if g.ndim != 3 or g.shape[0] != f.size:
+        raise ConfigError(
+            f"response has shape {g.shape}, frequency has {f.size}; needs (n_f, n_y, n_u) with one row per frequency"
+        )
+    if f.size < 4 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0:
+        raise DataError(f"frequency response has {f.size} lines; a fit needs at least 4, positive and rising")
+    if hold_rate_hz is not None and not f[-1] <= 0.5 * hold_rate_hz:
+        raise ConfigError(
+            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or give the right rate"
+        )
+    if not np.all(np.isfinite(g)):
+        raise DataError("frequency response holds a number that is not finite; leave out the lines without excitation")
+    if variance is None:
+        weight = np.full(g.shape, 1.0 / np.sqrt(np.mean(np.abs(g) ** 2)))
+    else:
+        if np.shape(variance) != g.shape or not np.all(np.asarray(variance) > 0.0):
+            raise DataError(
+                f"variance must be positive with shape {g.shape}; give one for every entry of the response, or none"
+            )
+        # half of E|error|^2 falls to the real part and half to the imaginary part, and along the magnitude too
+        weight = np.sqrt(2.0 / np.asarray(variance, dtype=float))
+    return Target(f, g, weight, hold_rate_hz, magnitude_only)
+
+
+def _points(model: ModalModel, target: Target) -> tuple[BlockMatrices, ComplexArray]:
+    """Return the block matrices and the points lambda at which they are resolved."""
+    s = 2j * np.pi * target.frequency_hz
+    point = s if target.hold_rate_hz is None else np.exp(s / target.hold_rate_hz)
+    return block_matrices(model.omega_rad_s, model.sigma_1_s, target.hold_rate_hz), point
+
+
+def refine(
+    target: Target, start: ModalModel, structure: Structure, scaled: bool = False, iterations: int = 200
+) -> RationalFit:
+    """Return the weighted least-squares fit reached from `start` by Levenberg-Marquardt with an analytic Jacobian."""
+    layout = layout_of(start, structure)
+    fixed = pack(start)
+
+    def full(x: Array) -> Array:
+        vector = fixed.copy()
+        vector[layout.free] = x
+        return vector
+
+    def assemble(x: Array) -> Normal:
+        normal = normal_equations(target, unpack(full(x), layout), layout)
+        return Normal(normal.cost, normal.gradient[layout.free], normal.hessian[np.ix_(layout.free, layout.free)])
+
+    def cost(x: Array) -> float:
+        return residual_cost(target, unpack(full(x), layout))
+
+    minimum = minimise(assemble, cost, fixed[layout.free], iterations, limit=step_limit(layout))
+    model = canonical(unpack(full(minimum.parameters), layout))
+    return _result(target, model, layout, scaled, minimum.converged)
+
+
+def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, converged: bool) -> RationalFit:
+    """Return the result with the covariance of the canonical model and the criterion."""
+    normal = normal_equations(target, model, layout)
+    free = np.flatnonzero(layout.free)
+    inside = np.ix_(free, free)
+    small = covariance(Normal(normal.cost, normal.gradient[free], normal.hessian[inside]))
+    values = target.response.size * (1 if target.magnitude_only else 2)
+    # each block has two free scalings between input and output (one if mechanical) that no data can see
+    count = int(np.linalg.matrix_rank(small / np.outer(*[np.sqrt(np.maximum(np.diag(small), 1e-300))] * 2), tol=1e-9))
+    dof = max(values - count, 1)
+    factor = normal.cost / dof if scaled else 1.0
+    full = np.zeros((layout.size, layout.size))
+    full[inside] = small * factor
+    std = np.sqrt(np.maximum(np.diag(full), 0.0))
+    fit = values * np.log(normal.cost / values) if scaled else normal.cost
+    return RationalFit(
+        model,
+        layout,
+        full,
+        model.omega_rad_s * std[layout.index("log_omega")],
+        model.sigma_1_s * std[layout.index("log_sigma")],
+        normal.cost,
+        dof,
+        scaled,
+        float(fit + count * np.log(values)),
+        converged,
+        ((model.n_blocks, float(fit + count * np.log(values))),),
+    )
+
+
+def _residual(target: Target, response: ComplexArray) -> NDArray:
+    """Return the weighted residual (model minus data), complex, or real for a magnitude-only fit."""
+    if target.magnitude_only:
+        return target.weight * (np.abs(response) - np.abs(target.response))
+    return target.weight * (response - target.response)
+
+
+def residual_cost(target: Target, model: ModalModel) -> float:
+    """Return the weighted sum of squares of the difference between model and data."""
+    return float(np.sum(np.abs(_residual(target, model_response(model, target))) ** 2))
+
+
+def model_response(model: ModalModel, target: Target) -> ComplexArray:
+    """Return the response (n_f, n_y, n_u) of a model as the target was measured."""
+    (q, v), part = block_states(model, target), participation(model)
+    response = np.tensordot(q, part.n0, axes=(0, 0)) + np.tensordot(v, part.n1, axes=(0, 0)) + model.d
+    return response * _delay_factor(model, target)[0][:, None, :]
+
+
+def block_states(model: ModalModel, target: Target) -> ComplexArray:
+    """Return (q, v) of every block under a unit force at the target's frequencies, shape (2, m, n_f)."""
+    return block_spectra(*_points(model, target))[0]
+
+
+def _delay_factor(model: ModalModel, target: Target) -> tuple[ComplexArray, ComplexArray]:
+    """Return the delay's factor and its derivative to the delay, each (n_f, n_u)."""
+    s = 2j * np.pi * target.frequency_hz[:, None]
+    if target.hold_rate_hz is None:
+        factor = np.exp(-s * model.delay_s)
+        return factor, -s * factor
+    # between two held samples the delayed input is a straight line, as sim_backend.linear plays it
+    samples = model.delay_s * target.hold_rate_hz
+    whole = np.floor(samples)
+    back = np.exp(-s / target.hold_rate_hz)
+    shift = back**whole
+    return shift * (1.0 + (samples - whole) * (back - 1.0)), shift * (back - 1.0) * target.hold_rate_hz
+
+
+def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Normal:
+    """Return cost, J'r (p,) and J'J (p, p) over all parameters of the layout.
+
+    The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from one
+    narrow Jacobian per entry.
+    """
+    (q, v), slope = block_spectra(*_points(model, target))
+    part = participation(model)
+    factor, factor_slope = _delay_factor(model, target)
+    omega2 = model.omega_rad_s[:, None] ** 2
+    gradient, hessian, cost = np.zeros(layout.size), np.zeros((layout.size, layout.size)), 0.0
+    place = {k: layout.index(k) for k in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")}
+    for y, u in np.ndindex(layout.n_outputs, layout.n_inputs):
+        n0, n1 = part.n0[:, y, u, None], part.n1[:, y, u, None]
+        bare = (n0 * q + n1 * v).sum(axis=0) + model.d[y, u]
+        c, rate = model.c[y, :, None], model.c_rate[y, :, None]
+        direct, b, force = model.b_direct[:, u, None], model.b[:, u, None], part.force[:, u, None]
+        columns = np.concatenate(
+            [
+                n0 * slope[0, 0] + n1 * slope[0, 1] + part.n0_log_omega[:, y, u, None] * q,
+                n0 * slope[1, 0] + n1 * slope[1, 1] + part.n0_log_sigma[:, y, u, None] * q,
+                c * q + rate * v,
+                c * (2.0 * model.sigma_1_s[:, None] * q + v) - omega2 * rate * q,
+                force * q + direct * v,
+                b * v - omega2 * direct * q,
+                np.ones((1, q.shape[1])),
+            ]
+        )
+        columns = np.concatenate([columns * factor[:, u], (bare * factor_slope[:, u])[None]])
+        names = [place["log_omega"], place["log_sigma"], place["b"][:, u], place["b_direct"][:, u]]
+        names += [place["c"][y], place["c_rate"][y], place["d"][y, u : u + 1], place["delay_s"][u : u + 1]]
+        index = np.concatenate(names)
+        jacobian, residual = _weighted(target, y, u, bare * factor[:, u], columns)
+        cost += float(residual @ residual)
+        gradient[index] += jacobian @ residual
+        hessian[np.ix_(index, index)] += jacobian @ jacobian.T
+    return Normal(cost, gradient, hessian)
+
+
+def _weighted(target: Target, y: int, u: int, response: ComplexArray, columns: ComplexArray) -> tuple[Array, Array]:
+    """Return the real, weighted Jacobian (k, n) and residual (n,) of one entry."""
+    w, data = target.weight[:, y, u], target.response[:, y, u]
+    if target.magnitude_only:
+        size = np.abs(response)
+        along = np.conj(response) / np.where(size > 0.0, size, 1.0)
+        return (columns * (along * w)).real, w * (size - np.abs(data))
+    jacobian, residual = columns * w, w * (response - data)
+    return np.concatenate([jacobian.real, jacobian.imag], axis=1), np.concatenate([residual.real, residual.imag])
