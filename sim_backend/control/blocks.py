@@ -45,13 +45,9 @@ class DiscreteFilter:
         for name, shape in (("a", (m, 2, 2)), ("b", (m, 2)), ("c", (m, 2))):
             value = getattr(self, name)
             if value.shape != shape:
-                raise ConfigError(
-                    f"filter: {name} has shape {value.shape}, needs {shape}; give one entry per block"
-                )
+                raise ConfigError(f"filter: {name} has shape {value.shape}, needs {shape}; give one entry per block")
             if not np.all(np.isfinite(value)):
-                raise ConfigError(
-                    f"filter: {name} holds a number that is not finite; check poles, zeros and gain"
-                )
+                raise ConfigError(f"filter: {name} holds a number that is not finite; check poles, zeros and gain")
         if not (np.isfinite(self.d) and np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
             raise ConfigError(
                 f"filter: direct gain {self.d} and rate {self.rate_hz} Hz must be finite, the rate above zero"
@@ -153,9 +149,7 @@ def tustin_zpk(
     """
     zs, ps = np.asarray(zeros_1_s, dtype=complex), np.asarray(poles_1_s, dtype=complex)
     if zs.size > ps.size:
-        raise ConfigError(
-            f"filter: {zs.size} zeros over {ps.size} poles; add a low pass of order {zs.size - ps.size}"
-        )
+        raise ConfigError(f"filter: {zs.size} zeros over {ps.size} poles; add a low pass of order {zs.size - ps.size}")
     two_rate = 2.0 * rate_hz
     z_gain = gain
     # factor by factor, so that eighth powers of 20,000 never meet

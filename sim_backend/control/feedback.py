@@ -75,9 +75,7 @@ def theta_controller(gain_factor: float = 1.0) -> DiscreteFilter:
     return LoopShape().filter().scaled(gain_factor)
 
 
-def pid_forward_euler(
-    kp: float, ki: float, kd: float, bandwidth_rad_s: float, rate_hz: float
-) -> DiscreteFilter:
+def pid_forward_euler(kp: float, ki: float, kd: float, bandwidth_rad_s: float, rate_hz: float) -> DiscreteFilter:
     """Return kp + ki/s + kd N s/(s + N), N = `bandwidth_rad_s`, by the forward Euler rule.
 
     The rule is s = rate (z - 1). The gains are in output per input unit (times 1/s and s). Raises ConfigError
@@ -136,9 +134,7 @@ def loop_margins(loop: Response, low_hz: float, high_hz: float, points: int = 20
     resonances but not to resolve them. Raises ConfigError when the range is empty.
     """
     if not 0.0 < low_hz < high_hz:
-        raise ConfigError(
-            f"margins between {low_hz} and {high_hz} Hz: the range is empty; give 0 < low < high"
-        )
+        raise ConfigError(f"margins between {low_hz} and {high_hz} Hz: the range is empty; give 0 < low < high")
     f = np.geomspace(low_hz, high_hz, points)
     response = loop(f)
 
@@ -147,9 +143,7 @@ def loop_margins(loop: Response, low_hz: float, high_hz: float, points: int = 20
 
     real_axis = [brentq(lambda x: at(x).imag, f[k], f[k + 1]) for k in _sign_changes(response.imag)]
     gains = [(-20.0 * np.log10(abs(at(x))), x) for x in real_axis if at(x).real < 0.0]
-    unit_circle = [
-        brentq(lambda x: abs(at(x)) - 1.0, f[k], f[k + 1]) for k in _sign_changes(np.abs(response) - 1.0)
-    ]
+    unit_circle = [brentq(lambda x: abs(at(x)) - 1.0, f[k], f[k + 1]) for k in _sign_changes(np.abs(response) - 1.0)]
     # the lag that turns L onto -1: an angle from 0 to 360 degrees
     phases = [(np.rad2deg(np.angle(-at(x))) % 360.0, x) for x in unit_circle]
     gain, gain_hz = min(gains, key=lambda g: abs(g[0]), default=(np.inf, np.nan))
@@ -167,9 +161,7 @@ def _sign_changes(values: Array) -> NDArray[np.intp]:
 def _peak(function: Callable[[float], float], f: Array, values: Array) -> tuple[float, float]:
     k = int(np.argmax(values))
     low, high = f[max(k - 1, 0)], f[min(k + 1, f.size - 1)]
-    best = minimize_scalar(
-        lambda x: -function(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * high}
-    )
+    best = minimize_scalar(lambda x: -function(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * high})
     return max((-float(best.fun), float(best.x)), (float(values[k]), float(f[k])))
 
 
