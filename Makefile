@@ -57,7 +57,7 @@ $(BIN)/python:
 
 lock:
 	$(PYTHON) -m venv --clear build/lock
-	build/lock/bin/python -m pip install --quiet setuptools '.[dev,peers,cluster,docs]'
+	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,cluster,docs]'
 	{ echo '# Every dependency, direct or not, of mccd and its extras. Made by `make lock`; do not edit.'; \
 	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints.txt
 	rm -rf build/lock

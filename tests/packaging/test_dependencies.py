@@ -15,7 +15,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT = SETTINGS["project"]
 OURS = {"sim_backend", "campaigns", "analysis", "mccdcli"}
 # names that a distribution gives to its import, for those that need not be installed here
 IMPORT_NAMES = {"myst_parser": "myst-parser", "distributed": "distributed", "dask": "distributed"}
@@ -79,7 +80,8 @@ def test_no_build_file_names_a_place_to_fetch_from() -> None:
 
 def test_every_declared_dependency_is_pinned_to_a_version_that_it_admits() -> None:
     versions = pins()
-    for name, requirement in declared(*PROJECT["optional-dependencies"]).items():
+    builders = {canonicalize_name(r.name): r for r in map(Requirement, SETTINGS["build-system"]["requires"])}
+    for name, requirement in (builders | declared(*PROJECT["optional-dependencies"])).items():
         assert name in versions, f"{name} is not in constraints.txt: run `make lock`"
         assert versions[name] in requirement.specifier, f"{requirement} against {versions[name]}"
 
