@@ -158,6 +158,11 @@ def check_name(name: str, what: str) -> None:
         )
 
 
+def check_label(label: str) -> None:
+    """Raise ConfigError unless `label` can name a segment: as `check_name`, with `/` allowed."""
+    check_name(label.replace("/", " "), "segment label")
+
+
 def check_status(status: str) -> None:
     """Raise ConfigError unless `status` is the open one or a final one."""
     if status not in (OPEN_STATUS, *FINAL_STATUSES):
@@ -188,6 +193,8 @@ def to_json(value: Mapping[str, Any], what: str) -> str:
 def _plain(value: object) -> object:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
+    if isinstance(value, Mapping):  # a read-only one, as the settings of a segment that was read
+        return dict(value)
     raise TypeError(f"{type(value).__name__} is no JSON type")
 
 

@@ -10,7 +10,7 @@ from click.shell_completion import get_completion_class
 @click.argument("shell", metavar="bash|zsh|fish", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(ctx: click.Context, shell: str) -> None:
-    r"""Print the script that completes mccd in your shell.
+    """Print the script that completes mccd in your shell.
 
     \b
     Examples:

@@ -14,7 +14,7 @@ from mccdcli.output import emit
 @existing_file("run")
 @common_options("out", "json")
 def recover(run: Path, out: Path | None, as_json: bool) -> None:
-    r"""Recover what a crash left of a log into a new file, marked as crashed.
+    """Recover what a crash left of a log into a new file, marked as crashed.
 
     The new file is RUN.recovered.h5 unless --out names another; the old one is not touched.
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @existing_file("run")
 @common_options("json")
 def show(run: Path, as_json: bool) -> None:
-    r"""Show what a log holds: its run, its channels and its segments.
+    """Show what a log holds: its run, its channels and its segments.
 
     \b
     Examples:

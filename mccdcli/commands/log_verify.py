@@ -14,7 +14,7 @@ from mccdcli.output import emit, plain, table
 @existing_file("runs", nargs=-1)
 @common_options("json")
 def verify(runs: tuple[Path, ...], as_json: bool) -> int:
-    r"""Verify that logs are as they were written; exit code 1 if one is not.
+    """Verify that logs are as they were written; exit code 1 if one is not.
 
     \b
     Examples:

@@ -108,8 +108,9 @@ def test_each_line_of_the_table_leads_to_a_command_that_explains_itself(name: st
     assert command.name == name.split()[-1]
     assert command.help is not None
     assert " ".join(command.help.partition("\n\n")[0].split()) == entry.help
-    assert "Examples:" in command.help
-    assert f"mccd {name}" in command.help
+    shown = [line.strip() for line in CliRunner().invoke(command, ["--help"]).output.splitlines()]
+    examples = shown[shown.index("Examples:") + 1 : shown.index("Options:")]
+    assert any(line.startswith(f"mccd {name}") for line in examples)
 
 
 def test_every_group_has_a_line_of_help_and_a_command() -> None:
