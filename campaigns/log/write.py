@@ -33,7 +33,7 @@ from campaigns.log.schema import (
     Channel,
     ChannelLike,
     Header,
-    check_name,
+    check_label,
     to_json,
 )
 from sim_backend.errors import ConfigError, MccdError
@@ -55,6 +55,7 @@ class LogWriter:
         self.status = OPEN_STATUS
         self.status_reason = ""
         self.committed_rows = 0
+        self.run_uid = str(file.attrs["run_uid"])
         self._file = file
         self._datasets = [file[CHANNELS][channel.name] for channel in channels]
         self._segments = file[SEGMENTS]
@@ -134,7 +135,7 @@ class LogWriter:
         Raises ConfigError for a label or settings that do not fit, or while another segment is open.
         """
         self._require_open()
-        check_name(label.replace("/", " "), "segment label")
+        check_label(label)
         text = to_json(settings or {}, f"settings of segment '{label}'").encode()
         if self._in_segment or label in self._labels or len(text) > self._settings_bytes:
             raise ConfigError(self._refusal(label, len(text)))

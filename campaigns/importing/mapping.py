@@ -1,0 +1,130 @@
+"""The map of an import: which variable of which file is which channel, read from TOML and checked at once."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from campaigns.log.schema import check_time
+from sim_backend.errors import ConfigError
+
+Axis = Literal["sample", "realisation", "period"]
+Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
+Count = Annotated[int, Meta(ge=2, le=2**40)]
+Row = Annotated[int, Meta(ge=0, le=2**48)]
+Text = Annotated[str, Meta(min_length=1, max_length=1000)]
+_MAX_BYTES = 4 * 2**20
+_UNKNOWN_FIELD = re.compile(r"unknown field `(?P<field>.*?)`(?: - at `\$(?P<place>.*)`)?")
+
+
+class LogMap(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[log]`: the test, the default source, the clock and the layout of the arrays."""
+
+    test: Text
+    source: Text | None = None
+    sample_rate_hz: Positive | None = None
+    time: Text | None = None
+    period: Count | None = None
+    axes: tuple[Axis, ...] = ("sample",)
+    bench: Text = "imported"
+    started_utc: Text | None = None
+    delimiter: Annotated[str, Meta(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] = "."
+
+
+class ChannelMap(Struct, frozen=True, forbid_unknown_fields=True):
+    """A table `[channels.NAME]`: what to select, its unit in the source, and what it is in the experiment."""
+
+    select: Text
+    unit: Text
+    role: Literal["input", "output", "reference", "aux"]
+    dof: str = ""
+    scale: Annotated[float, Meta(ge=-1e30, le=1e30)] = 1.0
+    source: Text | None = None
+    allow_constant: bool = False
+
+
+class PartMap(Struct, frozen=True, forbid_unknown_fields=True):
+    """A table `[[parts]]`: a stretch of the record with sources of its own; parts follow one another in the log."""
+
+    label: Text
+    source: Text | None = None
+    sources: dict[str, Text] = field(default_factory=dict)
+    settings: dict[str, bool | int | float | str] = field(default_factory=dict)
+
+
+class ImportMap(Struct, frozen=True, forbid_unknown_fields=True):
+    """A whole map; `sources` gives names to files, `segments` cuts a record without parts."""
+
+    log: LogMap
+    channels: dict[str, ChannelMap]
+    segments: dict[str, tuple[Row, Row]] = field(default_factory=dict)
+    sources: dict[str, Text] = field(default_factory=dict)
+    parts: list[PartMap] = field(default_factory=list)
+
+
+def read_map(path: Path) -> tuple[ImportMap, str]:
+    """Return the map at `path` and its text; raises ConfigError naming the place, the value and the nearest field."""
+    try:
+        if not path.is_file():
+            raise ConfigError(f"{path} is no file: give the path of an import map")
+        if path.stat().st_size > _MAX_BYTES:
+            raise ConfigError(f"{path} has {path.stat().st_size} bytes of at most {_MAX_BYTES}: shorten the map")
+        text = path.read_text(encoding="utf-8")
+        found = msgspec.convert(tomllib.loads(text), ImportMap, strict=True)
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path} is not UTF-8 at byte {error.start}: save it as UTF-8 text") from None
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        if isinstance(error, msgspec.ValidationError):
+            raise ConfigError(f"{path}: {_explain(error)}") from None
+        reason = str(error) or "tables nested too deeply"
+        raise ConfigError(f"{path} is no TOML: {reason}; correct it there") from None
+    _check(found, path)
+    return found, text
+
+
+def _explain(error: msgspec.ValidationError) -> str:
+    found = _UNKNOWN_FIELD.search(str(error))
+    if not found:
+        return str(error).replace("`$.", "`").replace("Object ", "the map ") + "; see docs/importing.md"
+    place = found["place"] or ""
+    known = _fields_at(place)
+    near = difflib.get_close_matches(found["field"], known, n=1)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    where = f"[{place.lstrip('.').replace('[...]', '.NAME')}]" if place else "the top level"
+    return f"unknown field '{found['field']}' in {where}: {hint}known are {', '.join(known)}"
+
+
+def _fields_at(place: str) -> tuple[str, ...]:
+    structs: dict[str, Any] = {".log": LogMap, ".channels": ChannelMap, ".parts": PartMap}
+    for start, struct in structs.items():
+        if place.startswith(start):
+            return tuple(struct.__struct_fields__)
+    return tuple(ImportMap.__struct_fields__)
+
+
+def _check(found: ImportMap, path: Path) -> None:
+    log = found.log
+    if not found.channels:
+        raise ConfigError(f"{path} names no channel: add a table [channels.NAME]")
+    if (log.sample_rate_hz is None) == (log.time is None):
+        raise ConfigError(f"{path} needs either sample_rate_hz or time in [log]: give exactly one of them")
+    if log.started_utc is not None:
+        check_time(log.started_utc, f"{path}: started_utc")
+    if len(set(log.axes)) != len(log.axes) or "sample" not in log.axes:
+        raise ConfigError(f"{path} has axes {list(log.axes)}: name 'sample' and each other axis once")
+    if found.segments and (found.parts or "realisation" in log.axes):
+        raise ConfigError(
+            f"{path} has [segments] beside parts or realisations, which are segments already: remove one of them"
+        )
+    for name, channel in found.channels.items():
+        if channel.scale == 0.0:
+            raise ConfigError(f"{path}: [channels.{name}] has scale 0.0, which makes it constant: give another factor")

@@ -1,0 +1,110 @@
+"""From selected arrays to one record: axes put in time order, clock found, values checked and turned into SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.importing.mapping import Axis, ChannelMap
+from campaigns.log.units import Unit
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+# Stamps printed with two digits below the sample period are off by half of the last digit, 0.5 % of a period, and so
+# are the two stamps at the ends that the uniform grid is drawn through. A lost sample is off by 100 %.
+GRID_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the rows of one part came from its arrays: `realisations` x `periods` x `samples` each."""
+
+    samples: int
+    realisations: int
+    periods: int
+
+    @property
+    def rows(self) -> int:
+        """Rows of the part."""
+        return self.samples * self.realisations * self.periods
+
+
+def flatten(values: NDArray[np.generic], axes: Sequence[Axis], what: str) -> tuple[Array, Layout]:
+    """Put an array with the named axes into time order: samples within periods within realisations.
+
+    Returns the rows as (n,) and their layout. Axes of length 1 may be left out of `axes`. Raises DataError when the
+    axes do not fit or the values are no real numbers.
+    """
+    if values.dtype.kind not in "fiub":
+        raise DataError(f"{what} holds values of type {values.dtype}: select real numbers")
+    if values.ndim != len(axes):
+        values = values.squeeze()
+    if values.ndim != len(axes):
+        raise DataError(
+            f"{what} has shape {values.shape}, but axes = {list(axes)} names {len(axes)}: select one column, "
+            "as in 'u[:, 0]', or name all axes"
+        )
+    length = dict(zip(axes, values.shape, strict=True))
+    order = [axes.index(axis) for axis in ("realisation", "period", "sample") if axis in axes]
+    layout = Layout(length["sample"], length.get("realisation", 1), length.get("period", 1))
+    if not layout.rows:
+        raise DataError(f"{what} is empty (shape {values.shape}): select a variable that holds samples")
+    return np.ascontiguousarray(values.transpose(order), dtype=np.float64).reshape(-1), layout
+
+
+def to_si(values: Array, channel: ChannelMap, unit: Unit, what: str) -> Array:
+    """Return `values` times the channel's scale, in SI; raises DataError naming the first one that is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        si = values * (channel.scale * unit.factor) + unit.offset
+    bad = np.flatnonzero(~np.isfinite(si))
+    if bad.size:
+        raise DataError(
+            f"{what} holds {values[bad[0]]} at sample {bad[0]} and {bad.size} value(s) in all that are not finite: "
+            "repair them or import the stretches between them"
+        )
+    return si
+
+
+def check_lengths(layouts: Mapping[str, Layout], where: str) -> Layout:
+    """Return the layout that all channels share; raises DataError naming two that differ."""
+    (first, layout), *others = layouts.items()
+    for name, other in others:
+        if other != layout:
+            raise DataError(
+                f"{where}channel '{first}' has {layout.rows} samples and '{name}' has {other.rows} "
+                f"({layout} against {other}): select equal lengths"
+            )
+    return layout
+
+
+def check_varies(parts: Sequence[Array], name: str, channel: ChannelMap) -> None:
+    """Raise DataError when an input or output has one value throughout and the map does not say that it may."""
+    low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
+    if low == high and channel.role in ("input", "output") and not channel.allow_constant:
+        raise DataError(
+            f"channel '{name}' is constant at {low:g} (SI) in all samples: select another variable, "
+            f"or set allow_constant = true in [channels.{name}]"
+        )
+
+
+def clock_of(time_s: Array, what: str) -> tuple[float, float]:
+    """Return (sample rate in Hz, time of the first sample in s) of uniform time stamps (n,).
+
+    Raises DataError with the worst step when a stamp leaves the uniform grid by more than 1 % of a sample period.
+    """
+    if time_s.size < 2 or not np.all(np.isfinite(time_s)):
+        raise DataError(f"{what} has {time_s.size} stamps or some that are not finite: give at least two numbers")
+    steps = np.diff(time_s)
+    period_s = (time_s[-1] - time_s[0]) / steps.size
+    grid = time_s[0] + period_s * np.arange(time_s.size)
+    rounding_s = 4.0 * np.finfo(float).eps * float(np.abs(time_s).max())
+    worst = int(np.argmax(np.abs(steps - period_s)))
+    if not period_s > 0.0 or np.abs(time_s - grid).max() > GRID_TOLERANCE * period_s + rounding_s:
+        raise DataError(
+            f"{what} is not uniform: the step after sample {worst} is {steps[worst]:.6g} s, the mean {period_s:.6g} s "
+            f"(limit: {GRID_TOLERANCE:.0%} of a step off the grid); resample the data or give sample_rate_hz"
+        )
+    return 1.0 / period_s, float(time_s[0])
