@@ -69,10 +69,10 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
 }
 
 
-def existing_file(name: str, nargs: int = 1) -> Callable[[F], F]:
+def existing_file(name: str, nargs: int = 1, metavar: str | None = None) -> Callable[[F], F]:
     """Decorator that adds the argument `name`: a file to read (Path), or with `nargs` -1 one or more of them."""
     kind = click.Path(exists=True, dir_okay=False, path_type=Path)
-    return click.argument(name, type=kind, nargs=nargs, required=True)
+    return click.argument(name, type=kind, nargs=nargs, metavar=metavar, required=True)
 
 
 def common_options(*names: str) -> Callable[[F], F]:

@@ -26,6 +26,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "completion": Entry(
             "mccdcli.commands.completion:completion", "Print the script that completes mccd in your shell."
         ),
+        "import": Entry(
+            "mccdcli.commands.import_data:import_data",
+            "Import data of any bench into a log, as a map file describes them.",
+        ),
         "log recover": Entry(
             "mccdcli.commands.log_recover:recover",
             "Recover what a crash left of a log into a new file, marked as crashed.",

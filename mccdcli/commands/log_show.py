@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mccdcli.logtext import channels_text, length_text, segments_text
 from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit, plain, table
 
@@ -53,14 +54,6 @@ def _text(log: Run) -> str:
         ("bench", ", ".join(f"{key} {value}" for key, value in header.bench.items())),
         ("written by", f"mccd {header.tool_version} (commit {header.tool_commit})"),
         ("seed", "none" if header.seed is None else str(header.seed)),
-        ("length", f"{log.rows} samples at {log.sample_rate_hz:g} Hz, {log.rows / log.sample_rate_hz:g} s"),
+        ("length", length_text(log.rows, log.sample_rate_hz)),
     ]
-    channels = [(c.name, c.unit, c.role, c.dof) for c in log.channels.values()]
-    segments = [(s.label, str(s.start), str(s.stop)) for s in log.segments]
-    return "\n\n".join(
-        [
-            table(facts),
-            table(channels, heads=("channel", "unit", "role", "dof")),
-            table(segments, heads=("segment", "start", "stop")),
-        ]
-    )
+    return "\n\n".join([table(facts), channels_text(log.channels.values()), segments_text(log.segments)])

@@ -52,13 +52,6 @@ def test_the_state_of_the_disk_is_no_bug(capsys: pytest.CaptureFixture[str]) -> 
     assert capsys.readouterr().err == "mccd: error: /no/such/folder/file: No such file or directory\n"
 
 
-@pytest.fixture
-def log_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.setenv("HOME", str(tmp_path))
-    return tmp_path
-
-
 @pytest.mark.parametrize("error", [ZeroDivisionError("division by zero"), OSError("no file named"), KeyError("x")])
 def test_a_bug_is_one_line_that_names_a_file_with_the_traceback(
     error: Exception, log_folder: Path, capsys: pytest.CaptureFixture[str]
