@@ -1,4 +1,4 @@
-"""Two-dimensional stability of a chop: mean positions, scatter, percentage inside the circle, repeatability, accuracy."""
+"""Two-dimensional stability of a chop: positions, scatter, percentage in the circle, repeatability, accuracy."""
 
 from __future__ import annotations
 

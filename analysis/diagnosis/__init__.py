@@ -1,0 +1,1 @@
+"""What a simulation gets wrong: residuals, screening, fitting, verdict, gain, next experiment."""

@@ -1,0 +1,91 @@
+"""The measured data of a diagnosis: records as arrays, cut into windows, some of them held out of every fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Window:
+    """Rows `start` to `stop` (exclusive) of a record; `period` in samples, 0 when the excitation does not repeat."""
+
+    label: str
+    start: int
+    stop: int
+    held_out: bool = False
+    period: int = 0
+
+
+@dataclass(frozen=True)
+class Record:
+    """One unbroken stretch of measurement: `u` (n, n_u), `y` (n, n_y), `temperature_k` (n,) or None.
+
+    Raises DataError when lengths differ or a number is not finite.
+    """
+
+    name: str
+    u: Array
+    y: Array
+    windows: tuple[Window, ...]
+    temperature_k: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.u.shape[0] != self.y.shape[0]:
+            raise DataError(
+                f"record {self.name}: {self.u.shape[0]} input rows against {self.y.shape[0]} output rows; "
+                "give both the same length"
+            )
+        for what, values in (("input", self.u), ("output", self.y)):
+            if not np.all(np.isfinite(values)):
+                row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+                raise DataError(f"record {self.name}: the {what} is not a number in row {row}; leave such rows out")
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return int(self.u.shape[0])
+
+    def fitted(self) -> Mask:
+        """Return which rows may be used for fitting, shape (n,): inside a window that is not held out."""
+        mask = np.zeros(self.n, dtype=bool)
+        for w in self.windows:
+            mask[w.start : w.stop] = not w.held_out
+        return mask
+
+    def held_out(self) -> Mask:
+        """Return which rows are held out, shape (n,)."""
+        mask = np.zeros(self.n, dtype=bool)
+        for w in self.windows:
+            mask[w.start : w.stop] = w.held_out
+        return mask
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """All records of a diagnosis, at one sample rate, with the same inputs and outputs."""
+
+    rate_hz: float
+    records: tuple[Record, ...]
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return int(self.records[0].y.shape[1])
+
+    def y_scale(self) -> Array:
+        """Return the rms of each output about its mean over all records, shape (n_y,)."""
+        y = np.concatenate([r.y for r in self.records])
+        return np.asarray(np.std(y, axis=0), dtype=float)
+
+    def u_scale(self) -> Array:
+        """Return the rms of each input over all records, shape (n_u,)."""
+        u = np.concatenate([r.u for r in self.records])
+        return np.asarray(np.sqrt(np.mean(u**2, axis=0)), dtype=float)

@@ -1,0 +1,96 @@
+"""How well a model's output meets a measured one, and whether what is left looks like noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.stats import chi2
+
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import Array
+
+
+@dataclass(frozen=True)
+class RelativeError:
+    """rms of the error ÷ rms of the output about its mean: per channel (n_y,) and over all channels together."""
+
+    per_channel: Array
+    total: float
+
+
+def relative_error(measured: Array, modelled: Array) -> RelativeError:
+    """Return the relative error of `modelled` against `measured`, both (n, n_y, …).
+
+    Per channel it is averaged over the trailing axes (realisations, periods), each with its own rms, as the published
+    results on periodic benchmarks are; the total is the mean over all of them. Raises DataError for a constant channel.
+    """
+    if measured.shape != modelled.shape or measured.ndim < 2:
+        raise ConfigError(
+            f"measured {measured.shape} and modelled {modelled.shape} differ; needs (n, channels, …) twice"
+        )
+    size = np.std(measured, axis=0)
+    if np.any(size == 0.0):
+        raise DataError(
+            f"output channel {int(np.argwhere(size == 0.0)[0][0])} is constant; its relative error has no meaning"
+        )
+    error = np.sqrt(np.mean((measured - modelled) ** 2, axis=0)) / size
+    return RelativeError(error.reshape(error.shape[0], -1).mean(axis=1), float(error.mean()))
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Correlation of a residual: `autocorrelation` (lags,) at lags 1 …, the Ljung-Box statistic and its p-value."""
+
+    autocorrelation: Array
+    statistic: float
+    p_value: float
+
+
+def whiteness(residual: Array, lags: int = 25, fitted: int = 0) -> Whiteness:
+    """Return whether a residual (n,) is white, by Ljung & Box (1978) over `lags`, `fitted` noise parameters counted off."""
+    n = residual.size
+    if n <= 2 * lags or lags <= fitted:
+        raise DataError(f"residual of {n} samples is too short for {lags} lags; needs more than {2 * lags}")
+    rho = _correlation(residual, residual, lags)[1:]
+    statistic = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return Whiteness(rho, statistic, float(chi2.sf(statistic, lags - fitted)))
+
+
+@dataclass(frozen=True)
+class InputCorrelation:
+    """Correlation of a residual with an input at lags 0 … (lags + 1,), the statistic and its p-value."""
+
+    correlation: Array
+    statistic: float
+    p_value: float
+
+
+def input_correlation(residual: Array, u: Array, lags: int = 25) -> InputCorrelation:
+    """Return whether a residual (n,) still holds something that an input (n,) explains at lags 0 … `lags`.
+
+    Each correlation's variance follows from both autocorrelations (Bartlett), so neither needs to be white; under
+    independence the statistic is chi2 with lags + 1 degrees of freedom. Raises DataError when the record is too short.
+    """
+    n = residual.size
+    if u.shape != residual.shape or n <= 4 * lags:
+        raise DataError(f"residual {residual.shape} and input {u.shape}; needs equal lengths above {4 * lags}")
+    cross = _correlation(residual, u, lags)
+    reach = min(n - 1, max(10 * lags, 100))
+    auto_r, auto_u = _correlation(residual, residual, reach + lags), _correlation(u, u, reach + lags)
+    # covariance of the correlations at lags i and j depends on i - j alone
+    shift = np.arange(-reach, reach + 1)
+    spread = np.array([np.sum(auto_r[np.abs(shift)] * auto_u[np.abs(shift + k)]) for k in range(lags + 1)]) / n
+    index = np.abs(np.arange(lags + 1)[:, None] - np.arange(lags + 1))
+    statistic = float(cross @ np.linalg.lstsq(spread[index], cross, rcond=1e-10)[0])
+    return InputCorrelation(cross, statistic, float(chi2.sf(statistic, lags + 1)))
+
+
+def _correlation(first: Array, second: Array, lags: int) -> Array:
+    """Return the correlation coefficients of first(t) with second(t - k), k = 0 … lags, biased as usual."""
+    n = first.size
+    a, b = first - first.mean(), second - second.mean()
+    size = fft.next_fast_len(2 * n, real=True)
+    product = fft.irfft(fft.rfft(a, size) * np.conj(fft.rfft(b, size)), size)[: lags + 1]
+    return product / (n * a.std() * b.std())
