@@ -19,8 +19,8 @@ SETTLED = 0.10
 class LearningCurve:
     """`rms` (p,) of the error of every period; `floor`, its mean over the last quarter; `converged_at`, an iteration.
 
-    `converged_at` counts periods from 1: from it on every rms stays within the scatter of the last quarter (three
-    standard deviations) or within 10 % of the floor, whichever is more. None when only the last period would.
+    `converged_at` counts periods from 1: from it on every rms stays within 10 % of the floor. It is None when the
+    floor is none, the second half of the last quarter being more than 10 % below the first.
     """
 
     rms: Array
@@ -34,7 +34,8 @@ def learning_curve(error: ArrayLike) -> LearningCurve:
     rms = np.sqrt(np.mean(e**2, axis=1))
     last = rms[-(rms.size // 4) :]
     floor = float(last.mean())
-    limit = floor + max(SETTLED * floor, 3.0 * float(last.std(ddof=1)))
-    above = np.flatnonzero(rms > limit)
+    early, late = last[: last.size // 2].mean(), last[last.size // 2 :].mean()
+    above = np.flatnonzero(rms > (1.0 + SETTLED) * floor)
     first = int(above[-1]) + 1 if above.size else 0
-    return LearningCurve(rms, floor, first + 1 if first < rms.size - 1 else None)
+    falling = late < (1.0 - SETTLED) * early or first >= rms.size - 1
+    return LearningCurve(rms, floor, None if falling else first + 1)

@@ -45,7 +45,7 @@ def drift(time_s: ArrayLike, position_rad: ArrayLike) -> Drift:
     lagged = np.sum(residual[1:] * residual[:-1], axis=0)
     correlation = np.clip(np.divide(lagged, power, out=np.zeros_like(power), where=power > 0.0), 0.0, 0.99)
     effective = np.maximum(t.size * (1.0 - correlation) / (1.0 + correlation), 3.0)
-    error = np.sqrt(power / (effective - 2.0) / (dt @ dt) * t.size / effective)
+    error = np.sqrt(power / (effective - 2.0) / (dt @ dt))  # n_eff of n positions also hold n_eff/n of sum dt²
     span = float(np.ptp(t))
     half_width = stats.t.ppf(0.975, effective - 2.0) * error * span
     return Drift(
