@@ -74,7 +74,6 @@ class TextSource:
                 index_col=False,
                 low_memory=False,
                 encoding="utf-8-sig",
-                float_precision="round_trip" if self.decimal == "." else None,
                 on_bad_lines="error",
             )
         except (OSError, ValueError, UnicodeDecodeError, MemoryError, OverflowError, pd.errors.ParserWarning) as error:
