@@ -177,7 +177,7 @@ def closed_loop_poles(
             f"plant at {plant.rate_hz} Hz and controller at {controller.rate_hz} Hz; build both at one rate"
         )
     delay = float(plant.delay_samples[input_])
-    if delay != round(delay):
+    if abs(delay - round(delay)) > 1e-9:  # a time times a rate: whole but for rounding
         raise ConfigError(f"delay of {delay} samples is not whole; closed-loop poles need whole samples")
     m, n_delay = plant.a.shape[0], round(delay)
     n_p = 2 * m + n_delay

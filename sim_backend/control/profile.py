@@ -90,7 +90,9 @@ def _cubic(t: float, value: float) -> float:
     third = t / 3.0
     half = third**3 + 0.5 * value
     root = np.sqrt(max(half**2 - third**6, 0.0))
-    return float(third + np.cbrt(half + root) + np.cbrt(half - root))
+    outer = np.cbrt(half + root)
+    # the other cube root, of half - root, would lose its digits; the product of the two is third²
+    return float(third + outer + third**2 / outer)
 
 
 def fourth_order(start: float, end: float, limits: MotionLimits, rate_hz: float) -> Profile:
