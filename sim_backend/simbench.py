@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+from zlib import crc32
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +32,17 @@ _BLOCK = 1_000_000
 """Samples simulated at once: bounds the memory of noise drawn beforehand to about 100 MB on the full bench."""
 
 
+def _streams(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Generator]:
+    """Return one random stream per effect, by its name and place, so that adding an effect changes no other's draws."""
+    streams: dict[int, np.random.Generator] = {}
+    seen: Counter[str] = Counter()
+    for effect in effects:
+        label = f"{effect.name}@{effect.where}"
+        streams[id(effect)] = np.random.default_rng([seed, crc32(label.encode()), seen[label]])
+        seen[label] += 1
+    return streams
+
+
 class SimBench:
     """A bench that exists only as a Model; two benches with the same model and seed measure the same numbers.
 
@@ -40,7 +55,6 @@ class SimBench:
         self, model: Model, seed: int, *, substeps: int = 1, name: str = "simulated", truth: bool = False
     ) -> None:
         self._model = model
-        self._rng = np.random.default_rng(seed)
         self._seed = seed
         self._truth = truth
         self._name = name
@@ -48,10 +62,13 @@ class SimBench:
         effects = [
             make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
         ]
-        self._all: list[Effect] = effects
+        self._rewriting = [e for e in effects if e.site is Site.RECORD]
+        for effect in self._rewriting:
+            self.places.find(self.places.outputs, effect.where, effect.name)
         self._plant = plant_of(retuned(model.linear(), effects, self.places), model.sample_rate_hz, substeps)
         self._hw = transducers_of(model)
         self._fx, self._effects = effects_of(effects, self.places)
+        self._streams = _streams(seed, [*self._effects, *self._rewriting])
         n_u, n_a = self._hw.to_torque.shape
         self._bus = bus_of(n_u, n_a, *self._hw.to_reading.shape)
         self._axes = n_u
@@ -135,7 +152,7 @@ class SimBench:
             kernel.run(n, self._plant, self._hw, self._fx, ctl, wave, self._mem, self._bus, part)
 
     def _draw(self, n: int) -> Array:
-        columns = [e.draw(n, self.rate_hz, self._rng) for e in self._effects if e.aux is Aux.EXOGENOUS]
+        columns = [e.draw(n, self.rate_hz, self._streams[id(e)]) for e in self._effects if e.aux is Aux.EXOGENOUS]
         return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
 
     def _wanted(self, segment: Segment) -> tuple[str, ...]:
@@ -181,12 +198,12 @@ class SimBench:
         for i, dof in enumerate(places.outputs[: segment.reference.shape[1]]):
             if f"reference_{dof}" in wanted:
                 sources[f"reference_{dof}"] = np.tile(segment.reference[:, i], repeats)[: segment.n_samples]
-        return {name: self._recorded(sources[name]) for name in wanted}
+        return {name: self._recorded(name, sources[name]) for name in wanted}
 
-    def _recorded(self, values: Array) -> Array:
-        for effect in self._all:
-            if effect.site is Site.RECORD:
-                values = effect.rewrite(values, self.rate_hz)
+    def _recorded(self, name: str, values: Array) -> Array:
+        for effect in self._rewriting:
+            if effect.where == name:
+                values = effect.rewrite(values, self.rate_hz, self._streams[id(effect)])
         return np.ascontiguousarray(values)
 
     def safe(self) -> None:

@@ -6,17 +6,28 @@ from collections.abc import Mapping
 
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.amplifier_saturation import AmplifierSaturation
+from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.effects.base import Aux, Dimension, Effect, Parameter, Site
 from sim_backend.effects.constant_torque import ConstantTorque
 from sim_backend.effects.coulomb_friction import CoulombFriction
 from sim_backend.effects.cubic_stiffness import CubicStiffness
+from sim_backend.effects.end_stop_contact import EndStopContact
+from sim_backend.effects.jiles_atherton import JilesAtherton
+from sim_backend.effects.magnetic_polynomial import MagneticPolynomial
+from sim_backend.effects.sensor_gain import SensorGain
 from sim_backend.effects.sensor_noise import SensorNoise
+from sim_backend.effects.thermal_stiffness_drift import ThermalStiffnessDrift
 from sim_backend.errors import ConfigError
 
 EFFECTS: tuple[type[Effect], ...] = (
     CubicStiffness,
+    JilesAtherton,
     CoulombFriction,
+    EndStopContact,
     AmplifierSaturation,
+    SensorGain,
+    ApexNoise,
+    ThermalStiffnessDrift,
     ConstantTorque,
 )
 """What a diagnosis can name, in the order of the library's table."""
@@ -24,7 +35,10 @@ EFFECTS: tuple[type[Effect], ...] = (
 NOISES: tuple[type[Effect], ...] = (AmplifierNoise, SensorNoise)
 """What every bench has and no diagnosis names: the noise floor."""
 
-_BY_NAME = {e.name: e for e in (*EFFECTS, *NOISES)}
+BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial,)
+"""What a bench can be built with and no diagnosis searches: the paper's own description of an effect in `EFFECTS`."""
+
+_BY_NAME = {e.name: e for e in (*EFFECTS, *NOISES, *BENCH_ONLY)}
 
 
 def effect_class(name: str) -> type[Effect]:
@@ -51,6 +65,7 @@ def make_effect(name: str, where: str, parameters: Mapping[str, float]) -> Effec
 
 
 __all__ = [
+    "BENCH_ONLY",
     "EFFECTS",
     "NOISES",
     "Aux",

@@ -48,7 +48,7 @@ class Site(IntEnum):
     HEAD = 4  # the reading of one sensor head
     READING = 5  # the reading of one degree of freedom
     MODEL = 6  # not a signal: the effect changes the linear model itself (`retune`)
-    RECORD = 7  # not a signal: the effect changes the finished record (`rewrite`), e.g. its clock
+    RECORD = 7  # not a signal: the effect changes the finished record of a reading (`rewrite`), e.g. its clock
 
 
 class Aux(IntEnum):
@@ -99,7 +99,8 @@ class Parameter:
 
     With all *sizes* neutral the effect adds nothing, and for fixed *shapes* the contribution is linear in the sizes.
     An effect without sizes is neutral at its shapes' neutral values (a limit at infinity, say).
-    Bounds are absolute; `log` says that the parameter is searched on a logarithmic scale.
+    Bounds are absolute; `log` says that the parameter is searched on a logarithmic scale. A `fixed` parameter is a
+    constant of the description that no data can tell from another parameter; a fit leaves it where it is.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Parameter:
     high: float
     size: bool
     log: bool
+    fixed: bool
     about: str
 
 
@@ -123,7 +125,7 @@ def size(
     high: float = math.inf,
 ) -> Any:
     """Declare a size parameter (neutral 0, contribution linear in it) as a dataclass field."""
-    return _declare(0.0, Dimension(u, y, s, k), low, high, size=True, log=False, about=about)
+    return _declare(0.0, Dimension(u, y, s, k), low, high, size=True, about=about)
 
 
 def shape(
@@ -139,11 +141,39 @@ def shape(
     log: bool = True,
 ) -> Any:
     """Declare a shape parameter (the contribution depends on it nonlinearly) as a dataclass field."""
-    return _declare(neutral, Dimension(u, y, s, k), low, high, size=False, log=log, about=about)
+    return _declare(neutral, Dimension(u, y, s, k), low, high, log=log, about=about)
 
 
-def _declare(neutral: float, dim: Dimension, low: float, high: float, *, size: bool, log: bool, about: str) -> Any:
-    meta = {"dimension": dim, "low": low, "high": high, "size": size, "log": log, "about": about}
+def constant(
+    about: str,
+    neutral: float,
+    *,
+    u: int = 0,
+    y: int = 0,
+    s: int = 0,
+    k: int = 0,
+    low: float = 0.0,
+    high: float = math.inf,
+) -> Any:
+    """Declare a parameter that a model file states and no fit searches, as a dataclass field.
+
+    It would be redundant: a reference temperature with the stiffness, say.
+    """
+    return _declare(neutral, Dimension(u, y, s, k), low, high, fixed=True, about=about)
+
+
+def _declare(
+    neutral: float,
+    dim: Dimension,
+    low: float,
+    high: float,
+    *,
+    about: str,
+    size: bool = False,
+    log: bool = False,
+    fixed: bool = False,
+) -> Any:
+    meta = {"dimension": dim, "low": low, "high": high, "size": size, "log": log, "fixed": fixed, "about": about}
     return field(default=neutral, metadata=meta)
 
 
@@ -194,8 +224,8 @@ class Effect:
 
     @classmethod
     def shapes(cls) -> tuple[str, ...]:
-        """Return the names of the shape parameters."""
-        return tuple(p.name for p in cls.parameters() if not p.size)
+        """Return the names of the shape parameters that a fit searches: constants are left out."""
+        return tuple(p.name for p in cls.parameters() if not p.size and not p.fixed)
 
     def values(self) -> Array:
         """Return the parameter values, shape (n_parameters,), in the order of `parameters`."""
@@ -208,7 +238,10 @@ class Effect:
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return starts for the shape parameters that span what `view` could show; [{}] when there are none."""
+        """Return starts that span what `view` could show: values for the shapes, and for constants that follow from it.
+
+        [{}] when there is nothing to choose; [] when the record cannot show the effect (it has no temperature, say).
+        """
         return [{}]
 
     def start(self) -> Array:
@@ -223,6 +256,9 @@ class Effect:
         """Return the linear model with this effect in it, for effects whose site is MODEL."""
         raise ConfigError(f"effect {self.name} does not change the linear model; it acts on {self.site.name}")
 
-    def rewrite(self, values: Array, rate_hz: float) -> Array:
-        """Return a finished channel, shape (n,), as recorded with this effect, for effects whose site is RECORD."""
+    def rewrite(self, values: Array, rate_hz: float, rng: np.random.Generator | None = None) -> Array:
+        """Return the reading at `where`, shape (n,), as recorded with this effect, for effects whose site is RECORD.
+
+        Without `rng` what is left to chance does not happen.
+        """
         raise ConfigError(f"effect {self.name} does not change the record; it acts on {self.site.name}")

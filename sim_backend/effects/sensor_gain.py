@@ -1,0 +1,27 @@
+"""Sensor gain: a reading that is a little too large or too small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, size
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    return p[0] * signal
+
+
+@dataclass(frozen=True)
+class SensorGain(Effect):
+    """Reading · (1 + relative)."""
+
+    name = "sensor-gain"
+    family = "sensor"
+    site = Site.READING
+    symptom = "is proportional to the reading, at every frequency and amplitude"
+    step = _step
+
+    relative: float = size("relative error of the gain", low=-0.99)
