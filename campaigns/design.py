@@ -1,0 +1,90 @@
+"""What control design may know of a bench: a design model, never the model that a simulated bench runs.
+
+Feed-forward and learning are designed on it axis by axis; the feedback is the one that the paper tuned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.bench import Learning
+from sim_backend.control.blocks import DiscreteFilter
+from sim_backend.control.feedback import LoopShape, z_controller
+from sim_backend.control.feedforward import StepInput, least_norm
+from sim_backend.control.repetitive import TABLE_6_5, learning_filter
+from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel
+from sim_backend.model import Model, load_model
+
+
+@dataclass(frozen=True)
+class Design:
+    """A design model at the sample rate of the bench that it is for."""
+
+    model: Model
+    rate_hz: float
+
+    @classmethod
+    def load(cls, name_or_path: str, rate_hz: float) -> Design:
+        """Return the design on a bundled model or a file; raises ConfigError when there is none."""
+        return cls(load_model(name_or_path), rate_hz)
+
+    def axis(self, dof: str) -> ModalModel:
+        """Return the modes from the input to the output of one degree of freedom, one input, one output.
+
+        Raises ConfigError when the model lacks it.
+        """
+        model = self.model
+        ins, outs = [p.dof for p in model.inputs], [p.dof for p in model.outputs]
+        if dof not in ins or dof not in outs:
+            raise ConfigError(
+                f"design model '{model.name}' has no input and output '{dof}'; "
+                f"it has {', '.join(ins)} → {', '.join(outs)}: give a model of this axis"
+            )
+        whole, i, o = model.linear(), ins.index(dof), outs.index(dof)
+        acts = (np.abs(whole.b[:, i]) + np.abs(whole.b_direct[:, i])) * (
+            np.abs(whole.c[o]) + np.abs(whole.c_rate[o])
+        ) > 0.0
+        return ModalModel(
+            omega_rad_s=whole.omega_rad_s[acts],
+            sigma_1_s=whole.sigma_1_s[acts],
+            b=whole.b[acts][:, [i]],
+            b_direct=whole.b_direct[acts][:, [i]],
+            c=whole.c[[o]][:, acts],
+            c_rate=whole.c_rate[[o]][:, acts],
+            d=whole.d[[o]][:, [i]],
+            delay_s=whole.delay_s[[i]],
+        )
+
+    def feedback(self, dof: str, factor: float = 1.0) -> DiscreteFilter:
+        """Return the paper's feedback of an axis times `factor`; raises ConfigError for an axis it does not treat."""
+        if dof.startswith("theta"):
+            return LoopShape(rate_hz=self.rate_hz).filter().scaled(factor)
+        if dof == "z":
+            return z_controller(self.rate_hz).scaled(factor)
+        raise ConfigError(f"no feedback is known for axis '{dof}'; strategies treat theta_x, theta_y and z")
+
+    def unit_step(self, dof: str, n_samples: int) -> StepInput:
+        """Return the least-norm input for a move of 1 in `n_samples`; raises ConfigError as `least_norm`."""
+        return least_norm(self.axis(dof), [1.0], n_samples, self.rate_hz)
+
+    def learning(self, dof: str, period: int, n_modes: int, active: bool = True) -> Learning:
+        """Return repetitive control of an axis as Table 6.5 tunes it, its L inverting the `n_modes` strongest modes.
+
+        Strongest at rest, by static participation. Raises ConfigError for an axis that the table does not have.
+        """
+        if dof not in TABLE_6_5:
+            raise ConfigError(f"no learning is tuned for axis '{dof}'; Table 6.5 has {', '.join(TABLE_6_5)}")
+        tuning, model = TABLE_6_5[dof], self.axis(dof)
+        static = (model.c[0] * model.b[:, 0]) / model.omega_rad_s**2
+        chosen = np.argsort(-np.abs(static), kind="stable")[:n_modes]
+        learned = learning_filter(
+            model.omega_rad_s[chosen],
+            model.sigma_1_s[chosen],
+            float(static.sum() + model.d[0, 0]),
+            tuning.cutoff_hz,
+            self.rate_hz,
+        )
+        return Learning(learned, tuning.gain, tuning.lead_samples, period, active=active)

@@ -1,0 +1,202 @@
+"""What a plan is: a test as settings, which become segments without anything being moved.
+
+A plan is a frozen struct whose fields are its settings in SI, with the unit in the name; unknown fields are errors.
+From the bench it uses the public face alone (axes, channels, rate, limits), so that it can be counted, checked against
+limits and shown before the first sample is played, and runs unchanged on every bench.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.bench import Bench, Segment, check_segment
+from sim_backend.errors import ConfigError
+from sim_backend.model import dump_model, load_model
+
+Array = NDArray[np.float64]
+
+SEGMENT_S = 10.0
+"""Longest segment that plans make of steady motion: the most that an interrupt waits for and a crash can lose."""
+
+BYTES_PER_VALUE = 8
+
+
+class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all plans; a subclass adds its settings, its `name`, its `title` and `segments`."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    def segments(self, bench: Bench) -> Iterator[Segment]:
+        """Yield what is to be played on `bench`, in order; raises ConfigError for what the bench cannot be asked."""
+        raise NotImplementedError
+
+    def channels(self, bench: Bench) -> tuple[str, ...]:
+        """Return the names of the channels to record, the same for every segment: commands, readings, temperature."""
+        return channels_of(bench, ("input", "output"), ("temperature",))
+
+    def design_models(self) -> tuple[str, ...]:
+        """Return the design models (names or paths) that the segments depend on besides the settings."""
+        return ()
+
+    def settings(self) -> dict[str, Any]:
+        """Return all settings as plain values, defaults included."""
+        plain: dict[str, Any] = msgspec.to_builtins(self)
+        return plain
+
+    def configuration(self) -> dict[str, Any]:
+        """Return what decides the segments: plan, settings, and the text of every design model."""
+        models = {name: dump_model(load_model(name)) for name in self.design_models()}
+        return {"plan": self.name, "settings": self.settings(), "design_models": models}
+
+    @classmethod
+    def of(cls, settings: dict[str, Any]) -> Self:
+        """Return the plan with these settings; raises ConfigError naming a wrong or unknown one."""
+        try:
+            return msgspec.convert(settings, cls)
+        except msgspec.ValidationError as error:
+            known = ", ".join(cls.__struct_fields__)
+            raise ConfigError(f"plan {cls.name}: {error}; its settings are {known}") from None
+
+    def require(self, holds: bool, setting: str, needs: str) -> None:
+        """Raise ConfigError unless `holds`: the setting, its value, and what it needs."""
+        if not holds:
+            raise ConfigError(f"plan {self.name}: {setting} is {getattr(self, setting)}; it must be {needs}")
+
+    def require_positive(self, *names: str) -> None:
+        """Raise ConfigError unless each of these settings is a finite number above zero."""
+        for name in names:
+            value = getattr(self, name)
+            self.require(math.isfinite(value) and value > 0, name, "a finite number above zero")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What playing a plan will take, counted without playing it.
+
+    `peak_current_a` and `peak_reference` (one per axis, output units) are those of the waveforms: what a feedback
+    or learning adds depends on the bench.
+    """
+
+    plan: str
+    segments: int
+    samples: int
+    channels: int
+    duration_s: float
+    bytes: int
+    peak_current_a: float
+    limit_current_a: float
+    peak_reference: dict[str, float]
+    limit_reference: dict[str, float]
+
+
+def rate_of(bench: Bench) -> float:
+    """Return the sample rate in Hz that all channels of a bench share."""
+    return bench.signals[0].sample_rate_hz
+
+
+def channels_of(bench: Bench, roles: Iterable[str], aux: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return the channels with one of `roles`, and the auxiliary ones whose name begins with one of `aux`."""
+    wanted, prefixes = set(roles), tuple(aux)
+    return tuple(
+        s.name
+        for s in bench.signals
+        if s.role in wanted or (s.role == "aux" and prefixes and s.name.startswith(prefixes))
+    )
+
+
+def axis_of(bench: Bench, axis: str) -> int:
+    """Return the index of an axis; raises ConfigError naming those there are."""
+    if axis not in bench.axes:
+        raise ConfigError(f"the bench has no axis '{axis}'; its axes are {', '.join(bench.axes)}")
+    return bench.axes.index(axis)
+
+
+def samples_of(duration_s: float, rate_hz: float) -> int:
+    """Return the whole number of samples nearest to a duration, at least one."""
+    return max(round(duration_s * rate_hz), 1)
+
+
+def open_loop(
+    bench: Bench,
+    label: str,
+    command: Array,
+    n_samples: int,
+    record: tuple[str, ...],
+    settings: dict[str, float | str],
+    cold_finger_k: float | None = None,
+) -> Segment:
+    """Return a segment that plays `command` (period, n_axes) with all loops open and a reference of zero."""
+    return Segment(
+        label=label,
+        n_samples=n_samples,
+        reference=np.zeros_like(command),
+        feedforward=command,
+        cold_finger_k=cold_finger_k,
+        record=record,
+        settings={"phase": "open loop", **settings},
+    )
+
+
+def on_axis(bench: Bench, axis: str, wave: Array) -> Array:
+    """Return `wave` (n,) as a waveform (n, n_axes) that is zero on every other axis."""
+    out = np.zeros((wave.size, len(bench.axes)))
+    out[:, axis_of(bench, axis)] = wave
+    return out
+
+
+def smooth_ramp(start: Array, stop: Array, n_samples: int) -> Array:
+    """Return a move (n_samples, n) from `start` to `stop` (n,) along half a cosine, ending on `stop`."""
+    way = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, n_samples + 1) / n_samples)
+    return np.asarray(start + way[:, None] * (stop - start))
+
+
+def checked_segments(plan: Plan, bench: Bench) -> Iterator[Segment]:
+    """Yield the plan's segments, each checked against the bench's limits and channels.
+
+    Raises ConfigError at the first that breaks a limit, records other channels than the plan says, or uses a label
+    twice.
+    """
+    channels, labels = plan.channels(bench), set[str]()
+    for segment in plan.segments(bench):
+        check_segment(segment, bench.limits)
+        if segment.record != channels or segment.label in labels:
+            raise ConfigError(
+                f"plan {plan.name}: segment '{segment.label}' repeats a label or records other channels than the plan; "
+                "give every segment its own label and the plan's channels"
+            )
+        labels.add(segment.label)
+        yield segment
+
+
+def estimate(plan: Plan, bench: Bench) -> Estimate:
+    """Count a plan without playing it; raises ConfigError as `checked_segments`, and for a plan without segments."""
+    limits, axes = bench.limits, bench.axes
+    count, samples, current_a = 0, 0, 0.0
+    reference = np.zeros(len(axes))
+    for segment in checked_segments(plan, bench):
+        count, samples = count + 1, samples + segment.n_samples
+        current_a = max(current_a, float(np.max(np.abs(segment.feedforward @ limits.to_current.T), initial=0.0)))
+        reference = np.maximum(reference, np.max(np.abs(segment.reference), axis=0))
+    if count == 0:
+        raise ConfigError(f"plan {plan.name}: its settings give nothing to play; ask for at least one step")
+    columns = len(plan.channels(bench))
+    return Estimate(
+        plan=plan.name,
+        segments=count,
+        samples=samples,
+        channels=columns,
+        duration_s=samples / rate_of(bench),
+        bytes=samples * columns * BYTES_PER_VALUE,
+        peak_current_a=current_a,
+        limit_current_a=float(limits.current_a),
+        peak_reference=dict(zip(axes, reference.tolist(), strict=True)),
+        limit_reference=dict(zip(axes, limits.reference.tolist(), strict=True)),
+    )

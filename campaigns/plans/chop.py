@@ -1,0 +1,93 @@
+"""Chopping between two positions along a direction: positional stability, repeatability and accuracy (6.4.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from campaigns.design import Design
+from campaigns.plans.base import SEGMENT_S, Plan, channels_of, rate_of, samples_of
+from campaigns.strategies import Task, Tuning, stage_segments, stages_of
+from sim_backend.bench import Bench, Segment
+from sim_backend.errors import ConfigError
+
+TIP_TILT = ("theta_x", "theta_y")
+
+
+class ChopPlan(Plan, frozen=True, kw_only=True):
+    """Chop by `from_rad` to `to_rad` about the axis at `alpha_deg` (0 is θx, 90 is θy), with `strategy`.
+
+    `cycles` whole periods of 1/`frequency_hz`; the last `window_s` of each dwell are the observation. The strategy is
+    designed on `model`, a design model by name or path.
+    """
+
+    name: ClassVar[str] = "chop"
+    title: ClassVar[str] = "chop between two positions"
+
+    alpha_deg: float = 0.0
+    from_rad: float = 0.0
+    to_rad: float = 8.5e-3
+    frequency_hz: float = 0.5
+    cycles: int = 15
+    window_s: float = 0.5
+    strategy: str = "hybrid"
+    model: str = "design"
+    tuning: Tuning = Tuning()
+
+    def __post_init__(self) -> None:
+        self.require_positive("frequency_hz", "cycles", "window_s")
+        for name in ("alpha_deg", "from_rad", "to_rad"):
+            self.require(math.isfinite(getattr(self, name)), name, "a finite number")
+        self.require(self.from_rad != self.to_rad, "to_rad", f"another position than from_rad, {self.from_rad:g}")
+        self.require(
+            self.window_s <= 0.5 / self.frequency_hz, "window_s", f"at most a dwell, {0.5 / self.frequency_hz:g} s"
+        )
+
+    def design_models(self) -> tuple[str, ...]:
+        """Return the design model."""
+        return (self.model,)
+
+    def channels(self, bench: Bench) -> tuple[str, ...]:
+        """Return commands and readings, and the actuators' currents."""
+        return channels_of(bench, ("input", "output"), ("current_",))
+
+    def segments(self, bench: Bench) -> Iterator[Segment]:
+        """Yield the strategy's stages, cut into whole periods; raises ConfigError for axes or a model that do not fit."""
+        rate = rate_of(bench)
+        task = self._task(bench, rate)
+        settings: dict[str, float | str] = {
+            "alpha_deg": self.alpha_deg,
+            "from_rad": self.from_rad,
+            "to_rad": self.to_rad,
+            "window_samples": samples_of(self.window_s, rate),
+            "strategy": self.strategy,
+        }
+        record, longest = self.channels(bench), samples_of(SEGMENT_S, rate)
+        chopping = self.cycles * task.period
+        for stage in stages_of(self.strategy, task, Design.load(self.model, rate)):
+            n_samples = chopping if stage.n_samples is None else stage.n_samples
+            yield from stage_segments(task, stage, n_samples, longest, record, settings)
+
+    def _task(self, bench: Bench, rate_hz: float) -> Task:
+        dwell = 0.5 * rate_hz / self.frequency_hz
+        self.require(
+            abs(dwell - round(dwell)) < 1e-6 and dwell >= 2,
+            "frequency_hz",
+            f"such that a dwell is whole samples at {rate_hz:g} Hz, as with {0.5 * rate_hz / max(round(dwell), 2):.6g}",
+        )
+        alpha = math.radians(self.alpha_deg)
+        # rounding of cos 90° would else move the other axis by 1e-19 rad
+        direction = np.round([math.cos(alpha), math.sin(alpha)], 12)
+        along = np.zeros(len(bench.axes))
+        for dof, part in zip(TIP_TILT, direction, strict=True):
+            if dof in bench.axes:
+                along[bench.axes.index(dof)] = part
+            elif part:
+                raise ConfigError(
+                    f"plan {self.name}: alpha_deg {self.alpha_deg:g} moves {dof}, which the bench lacks; "
+                    f"its axes are {', '.join(bench.axes)}"
+                )
+        return Task(bench.axes, self.from_rad * along, self.to_rad * along, round(dwell), self.tuning)
