@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.responses import response, simulate
-from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from analysis.diagnosis.responses import simulate
+from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
 
@@ -94,6 +94,3 @@ def _only(linear: ModalModel, m: int) -> ModalModel:
         c_rate=linear.c_rate[:, pick],
         d=np.zeros_like(linear.d),
     )
-
-
-__all__ = ["DiscreteModel", "Knob", "knobs_of", "response", "sensitivities", "turned"]

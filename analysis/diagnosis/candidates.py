@@ -1,0 +1,173 @@
+"""Every physical candidate's first-order signature in the outputs, from the one compiled step that also simulates it.
+
+The step runs along the measured motion (the nominal simulation plus what of the residual is above the noise), and what it adds at
+its place is passed through the linear plant. So the signature is right to first order even where the effect is large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.responses import response, simulate
+from sim_backend import kernel
+from sim_backend.assembly import Places, effects_of
+from sim_backend.effects.base import Aux, Effect, Site
+from sim_backend.effects.view import RecordView
+from sim_backend.linear import ModalModel, discretise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Natural sizes by which parameters are made dimensionless: per input `u`, per output `y`, seconds and kelvin."""
+
+    u: Array
+    y: Array
+    s: float
+    k: float
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect class at one place with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns."""
+
+    effect: type[Effect]
+    where: str
+    shapes: dict[str, float]
+    unit_sizes: dict[str, float]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What and where, whatever the shapes."""
+        return self.effect.name, self.where
+
+    def made(self, sizes: dict[str, float]) -> Effect:
+        """Return the effect with these sizes, clipped into its bounds."""
+        bounds = {p.name: (p.low, p.high) for p in self.effect.parameters()}
+        values = {n: float(np.clip(v, *bounds[n])) for n, v in {**self.shapes, **sizes}.items()}
+        return self.effect(self.where, **values)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The measured motion of one record: `u` (n, n_u), `position` and `rate` (n, n_y), `residual` (n, n_y)."""
+
+    u: Array
+    position: Array
+    rate: Array
+    residual: Array
+    temperature_k: Array | None
+
+
+def places_for(effect: type[Effect], places: Places) -> Iterable[str]:
+    """Return every `where` at which this effect is tried."""
+    outputs, inputs = places.outputs, places.inputs
+    if effect.aux is Aux.SOURCE_COMMAND:
+        return [f"{a}->{b}" for a in inputs for b in inputs if a != b]
+    if effect.aux is Aux.SOURCE_POSITION:
+        targets = outputs if effect.site in (Site.READING, Site.HEAD) else inputs
+        return [f"{a}->{b}" for a in outputs for b in targets if a != b]
+    return outputs if effect.site in (Site.READING, Site.HEAD, Site.RECORD) else inputs
+
+
+def enumerate_candidates(
+    effects: Iterable[type[Effect]], places: Places, views: dict[str, RecordView], scales: Scales
+) -> Iterator[Candidate]:
+    """Yield every effect at every place with every start of its shapes; random effects are not among them."""
+    for effect in effects:
+        if effect.aux is Aux.EXOGENOUS:
+            continue
+        for where in places_for(effect, places):
+            view = views[where.rpartition("->")[2]]
+            if effect.aux is Aux.TEMPERATURE and view.temperature_k is None:
+                continue
+            units = unit_sizes(effect, where, places, scales)
+            for shapes in effect.guess(view):
+                yield Candidate(effect, where, shapes, units)
+
+
+def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales) -> dict[str, float]:
+    """Return the natural size of each size parameter at a place."""
+    target = where.rpartition("->")[2]
+    j = places.inputs.index(target) if target in places.inputs else 0
+    o = places.outputs.index(target) if target in places.outputs else 0
+    return {
+        p.name: p.dimension.scale(float(scales.u[j]), float(scales.y[o]), scales.s, scales.k)
+        for p in effect.parameters()
+        if p.size
+    }
+
+
+def signature(candidate: Candidate, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
+    """Return the outputs' first-order change, shape (n, n_y, n_columns), one column per size parameter.
+
+    An effect without sizes has one column: its whole contribution.
+    """
+    if candidate.effect.site is Site.MODEL:
+        return _of_model(candidate, linear, places, motion.u, rate_hz)
+    names = list(candidate.unit_sizes) or [""]
+    columns = []
+    for name in names:
+        sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
+        columns.append(_of_signal(candidate.made(sizes), linear, places, motion, rate_hz))
+    return np.stack(columns, axis=2)
+
+
+def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
+    n, n_y = motion.position.shape
+    if effect.site is Site.RECORD:
+        changed = np.stack([effect.rewrite(motion.position[:, i], rate_hz) for i in range(n_y)], axis=1)
+        only = np.zeros_like(changed)
+        o = places.outputs.index(effect.where)
+        only[:, o] = changed[:, o] - motion.position[:, o]
+        return only
+    fx, _ = effects_of([effect], places)
+    site = Site(int(np.searchsorted(fx.first, 1)) - 1)
+    channel = int(fx.channel[0])
+    added = np.empty(n)
+    signal = motion.position[:, channel] if site in (Site.READING, Site.HEAD) else motion.u[:, channel]
+    position, speed = motion.position @ fx.read[0], motion.rate @ fx.read[0]
+    kernel.contribution_along(
+        fx,
+        0,
+        np.ascontiguousarray(signal),
+        np.ascontiguousarray(position),
+        np.ascontiguousarray(speed),
+        _auxiliary(effect, int(fx.column[0]), motion),
+        1.0 / rate_hz,
+        added,
+    )
+    if site in (Site.READING, Site.HEAD):
+        out = np.zeros((n, n_y))
+        out[:, channel] = added
+        return out
+    model = discretise(linear, rate_hz)
+    return response(model, added, channel, through_delay=site is Site.COMMAND)
+
+
+def _auxiliary(effect: Effect, column: int, motion: Motion) -> Array:
+    if effect.aux is Aux.TEMPERATURE and motion.temperature_k is not None:
+        return motion.temperature_k
+    if effect.aux is Aux.SOURCE_COMMAND:
+        return np.ascontiguousarray(motion.u[:, column])
+    if effect.aux is Aux.SOURCE_POSITION:
+        return np.ascontiguousarray(motion.position[:, column])
+    return np.zeros(motion.u.shape[0])
+
+
+def _of_model(candidate: Candidate, linear: ModalModel, places: Places, u: Array, rate_hz: float) -> Array:
+    i = places.inputs.index(candidate.where)
+    o = places.outputs.index(candidate.where) if candidate.where in places.outputs else min(i, len(places.outputs) - 1)
+    nominal = simulate(discretise(linear, rate_hz), u)
+    columns = []
+    for name, unit in candidate.unit_sizes.items():
+        step = 1e-4 * unit  # small against every size at which an effect is still first order, large against rounding
+        effect = candidate.made({n: (step if n == name else 0.0) for n in candidate.unit_sizes})
+        changed = simulate(discretise(effect.retune(linear, i, o), rate_hz), u)
+        columns.append((changed - nominal) * (unit / step))
+    return np.stack(columns, axis=2)

@@ -1,0 +1,123 @@
+"""The noise that everything is measured against: its colour by autoregression, its size from what repeats or from what is left.
+
+Whitening by the inverse of an autoregressive model turns coloured measurement noise, unmeasured torques and the random walk
+of rigid axes alike into independent numbers of unit variance, so that sums of squares are likelihoods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from analysis.diagnosis.dataset import Dataset
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MAX_ORDER = 40
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd; `repeats` tells that noise was seen alone.
+
+    `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known apart from
+    any error of the model.
+    """
+
+    taps: Array
+    repeats: bool
+
+    @property
+    def order(self) -> int:
+        """Length of the filter's memory in samples."""
+        return int(self.taps.shape[1]) - 1
+
+    def apply(self, values: Array, output: int) -> Array:
+        """Return `values` (n, k) of one output, whitened, same shape; the start is filtered from zeros."""
+        out = np.empty_like(values)
+        _fir(self.taps[output], np.ascontiguousarray(values), out)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def _fir(taps, values, out):  # type: ignore[no-untyped-def]
+    n, k = values.shape
+    for row in range(n):
+        for j in range(k):
+            out[row, j] = taps[0] * values[row, j]
+        for lag in range(1, min(taps.size, row + 1)):
+            w = taps[lag]
+            for j in range(k):
+                out[row, j] += w * values[row - lag, j]
+
+
+def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Array:
+    """Return the whitening taps (order + 1,) of the series (n,) in `parts`, using rows whose mask is set.
+
+    Least squares over all rows at once (covariance method, which also suits near-unit roots), order by BIC; the first tap is the
+    inverse of the innovations' standard deviation.
+    """
+    p = max(min(max_order, min(x.size for x, _ in parts) // 10), 0)
+    normal = np.zeros((p + 1, p + 1))
+    rows = 0
+    for x, mask in parts:
+        if x.size <= p:
+            continue
+        lags = np.lib.stride_tricks.sliding_window_view(x, p + 1)[mask[p:]][:, ::-1]
+        normal += lags.T @ lags
+        rows += lags.shape[0]
+    best, best_score = np.ones(1), np.inf
+    for order in range(p + 1):
+        inner = normal[1 : order + 1, 1 : order + 1]
+        ridge = 1e-12 * np.trace(inner) / max(order, 1)
+        weights = np.linalg.solve(inner + ridge * np.eye(order), normal[1 : order + 1, 0]) if order else np.zeros(0)
+        rss = float(normal[0, 0] - weights @ normal[1 : order + 1, 0])
+        if rss <= 0.0 or rows == 0:
+            continue
+        score = rows * np.log(rss / rows) + order * np.log(rows)
+        if score < best_score - 1e-9:
+            best_score = score
+            best = np.concatenate([[1.0], -weights]) / np.sqrt(rss / rows)
+    return best
+
+
+def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = True) -> Whitener:
+    """Return the whitener of `residuals`, one (n, n_y) per record: from what differs between periods where there are any.
+
+    Otherwise the colour and size of the residuals themselves are used.
+    """
+    taps: list[Array] = []
+    repeats = use_repeats and any(
+        w.period and w.stop - w.start >= 2 * w.period for r in data.records for w in r.windows
+    )
+    for o in range(data.n_outputs):
+        parts = []
+        for record, residual in zip(data.records, residuals, strict=True):
+            if repeats:
+                parts += _differences(record.windows, residual[:, o])
+            else:
+                parts.append((residual[:, o], record.fitted()))
+        taps.append(fit_ar(parts))
+    order = max(t.size for t in taps)
+    return Whitener(np.stack([np.pad(t, (0, order - t.size)) for t in taps]), repeats)
+
+
+def _differences(windows, x: Array) -> list[tuple[Array, Mask]]:  # type: ignore[no-untyped-def]
+    """Return the differences of consecutive periods over √2: noise alone, of the same colour and size.
+
+    With three periods or more the first difference is left out, which holds what is left of the transient.
+    """
+    parts = []
+    for w in windows:
+        whole = (w.stop - w.start) // w.period if w.period else 0
+        if whole < 2:
+            continue
+        first = w.period if whole >= 3 else 0
+        stretch = x[w.start + first : w.start + whole * w.period]
+        difference = (stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0)
+        parts.append((difference, np.ones(difference.size, dtype=bool)))
+    return parts

@@ -1,0 +1,276 @@
+"""Identification of a sum of second-order blocks from time records: subspace start, prediction-error refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, toeplitz
+
+from analysis.frf import smoothed
+from analysis.frf_records import frequency_response_local
+from analysis.modal_form import canonical
+from analysis.modal_parameters import Layout, Structure, layout_of, pack, step_limit, unpack
+from analysis.normal_equations import Normal, covariance, minimise
+from analysis.rational import fit_rational
+from analysis.subspace import subspace_model
+from analysis.time_residual import (
+    TimeTarget,
+    model_outputs,
+    nuisances,
+    time_normal_equations,
+    whitened_cost,
+)
+from sim_backend.errors import ConfigError, DataError, MccdError
+from sim_backend.linear import Array, ModalModel
+
+
+@dataclass(frozen=True)
+class TimeFit:
+    """A model fitted to time records, with its uncertainty.
+
+    `covariance` (p, p) belongs to the vector of `analysis.modal_parameters.pack(model)`; `omega_std_rad_s` and
+    `sigma_std_1_s` (m,) are drawn from it. `outputs` are the modelled records (n, n_y), from the estimated
+    `initial_states` (m, 2) with the `offsets` (n_y,). `noise_std` (n_y,) is that of the one-step innovation and
+    `whitening` (n_y, p + 1) the filter that makes the residual white with unit variance. `criterion` is the Bayesian
+    information criterion, `orders` the numbers of blocks tried with theirs.
+    """
+
+    model: ModalModel
+    layout: Layout
+    covariance: Array
+    omega_std_rad_s: Array
+    sigma_std_1_s: Array
+    outputs: tuple[Array, ...]
+    initial_states: tuple[Array, ...]
+    offsets: tuple[Array, ...]
+    noise_std: Array
+    whitening: Array
+    chi2: float
+    dof: int
+    criterion: float
+    converged: bool
+    orders: tuple[tuple[int, float], ...]
+
+
+def fit_records(
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate_hz: float,
+    blocks: int | tuple[int, ...],
+    *,
+    structure: Structure | None = None,
+    noise_order: int | None = None,
+    rigid_bodies: int | None = 0,
+    start: ModalModel | None = None,
+    iterations: int = 100,
+) -> TimeFit:
+    """Return the ModalModel behind a zero-order hold that explains records of any waveform best.
+
+    Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and
+    each output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens
+    each output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a
+    prediction-error fit, which feedback of the noise into the input does not bias. `blocks` and `rigid_bodies` are
+    as in `analysis.rational.fit_rational`. Raises ConfigError or DataError when the records cannot be used.
+    """
+    target = _target(inputs, outputs, rate_hz)
+    structure = structure or Structure()
+    wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
+    tried: list[tuple[int, float]] = []
+    best: TimeFit | None = None
+    for count in wanted:
+        starts = [start] if start is not None else list(_starts(target, count, structure))
+        if not starts:
+            raise DataError(
+                f"no start for {count} blocks could be found in {target.values} output values; record more or ask for fewer"
+            )
+        fits = [_fit(target, model, structure, noise_order, max(iterations // 5, 10)) for model in starts]
+        near = min(fits, key=lambda fit: fit.criterion)
+        fit = _fit(target, near.model, structure, noise_order, iterations)
+        fit = _with_rigid_bodies(target, fit, rigid_bodies, structure, noise_order, iterations)
+        tried.append((count, fit.criterion))
+        best = fit if best is None or fit.criterion < best.criterion else best
+    if best is None:
+        raise ConfigError("blocks is empty; give at least one number of blocks")
+    return replace(best, orders=tuple(tried))
+
+
+def _target(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeTarget:
+    """Return the checked records with each output weighted by its own size."""
+    if not inputs or len(inputs) != len(outputs):
+        raise ConfigError(f"{len(inputs)} input and {len(outputs)} output records; give one of each per record")
+    us, ys = (tuple(np.asarray(x, dtype=float) for x in records) for records in (inputs, outputs))
+    for k, (u, y) in enumerate(zip(us, ys, strict=True)):
+        if u.ndim != 2 or y.ndim != 2 or u.shape[0] != y.shape[0]:
+            raise ConfigError(f"record {k}: input {u.shape} and output {y.shape}; needs (n, channels) with the same n")
+        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(y))):
+            raise DataError(f"record {k} holds a number that is not finite; cut it out or repair it")
+    size = np.sqrt(np.mean([y.var(axis=0) for y in ys], axis=0))
+    if np.any(size == 0.0):
+        raise DataError(f"output channel {int(np.argmin(size))} is constant; it cannot be identified")
+    return TimeTarget(us, ys, float(rate_hz), 1.0 / size[:, None])
+
+
+def _starts(target: TimeTarget, blocks: int, structure: Structure) -> Iterator[ModalModel]:
+    """Yield starts: one from the local frequency response of the longest record, one from the subspace method.
+
+    The first is the better one for modes far below the sample rate, the second for short records and in a loop.
+    """
+    longest = int(np.argmax([u.shape[0] for u in target.inputs]))
+    try:
+        step = max(1, target.inputs[longest].shape[0] // 8000)
+        frf = frequency_response_local(target.inputs[longest], target.outputs[longest], target.rate_hz, step=step)
+        use = slice(None)
+        yield fit_rational(
+            frf.frequency_hz[use],
+            frf.response[use],
+            blocks,
+            variance=smoothed(frf.variance, 3)[use],
+            hold_rate_hz=target.rate_hz,
+            structure=structure,
+            iterations=30,
+        ).model
+    except (MccdError, LinAlgError):
+        pass
+    try:
+        model = subspace_model(target.inputs, target.outputs, target.rate_hz, 2 * blocks)
+    except (MccdError, LinAlgError):
+        return
+    if structure.form == "mechanical":
+        model = model.with_(b_direct=np.zeros_like(model.b_direct), c_rate=np.zeros_like(model.c_rate))
+    yield model if structure.feedthrough else model.with_(d=np.zeros_like(model.d))
+
+
+def _fit(
+    target: TimeTarget, start: ModalModel, structure: Structure, noise_order: int | None, iterations: int
+) -> TimeFit:
+    """Return the fit from one start: white errors first, then errors whitened by what they turned out to be."""
+    layout = layout_of(start, structure)
+    vector = np.concatenate([pack(start), np.zeros(len(target.inputs) * (2 * layout.n_blocks + layout.n_outputs))])
+    for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
+        vector[place.offset] = y.mean(axis=0)
+    free = np.concatenate([layout.free, np.ones(vector.size - layout.size, dtype=bool)])
+    limit = np.concatenate([step_limit(layout), np.full(vector.size - layout.size, np.inf)])
+    converged = False
+    for _ in range(4):
+        vector, converged = _minimise(target, vector, free, limit, layout, iterations)
+        errors = [m - y for m, y in zip(model_outputs(target, vector, layout), target.outputs, strict=True)]
+        filters = whitening_filters(errors, noise_order)
+        settled = filters.shape == target.whitening.shape and np.allclose(
+            filters, target.whitening, rtol=1e-3, atol=1e-3 * np.abs(filters).max()
+        )
+        target = replace(target, whitening=filters)
+        if settled:
+            break
+    return _result(target, vector, free, layout, converged)
+
+
+def _minimise(
+    target: TimeTarget, vector: Array, free: Array, limit: Array, layout: Layout, iterations: int
+) -> tuple[Array, bool]:
+    """Return the whole parameter vector at the minimum over its free part, and whether it was reached."""
+
+    def full(x: Array) -> Array:
+        whole = vector.copy()
+        whole[free] = x
+        return whole
+
+    def assemble(x: Array) -> Normal:
+        normal = time_normal_equations(target, full(x), layout)
+        return Normal(normal.cost, normal.gradient[free], normal.hessian[np.ix_(free, free)])
+
+    def cost(x: Array) -> float:
+        return whitened_cost(target, full(x), layout)
+
+    minimum = minimise(assemble, cost, vector[free], iterations, limit=limit)
+    return full(minimum.parameters), minimum.converged
+
+
+def whitening_filters(errors: Sequence[Array], order: int | None) -> Array:
+    """Return the filter (n_y, p + 1) that whitens each output's error to unit variance, by Yule-Walker.
+
+    With order None the Bayesian information criterion chooses it for each output, up to a twentieth of the samples
+    and at most 30; shorter filters are filled with zeros.
+    """
+    n = sum(e.shape[0] for e in errors)
+    most = min(30, n // 20) if order is None else order
+    filters = []
+    for o in range(errors[0].shape[1]):
+        signals = [e[:, o] - e[:, o].mean() for e in errors]
+        lags = np.array([sum(float(s[k:] @ s[: s.size - k]) for s in signals) / n for k in range(most + 1)])
+        lags[0] = max(lags[0] * (1.0 + 1e-12), np.finfo(float).tiny)
+        best: tuple[float, Array] | None = None
+        for p in range(most + 1) if order is None else [most]:
+            taps = np.linalg.lstsq(toeplitz(lags[:p]), lags[1 : p + 1], rcond=1e-12)[0] if p else np.zeros(0)
+            power = max(lags[0] - float(taps @ lags[1 : p + 1]), np.finfo(float).tiny)
+            score = n * np.log(power) + p * np.log(n)
+            if best is None or score < best[0]:
+                best = score, np.concatenate([[1.0], -taps, np.zeros(most - p)]) / np.sqrt(power)
+        assert best is not None
+        filters.append(best[1])
+    found = np.array(filters)
+    used = int(np.max(np.nonzero(np.any(found != 0.0, axis=0))[0])) + 1
+    return found[:, :used]
+
+
+def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, converged: bool) -> TimeFit:
+    """Return the result with the covariance of the canonical model."""
+    places = nuisances(layout, len(target.inputs))
+    outputs = tuple(model_outputs(target, vector, layout))
+    raw = unpack(vector[: layout.size], layout)
+    model = canonical(raw)
+    # the canonical scaling changes the states' coordinates; states are estimated anew in them, linearly, by one step
+    vector = np.concatenate([pack(model), vector[layout.size :]])
+    normal = time_normal_equations(target, vector, layout)
+    linear = np.concatenate([np.r_[place.state.ravel(), place.offset] for place in places])
+    part = normal.hessian[np.ix_(linear, linear)]
+    vector[linear] -= np.linalg.lstsq(part, normal.gradient[linear], rcond=1e-13)[0]
+    normal = time_normal_equations(target, vector, layout)
+    index = np.flatnonzero(free)
+    inside = np.ix_(index, index)
+    small = covariance(Normal(normal.cost, normal.gradient[index], normal.hessian[inside]))
+    count = int(np.sum(np.linalg.eigvalsh(small / np.outer(*[np.sqrt(np.maximum(np.diag(small), 1e-300))] * 2)) > 1e-9))
+    whole = np.zeros((vector.size, vector.size))
+    whole[inside] = small
+    cov = whole[: layout.size, : layout.size]
+    std = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    logs = -2.0 * sum(y.shape[0] for y in target.outputs) * float(np.sum(np.log(target.whitening[:, 0])))
+    taps = int(np.count_nonzero(target.whitening[:, 1:]))
+    criterion = normal.cost + logs + (count + taps) * np.log(target.values)
+    return TimeFit(
+        model,
+        layout,
+        cov,
+        model.omega_rad_s * std[layout.index("log_omega")],
+        model.sigma_1_s * std[layout.index("log_sigma")],
+        outputs,
+        tuple(vector[place.state] for place in places),
+        tuple(vector[place.offset] for place in places),
+        1.0 / target.whitening[:, 0],
+        target.whitening,
+        normal.cost,
+        max(target.values - count, 1),
+        float(criterion),
+        converged,
+        ((model.n_blocks, float(criterion)),),
+    )
+
+
+def _with_rigid_bodies(
+    target: TimeTarget, fit: TimeFit, wanted: int | None, structure: Structure, noise_order: int | None, iterations: int
+) -> TimeFit:
+    """Return the fit with poles at zero for the lowest `wanted` blocks, or for as many as the criterion likes."""
+    longest = max(u.shape[0] for u in target.inputs) / target.rate_hz
+    for i in range(fit.model.n_blocks if wanted is None else min(wanted, fit.model.n_blocks)):
+        order = np.argsort(fit.model.omega_rad_s)
+        omega, sigma = fit.model.omega_rad_s.copy(), fit.model.sigma_1_s.copy()
+        # a mode that does not turn once in the record cannot be told from a rigid body by eye; the criterion must
+        if wanted is None and omega[order[i]] > 2.0 * np.pi / longest:
+            break
+        omega[order[i]] = sigma[order[i]] = 0.0
+        trial = _fit(target, fit.model.with_(omega_rad_s=omega, sigma_1_s=sigma), structure, noise_order, iterations)
+        if wanted is None and trial.criterion > fit.criterion:
+            break
+        fit = trial
+    return fit
