@@ -19,6 +19,15 @@ from sim_backend.linear import ModalModel
 from sim_backend.model import Model, load_model
 
 
+def feedback_of(dof: str, rate_hz: float, factor: float = 1.0) -> DiscreteFilter:
+    """Return the paper's feedback of an axis times `factor`; raises ConfigError for an axis that it does not treat."""
+    if dof.startswith("theta"):
+        return LoopShape(rate_hz=rate_hz).filter().scaled(factor)
+    if dof == "z":
+        return z_controller(rate_hz).scaled(factor)
+    raise ConfigError(f"no feedback is known for axis '{dof}'; strategies treat theta_x, theta_y and z")
+
+
 @dataclass(frozen=True)
 class Design:
     """A design model at the sample rate of the bench that it is for."""
@@ -57,14 +66,6 @@ class Design:
             d=whole.d[[o]][:, [i]],
             delay_s=whole.delay_s[[i]],
         )
-
-    def feedback(self, dof: str, factor: float = 1.0) -> DiscreteFilter:
-        """Return the paper's feedback of an axis times `factor`; raises ConfigError for an axis it does not treat."""
-        if dof.startswith("theta"):
-            return LoopShape(rate_hz=self.rate_hz).filter().scaled(factor)
-        if dof == "z":
-            return z_controller(self.rate_hz).scaled(factor)
-        raise ConfigError(f"no feedback is known for axis '{dof}'; strategies treat theta_x, theta_y and z")
 
     def unit_step(self, dof: str, n_samples: int) -> StepInput:
         """Return the least-norm input for a move of 1 in `n_samples`; raises ConfigError as `least_norm`."""

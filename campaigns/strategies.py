@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.design import Design
+from campaigns.design import Design, feedback_of
 from sim_backend.bench import Gate, Learning, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.chop import AxisProgram, Chop
@@ -237,7 +237,7 @@ def _stage(
 
 def _approach_and_chop(task: Task, design: Design, program: Program) -> tuple[Stage, ...]:
     """One dwell to reach position 1 from zero, by the same strategy, then the chop."""
-    feedback = tuple(design.feedback(dof) for dof in task.axes)
+    feedback = tuple(feedback_of(dof, design.rate_hz) for dof in task.axes)
     approach, chop = [], []
     for axis, moves in enumerate(_moving(task)):
         there = _chop(task, design, axis)
@@ -270,8 +270,8 @@ def _learn_then(task: Task, design: Design, program: Program, factor: float) -> 
         one = design.learning(dof, task.period, tuning.learning_modes) if moves else None
         learning.append(one)
         frozen.append(one if one is None else replace(one, active=tuning.keeps_learning))
-        feedback.append(design.feedback(dof))
-        final.append(design.feedback(dof, factor if moves else 1.0))
+        feedback.append(feedback_of(dof, design.rate_hz))
+        final.append(feedback_of(dof, design.rate_hz, factor if moves else 1.0))
     shift = n_learning % task.period
     return (
         _stage("learning", n_learning, learn, tuple(feedback), tuple(learning)),

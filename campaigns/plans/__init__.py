@@ -6,14 +6,28 @@ from typing import Any
 
 from campaigns.plans.base import Estimate, Plan, checked_segments, estimate
 from campaigns.plans.chop import ChopPlan
+from campaigns.plans.endstops import EndStops
+from campaigns.plans.freerun import FreeRun
+from campaigns.plans.hysteresis import Hysteresis
+from campaigns.plans.multisine import Multisine
+from campaigns.plans.settling import Settling
 from campaigns.plans.sinesweep import SineSweep
+from campaigns.plans.theodolite import Theodolite
+from campaigns.plans.thermal import Thermal
 from sim_backend.errors import ConfigError
 
 PLANS: dict[str, type[Plan]] = {
     plan.name: plan
     for plan in (
         ChopPlan,
+        EndStops,
+        FreeRun,
+        Hysteresis,
+        Multisine,
+        Settling,
         SineSweep,
+        Theodolite,
+        Thermal,
     )
 }
 

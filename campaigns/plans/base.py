@@ -125,7 +125,6 @@ def samples_of(duration_s: float, rate_hz: float) -> int:
 
 
 def open_loop(
-    bench: Bench,
     label: str,
     command: Array,
     n_samples: int,

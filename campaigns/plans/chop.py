@@ -55,7 +55,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         return channels_of(bench, ("input", "output"), ("current_",))
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
-        """Yield the strategy's stages, cut into whole periods; raises ConfigError for axes or a model that do not fit."""
+        """Yield the strategy's stages, cut into whole periods; raises ConfigError for an axis or model that does not fit."""
         rate = rate_of(bench)
         task = self._task(bench, rate)
         settings: dict[str, float | str] = {

@@ -50,7 +50,7 @@ PAPER_BANDS = (
 
 
 class SineSweep(Plan, frozen=True, kw_only=True):
-    """Stepped sine of `amplitude` (N m on an angle, N on z) times each band's gain; `cold_finger_k` sets the temperature.
+    """Stepped sine of `amplitude` (N m on an angle, N on z) times each band's gain, at the temperature `cold_finger_k`.
 
     Every frequency is one segment of whole cycles in whole samples, so the phase is continuous; its settings say
     frequency, amplitude and from which sample on it is measured.
@@ -106,7 +106,7 @@ class SineSweep(Plan, frozen=True, kw_only=True):
                 }
                 wave = on_axis(bench, self.axis, sine)
                 label = f"{wanted_hz:g} Hz"
-                yield open_loop(bench, label, wave, settle + measure, record, settings, cold_finger_k=set_point)
+                yield open_loop(label, wave, settle + measure, record, settings, cold_finger_k=set_point)
                 set_point = None
 
     def _whole(self, frequency_hz: float, rate_hz: float) -> tuple[int, int]:

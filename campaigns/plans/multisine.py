@@ -1,0 +1,103 @@
+"""Random-phase multisines on all axes at once: response, noise and nonlinear distortion, separated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.plans.base import Plan, axis_of, channels_of, open_loop, rate_of, samples_of
+from sim_backend.bench import Bench, Segment
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+
+class Multisine(Plan, frozen=True, kw_only=True):
+    """Periodic multisines from `start_hz` to `stop_hz`, all lines of 1/`period_s`, of equal amplitude.
+
+    Each of `realisations` draws new phases from `seed` and is played as one experiment per axis, the phases of the
+    axes turned against each other by the rows of a Fourier matrix, so that the inputs of a realisation are orthogonal
+    (Pintelon and Schoukens, System Identification, 2012, 3.7). An experiment is `transient_periods` and `periods`.
+    `torque_rms_nm` acts on angles, `force_rms_n` on z. A last, held-out realisation has `held_out_gain` times that.
+    """
+
+    name: ClassVar[str] = "multisine"
+    title: ClassVar[str] = "random-phase multisines"
+
+    axes: tuple[str, ...] = ("theta_x", "theta_y", "z")
+    torque_rms_nm: float = 0.01
+    force_rms_n: float = 0.1
+    start_hz: float = 1.0
+    stop_hz: float = 2000.0
+    period_s: float = 1.0
+    periods: int = 2
+    transient_periods: int = 1
+    realisations: int = 2
+    held_out_gain: float = 0.6
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        self.require_positive("torque_rms_nm", "force_rms_n", "start_hz", "stop_hz", "period_s", "periods")
+        self.require_positive("realisations", "held_out_gain")
+        self.require(self.transient_periods >= 0 and self.seed >= 0, "transient_periods", "zero or more, as the seed")
+        self.require(bool(self.axes), "axes", "at least one axis")
+        self.require(self.stop_hz >= self.start_hz, "stop_hz", f"at least start_hz, {self.start_hz:g}")
+
+    def channels(self, bench: Bench) -> tuple[str, ...]:
+        """Return commands and readings, and the temperature."""
+        return channels_of(bench, ("input", "output"), ("temperature",))
+
+    def segments(self, bench: Bench) -> Iterator[Segment]:
+        """Yield one segment per realisation and axis; raises ConfigError for an axis that is not there."""
+        rate, record = rate_of(bench), self.channels(bench)
+        where = [axis_of(bench, axis) for axis in self.axes]
+        rms = np.array([self.force_rms_n if axis == "z" else self.torque_rms_nm for axis in self.axes])
+        rng = np.random.default_rng(self.seed)
+        period = samples_of(self.period_s, rate)
+        for realisation in range(self.realisations + 1):
+            held_out = realisation == self.realisations
+            gain = self.held_out_gain if held_out else 1.0
+            name = "held-out" if held_out else f"{realisation + 1}"
+            for experiment, wave in enumerate(orthogonal(period, rate, self.start_hz, self.stop_hz, len(where), rng)):
+                command = np.zeros((period, len(bench.axes)))
+                command[:, where] = wave * rms * gain
+                settings: dict[str, float | str] = {
+                    "phase": "multisine",
+                    "period_samples": period,
+                    "transient_periods": self.transient_periods,
+                    "periods": self.periods,
+                    "realisation": realisation,
+                    "experiment": experiment,
+                }
+                n = (self.transient_periods + self.periods) * period
+                yield open_loop(f"multisine {name}.{experiment + 1}", command, n, record, settings)
+
+
+def orthogonal(
+    period: int, rate_hz: float, start_hz: float, stop_hz: float, n_axes: int, rng: np.random.Generator
+) -> Iterator[Array]:
+    """Yield `n_axes` experiments (period, n_axes) of unit rms each, on one draw of phases.
+
+    At every line the matrix of inputs over experiments is a unitary one times the line's amplitude. Raises
+    ConfigError when no line lies in the band.
+    """
+    resolution = rate_hz / period
+    first, last = int(np.ceil(start_hz / resolution - 1e-9)), int(np.floor(stop_hz / resolution + 1e-9))
+    first, last = max(first, 1), min(last, (period - 1) // 2)
+    if last < first:
+        raise ConfigError(
+            f"multisine: no line of {resolution:g} Hz lies between {start_hz:g} and {stop_hz:g} Hz; "
+            "lengthen the period or widen the band"
+        )
+    lines = np.arange(first, last + 1)
+    phases = rng.uniform(0.0, 2.0 * np.pi, (lines.size, n_axes))
+    # a line of amplitude a has the mean square a²/2
+    amplitude = np.sqrt(2.0 / lines.size)
+    for experiment in range(n_axes):
+        turn = 2.0 * np.pi * experiment * np.arange(n_axes) / n_axes
+        spectrum = np.zeros((period // 2 + 1, n_axes), dtype=complex)
+        spectrum[lines] = 0.5 * period * amplitude * np.exp(1j * (phases + turn))
+        yield np.fft.irfft(spectrum, period, axis=0)

@@ -1,0 +1,22 @@
+"""A 5 Hz chop of one axis between 0 and 8.5 mrad: settling by each strategy (6.4.2, 6.5)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from campaigns.plans.chop import ChopPlan
+
+
+class Settling(ChopPlan, frozen=True, kw_only=True):
+    """A chop fast enough that settling decides it; `alpha_deg` 0 is θx, 90 is θy.
+
+    With a learning strategy the chop of `cycles` periods comes after the learning.
+    """
+
+    name: ClassVar[str] = "settling"
+    title: ClassVar[str] = "settling of a fast chop"
+
+    alpha_deg: float = 90.0
+    frequency_hz: float = 5.0
+    cycles: int = 25
+    window_s: float = 0.05
