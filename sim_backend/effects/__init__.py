@@ -4,30 +4,82 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from sim_backend.effects.actuator_gain import ActuatorGain
+from sim_backend.effects.amplifier_lag import AmplifierLag
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.amplifier_saturation import AmplifierSaturation
 from sim_backend.effects.apex_noise import ApexNoise
+from sim_backend.effects.backlash import Backlash
 from sim_backend.effects.base import Aux, Dimension, Effect, Parameter, Site
+from sim_backend.effects.broadband_vibration import BroadbandVibration
+from sim_backend.effects.coil_heating import CoilHeating
+from sim_backend.effects.command_quantisation import CommandQuantisation
 from sim_backend.effects.constant_torque import ConstantTorque
 from sim_backend.effects.coulomb_friction import CoulombFriction
+from sim_backend.effects.cross_coupling import CrossCoupling
 from sim_backend.effects.cubic_stiffness import CubicStiffness
+from sim_backend.effects.damping_shift import DampingShift
+from sim_backend.effects.dead_zone import DeadZone
+from sim_backend.effects.delay import Delay
+from sim_backend.effects.drive_hysteresis import DriveHysteresis
+from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.effects.end_stop_contact import EndStopContact
+from sim_backend.effects.extra_resonance import ExtraResonance
+from sim_backend.effects.fringe_jump import FringeJump
+from sim_backend.effects.hysteresis import Hysteresis
+from sim_backend.effects.inertia_shift import InertiaShift
 from sim_backend.effects.jiles_atherton import JilesAtherton
 from sim_backend.effects.magnetic_polynomial import MagneticPolynomial
+from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
+from sim_backend.effects.periodic_torque import PeriodicTorque
+from sim_backend.effects.position_dependent_force_constant import PositionDependentForceConstant
+from sim_backend.effects.sample_clock_error import SampleClockError
+from sim_backend.effects.sensor_drift import SensorDrift
 from sim_backend.effects.sensor_gain import SensorGain
 from sim_backend.effects.sensor_noise import SensorNoise
+from sim_backend.effects.sensor_quantisation import SensorQuantisation
+from sim_backend.effects.sensor_rotation import SensorRotation
+from sim_backend.effects.stiffness_shift import StiffnessShift
 from sim_backend.effects.thermal_stiffness_drift import ThermalStiffnessDrift
+from sim_backend.effects.vibration_line import VibrationLine
+from sim_backend.effects.viscoelastic_creep import ViscoelasticCreep
 from sim_backend.errors import ConfigError
 
 EFFECTS: tuple[type[Effect], ...] = (
+    StiffnessShift,
+    DampingShift,
+    InertiaShift,
+    ExtraResonance,
     CubicStiffness,
+    Hysteresis,
     JilesAtherton,
+    DriveHysteresis,
     CoulombFriction,
+    ViscoelasticCreep,
     EndStopContact,
+    CrossCoupling,
+    Backlash,
+    PeriodicTorque,
+    ActuatorGain,
+    PositionDependentForceConstant,
     AmplifierSaturation,
+    AmplifierLag,
+    Delay,
+    DeadZone,
+    CommandQuantisation,
+    CoilHeating,
     SensorGain,
+    SensorRotation,
+    PeriodicSensorError,
+    SensorQuantisation,
+    FringeJump,
     ApexNoise,
+    SensorDrift,
+    VibrationLine,
+    BroadbandVibration,
     ThermalStiffnessDrift,
+    SampleClockError,
+    DroppedSamples,
     ConstantTorque,
 )
 """What a diagnosis can name, in the order of the library's table."""

@@ -61,3 +61,31 @@ class RecordView:
             lines.append(i * self.rate_hz / self.residual.size)
             excess[max(0, i - 3) : i + 4] = 0.0
         return lines
+
+    def residual_periods(self, n: int) -> list[float]:
+        """Return the `n` distances (output unit) after which the residual repeats most over the position.
+
+        The residual is averaged in 4096 bins over the range of positions; found are distances from half that range to
+        a 1024th of it. Empty when the position does not move.
+        """
+        low, width = (
+            float(np.min(self.position, initial=0.0)),
+            float(np.ptp(self.position)) if self.position.size else 0.0,
+        )
+        if not width > 0.0:
+            return []
+        bins = np.minimum(((self.position - low) / width * 4096).astype(np.int64), 4095)
+        count = np.bincount(bins, minlength=4096)
+        mean = np.bincount(bins, weights=self.residual, minlength=4096) / np.maximum(count, 1)
+        at = np.linspace(-1.0, 1.0, 4096)
+        # what is smooth over the whole range is another effect
+        smooth = np.polynomial.polynomial.polyfit(at, mean, 3, w=np.sqrt(count))
+        rough = np.where(count > 0, mean - np.polynomial.polynomial.polyval(at, smooth), 0.0)
+        power = np.abs(np.fft.rfft(rough * np.hanning(4096), 4 * 4096))[: 4 * 1024] ** 2
+        power[:8] = 0.0
+        periods: list[float] = []
+        for _ in range(n):
+            i = max(int(np.argmax(power)), 8)
+            periods.append(width * 4.0 / i)
+            power[max(0, i - 8) : i + 9] = 0.0
+        return periods

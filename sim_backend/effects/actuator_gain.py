@@ -1,0 +1,27 @@
+"""Actuator gain: the drive gives a little more or less than it is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, size
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    return p[0] * signal
+
+
+@dataclass(frozen=True)
+class ActuatorGain(Effect):
+    """Command · (1 + relative); at an actuator it is that one's current."""
+
+    name = "actuator-gain"
+    family = "drive"
+    site = Site.COMMAND
+    symptom = "is proportional to the response to the command, at every frequency and amplitude"
+    step = _step
+
+    relative: float = size("relative error of the gain", low=-0.99)

@@ -1,0 +1,37 @@
+"""Command quantisation: the drive plays only whole steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, shape
+from sim_backend.effects.view import RecordView
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    # beyond 2^52 steps every float is a whole number of them, within its rounding
+    if abs(signal) >= p[0] * 4503599627370496.0:
+        return 0.0
+    return p[0] * math.floor(signal / p[0] + 0.5) - signal
+
+
+@dataclass(frozen=True)
+class CommandQuantisation(Effect):
+    """The command rounded to whole steps; neutral at a step of zero."""
+
+    name = "command-quantisation"
+    family = "drive"
+    site = Site.COMMAND
+    symptom = "is a sawtooth over the command, bounded however large it is"
+    step = _step
+
+    step_size: float = shape("smallest change of the output", 0.0, u=1)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return steps from a 4096th of the largest command to a quarter of it."""
+        return [{"step_size": view.u_peak / steps} for steps in (4, 32, 256, 4096)]

@@ -1,0 +1,54 @@
+"""Extra resonance: a mode that the model does not have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.effects.base import Effect, Site, shape, size
+from sim_backend.effects.dominant import dominant_block, residues
+from sim_backend.effects.view import RecordView
+from sim_backend.linear import ModalModel
+
+
+@dataclass(frozen=True)
+class ExtraResonance(Effect):
+    """A mode in parallel to the others, with `participation` times the residue of the dominant one.
+
+    It adds participation · r / (s² + 2 damping_ratio omega s + omega²), r being the dominant mode's inverse inertia,
+    so it measures the ratio of the inertias and holds for a rigid body as well.
+    """
+
+    name = "extra-resonance"
+    family = "structure"
+    site = Site.MODEL
+    symptom = "is a narrow peak at a fixed frequency that grows in proportion to the drive"
+
+    participation: float = size("residue relative to that of the dominant mode")
+    frequency_hz: float = shape("undamped natural frequency", 100.0, s=-1, low=1e-6)
+    damping_ratio: float = shape("damping ratio", 0.01, low=1e-6, high=1.0)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return the strongest lines of the residual, lightly and well damped."""
+        lines = [f for f in view.residual_lines_hz(4) if f > 0.0]
+        return [{"frequency_hz": f, "damping_ratio": z} for f in lines for z in (0.005, 0.05)]
+
+    def retune(self, model: ModalModel, input_index: int, output_index: int) -> ModalModel:
+        """Return `model` with the mode appended."""
+        if self.is_neutral():
+            return model
+        dominant = dominant_block(model, input_index, output_index)
+        b, c = np.zeros((1, model.n_inputs)), np.zeros((model.n_outputs, 1))
+        b[0, input_index] = self.participation * residues(model, input_index, output_index)[dominant]
+        c[output_index, 0] = 1.0
+        omega = 2.0 * np.pi * self.frequency_hz
+        return model.with_(
+            omega_rad_s=np.append(model.omega_rad_s, omega),
+            sigma_1_s=np.append(model.sigma_1_s, self.damping_ratio * omega),
+            b=np.vstack([model.b, b]),
+            b_direct=np.vstack([model.b_direct, np.zeros_like(b)]),
+            c=np.hstack([model.c, c]),
+            c_rate=np.hstack([model.c_rate, np.zeros_like(c)]),
+        )

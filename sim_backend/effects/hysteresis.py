@@ -1,0 +1,52 @@
+"""Hysteresis, rate-independent: springs in parallel that slip one after the other (Maxwell slip, Iwan)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, shape, size
+from sim_backend.effects.view import RecordView
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    # s[0..3] deflections of the elements, s[4] the last position
+    change = position - s[4]
+    s[4] = position
+    reach = p[4]
+    torque = 0.0
+    for i in range(4):
+        s[i] = min(max(s[i] + change, -reach), reach)
+        torque -= p[i] * s[i]
+        reach /= 3.0
+    return torque
+
+
+@dataclass(frozen=True)
+class Hysteresis(Effect):
+    """Torque -sum stiffness_i · z_i: spring i follows the position until its deflection z_i slips at ±reach / 3^(i-1).
+
+    The ladder of reaches is fixed, so that the contribution is linear in all but one number; four elements trace a
+    smooth loop over a range of amplitudes of 1 : 27. Every loop is closed, obeys Masing's rule and loses energy.
+    Source: W. D. Iwan, J. Appl. Mech. 33 (1966).
+    """
+
+    name = "hysteresis"
+    family = "structure"
+    site = Site.STRUCTURE
+    symptom = "is a loop over the position that depends on the last reversals and not on the speed"
+    n_state = 5
+    step = _step
+
+    stiffness_1: float = size("stiffness that slips at `reach`", u=1, y=-1, low=0.0)
+    stiffness_2: float = size("stiffness that slips at a third of it", u=1, y=-1, low=0.0)
+    stiffness_3: float = size("stiffness that slips at a ninth of it", u=1, y=-1, low=0.0)
+    stiffness_4: float = size("stiffness that slips at a 27th of it", u=1, y=-1, low=0.0)
+    reach: float = shape("deflection at which the last spring slips", 1e-3, y=1, low=1e-15)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return reaches from a tenth of the swing to twice it, where the last spring never slips."""
+        return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.1, 0.4, 1.0, 2.0)]

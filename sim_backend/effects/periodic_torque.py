@@ -1,0 +1,37 @@
+"""Periodic torque (cogging): magnets or teeth pull towards evenly spaced positions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, shape, size
+from sim_backend.effects.view import RecordView
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    angle = 6.283185307179586 * (position / p[2])
+    return p[0] * math.cos(angle) + p[1] * math.sin(angle)
+
+
+@dataclass(frozen=True)
+class PeriodicTorque(Effect):
+    """Torque cosine · cos(2π position / period) + sine · sin(2π position / period)."""
+
+    name = "periodic-torque"
+    family = "structure"
+    site = Site.STRUCTURE
+    symptom = "repeats at even distances of the position, the same in both directions, filtered by the plant"
+    step = _step
+
+    cosine: float = size("torque in phase with the centre", u=1)
+    sine: float = size("torque a quarter period off the centre", u=1)
+    period: float = shape("distance after which it repeats", 1e-3, y=1, low=1e-12)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return the distances at which the residual repeats most."""
+        return [{"period": max(distance, 1e-12)} for distance in view.residual_periods(4)]

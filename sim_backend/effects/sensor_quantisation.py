@@ -1,0 +1,40 @@
+"""Sensor quantisation: the reading comes in whole steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Effect, Site, shape
+from sim_backend.effects.view import RecordView
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    # beyond 2^52 steps every float is a whole number of them, within its rounding
+    if abs(signal) >= p[0] * 4503599627370496.0:
+        return 0.0
+    return p[0] * math.floor(signal / p[0] + 0.5) - signal
+
+
+@dataclass(frozen=True)
+class SensorQuantisation(Effect):
+    """The reading rounded to whole steps; neutral at a step of zero."""
+
+    name = "sensor-quantisation"
+    family = "sensor"
+    site = Site.READING
+    symptom = "is a sawtooth over the reading, bounded however far it moves"
+    step = _step
+
+    step_size: float = shape("smallest change of the reading", 0.0, y=1)
+
+    @classmethod
+    def guess(cls, view: RecordView) -> list[dict[str, float]]:
+        """Return the usual distance between neighbouring values of the position, and steps that span the swing."""
+        levels = np.diff(np.unique(view.position))
+        seen = [float(np.median(levels))] if levels.size else []
+        return [{"step_size": q} for q in [*seen, *(view.position_peak / steps for steps in (16, 256, 4096))]]

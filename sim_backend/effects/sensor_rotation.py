@@ -1,0 +1,28 @@
+"""Sensor rotation: the sensors' axes are turned against those of the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numba import cfunc
+
+from sim_backend.effects.base import STEP, Aux, Effect, Site, size
+
+
+@cfunc(STEP, cache=True)
+def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    return p[0] * aux
+
+
+@dataclass(frozen=True)
+class SensorRotation(Effect):
+    """Reading of the target plus angle · position of the source; `where` is "source->target"."""
+
+    name = "sensor-rotation"
+    family = "sensor"
+    site = Site.READING
+    symptom = "follows the motion of another axis, in proportion and without delay"
+    aux = Aux.SOURCE_POSITION
+    step = _step
+
+    angle: float = size("share of the source's motion that the target sees; for small angles the angle in rad")
