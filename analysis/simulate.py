@@ -9,7 +9,6 @@ from scipy import fft
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, DiscreteModel
 
-
 # samples per pass: the states of a few blocks over this many samples stay in the processor's cache
 _CHUNK = 4096
 

@@ -77,23 +77,58 @@ def fit_records(
     target = _target(inputs, outputs, rate_hz)
     structure = structure or Structure()
     wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
+    if not wanted or wanted[0] < 1:
+        raise ConfigError(f"blocks is {blocks}; give at least one positive number of blocks")
     tried: list[tuple[int, float]] = []
     best: TimeFit | None = None
     for count in wanted:
         starts = [start] if start is not None else list(_starts(target, count, structure))
         if not starts:
-            raise DataError(
-                f"no start for {count} blocks could be found in {target.values} output values; record more or ask for fewer"
-            )
-        fits = [_fit(target, model, structure, noise_order, max(iterations // 5, 10)) for model in starts]
-        near = min(fits, key=lambda fit: fit.criterion)
-        fit = _fit(target, near.model, structure, noise_order, iterations)
-        fit = _with_rigid_bodies(target, fit, rigid_bodies, structure, noise_order, iterations)
+            few = f"{target.values} output values give no start for {count} blocks"
+            raise DataError(f"{few}; record more or ask for fewer blocks")
+        fit = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations)
         tried.append((count, fit.criterion))
         best = fit if best is None or fit.criterion < best.criterion else best
-    if best is None:
-        raise ConfigError("blocks is empty; give at least one number of blocks")
+    assert best is not None
     return replace(best, orders=tuple(tried))
+
+
+def _best_fit(
+    target: TimeTarget,
+    starts: list[ModalModel],
+    structure: Structure,
+    noise_order: int | None,
+    rigid_bodies: int | None,
+    iterations: int,
+) -> TimeFit:
+    """Return the best fit from any start, with each number of rigid bodies that is allowed.
+
+    Starts are compared as simulations, with white errors: a noise model that may explain anything would flatter a
+    start that explains nothing. Only then are the best two numbers of rigid bodies whitened.
+    """
+    near: dict[int, TimeFit] = {}
+    for first in starts:
+        for rigid, model in _with_rigid_bodies(target, first, rigid_bodies):
+            fit = _fit(target, model, structure, 0, iterations)
+            if rigid not in near or fit.criterion < near[rigid].criterion:
+                near[rigid] = fit
+    ranked = sorted(near.values(), key=lambda fit: fit.criterion)[:2]
+    if noise_order == 0:
+        return ranked[0]
+    whitened = [_fit(target, fit.model, structure, noise_order, iterations) for fit in ranked]
+    return min(whitened, key=lambda fit: fit.criterion)
+
+
+def _with_rigid_bodies(target: TimeTarget, model: ModalModel, wanted: int | None) -> Iterator[tuple[int, ModalModel]]:
+    """Yield (number of rigid bodies, model) with the poles of the lowest blocks at zero, as many as may be."""
+    order = np.argsort(model.omega_rad_s)
+    longest = max(u.shape[0] for u in target.inputs) / target.rate_hz
+    # a mode that turns less than a few times in the longest record may be a rigid body; the criterion decides
+    slow = int(np.sum(model.omega_rad_s < 20.0 * np.pi / longest))
+    for count in range(slow + 1) if wanted is None else [min(wanted, model.n_blocks)]:
+        omega, sigma = model.omega_rad_s.copy(), model.sigma_1_s.copy()
+        omega[order[:count]] = sigma[order[:count]] = 0.0
+        yield count, model.with_(omega_rad_s=omega, sigma_1_s=sigma)
 
 
 def _target(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeTarget:
@@ -255,22 +290,3 @@ def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, conv
         converged,
         ((model.n_blocks, float(criterion)),),
     )
-
-
-def _with_rigid_bodies(
-    target: TimeTarget, fit: TimeFit, wanted: int | None, structure: Structure, noise_order: int | None, iterations: int
-) -> TimeFit:
-    """Return the fit with poles at zero for the lowest `wanted` blocks, or for as many as the criterion likes."""
-    longest = max(u.shape[0] for u in target.inputs) / target.rate_hz
-    for i in range(fit.model.n_blocks if wanted is None else min(wanted, fit.model.n_blocks)):
-        order = np.argsort(fit.model.omega_rad_s)
-        omega, sigma = fit.model.omega_rad_s.copy(), fit.model.sigma_1_s.copy()
-        # a mode that does not turn once in the record cannot be told from a rigid body by eye; the criterion must
-        if wanted is None and omega[order[i]] > 2.0 * np.pi / longest:
-            break
-        omega[order[i]] = sigma[order[i]] = 0.0
-        trial = _fit(target, fit.model.with_(omega_rad_s=omega, sigma_1_s=sigma), structure, noise_order, iterations)
-        if wanted is None and trial.criterion > fit.criterion:
-            break
-        fit = trial
-    return fit

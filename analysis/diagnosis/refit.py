@@ -7,12 +7,13 @@ relative to their natural size, shapes logarithmic where they are positive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.dataset import Dataset
@@ -39,6 +40,7 @@ class Setting:
     transducers: layout.Transducers
     knobs: list[Knob]
     whitener: Whitener
+    starts: tuple[tuple[Array, ...], ...]
     substeps: int
     workers: int = 2
 
@@ -79,6 +81,13 @@ class _Scale:
     low: float
     high: float
 
+    def bound(self, value: float) -> float:
+        if np.isinf(value):
+            return value
+        if self.log and value <= 0.0:
+            return -60.0
+        return self.forth(value)
+
     def forth(self, value: float) -> float:
         return float(np.log(value / self.unit)) if self.log else value / self.unit
 
@@ -92,30 +101,25 @@ def refit(setting: Setting, candidates: Sequence[Candidate], sizes: Array, chang
 
     Raises nothing: a hypothesis that cannot be simulated ends with an infinite misfit.
     """
-    scales, x = _parameters(candidates, sizes)
-    x = np.concatenate([change, x])
+    scales, start = _parameters(candidates, sizes)
+    x = np.concatenate([change, start])
     problem = _Problem(setting, tuple(candidates), scales)
-    current = problem.evaluate(x)
-    damping, jacobian = 1e-3, None
-    for _ in range(iterations):
-        if jacobian is None:
-            jacobian = problem.jacobian(x, current)
-        normal, slope = jacobian.T @ jacobian, jacobian.T @ current.stacked
-        ridge = np.diag(normal) + 1e-12 * np.trace(normal) / normal.shape[0]
-        step = -np.linalg.solve(normal + damping * np.diag(ridge), slope)
-        step *= min(1.0, 1.0 / max(np.max(np.abs(step)), 1e-300))
-        trial = problem.evaluate(x + step)
-        if trial.objective < current.objective:
-            gained = current.objective - trial.objective
-            x, current, jacobian = x + step, trial, None
-            damping = max(damping * 0.1, 1e-9)
-            if gained < 1e-3 + 1e-7 * current.objective:
-                break
-        else:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-    return problem.finish(x, current)
+    if x.size:
+        low = np.array([-np.inf] * change.size + [s.bound(s.low) for s in scales])
+        high = np.array([np.inf] * change.size + [s.bound(s.high) for s in scales])
+        found = least_squares(
+            problem.stacked,
+            np.clip(x, low + 1e-9, high - 1e-9),
+            jac=problem.slopes,  # type: ignore[arg-type]
+            bounds=(low, high),
+            x_scale=np.array([k.sd for k in setting.knobs] + [1.0] * len(scales)),
+            max_nfev=iterations,
+            ftol=1e-8,
+            xtol=1e-10,
+            gtol=None,
+        )
+        x = found.x
+    return problem.finish(x, problem.evaluate(x))
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,15 @@ class _Problem:
             values[scale.effect][scale.name] = scale.back(float(xi))
         return tuple(c.effect(c.where, **v) for c, v in zip(self.candidates, values, strict=True))
 
+    def stacked(self, x: Array) -> Array:
+        """Return whitened residuals and prior, shape (rows + n_knobs,); huge where the simulation runs away."""
+        stacked = self.evaluate(x).stacked
+        return stacked if np.all(np.isfinite(stacked)) else np.full(stacked.size, 1e150)
+
+    def slopes(self, x: Array) -> Array:
+        """Return the Jacobian of `stacked`."""
+        return self.jacobian(x, self.evaluate(x))
+
     def raw(self, x: Array) -> tuple[Array, ...]:
         """Return the residuals of every record at `x`."""
         s = self.setting
@@ -166,7 +179,7 @@ class _Problem:
     def evaluate(self, x: Array) -> _State:
         with np.errstate(over="ignore", invalid="ignore"):
             residuals = self.raw(x)
-            white = self.whiten(residuals, x)
+            white = self.whiten(residuals)
         prior = x[: len(self.setting.knobs)] / np.array([k.sd for k in self.setting.knobs])
         stacked = np.concatenate([white, prior])
         misfit = float(white @ white)
@@ -174,21 +187,17 @@ class _Problem:
             misfit = np.inf
         return _State(stacked, residuals, misfit, float(prior @ prior))
 
-    def whiten(self, residuals: Sequence[Array], x: Array) -> Array:
+    def whiten(self, residuals: Sequence[Array]) -> Array:
         """Return all fitted rows, whitened, each record's unknown start projected out."""
         s = self.setting
         parts = []
-        for record, residual, starts in zip(s.data.records, residuals, self.starts(x), strict=True):
+        for record, residual, starts in zip(s.data.records, residuals, s.starts, strict=True):
             mask = record.fitted()
             for o in range(s.data.n_outputs):
                 white = s.whitener.apply(residual[:, o : o + 1], o)[mask, 0]
                 q = starts[o]
                 parts.append(white - q @ (q.T @ white))
         return np.concatenate(parts)
-
-    def starts(self, x: Array) -> list[list[Array]]:
-        """Return, per record and output, an orthonormal basis of what an unknown start can add."""
-        return start_bases(self.setting)
 
     def jacobian(self, x: Array, at: _State) -> Array:
         """Return d(stacked)/dx: knobs by linear sensitivities, effect parameters by finite differences."""
@@ -199,7 +208,7 @@ class _Problem:
         if n_knobs:
             per_record = [sensitivities(linear, s.knobs, r.u, s.data.rate_hz) for r in s.data.records]
             for k in range(n_knobs):
-                columns[: -n_knobs or None, k] = -self.whiten([p[:, :, k] for p in per_record], x)
+                columns[: -n_knobs or None, k] = -self.whiten([p[:, :, k] for p in per_record])
                 columns[at.stacked.size - n_knobs + k, k] = 1.0 / s.knobs[k].sd
 
         def slope(i: int) -> Array:
@@ -238,20 +247,20 @@ class _Problem:
         )
 
 
-def start_bases(setting: Setting) -> list[list[Array]]:
-    """Return, per record and output, an orthonormal basis (rows, k) of whitened free responses of the nominal model."""
+def start_bases(data: Dataset, nominal: ModalModel, whitener: Whitener) -> tuple[tuple[Array, ...], ...]:
+    """Return, per record and output, an orthonormal basis (rows, k) of the whitened free responses of the nominal model."""
     out = []
-    for record in setting.data.records:
-        free = free_responses(discretise(setting.nominal, setting.data.rate_hz), record.n)
+    for record in data.records:
+        free = free_responses(discretise(nominal, data.rate_hz), record.n)
         mask = record.fitted()
         per_output = []
-        for o in range(setting.data.n_outputs):
+        for o in range(data.n_outputs):
             live = free[:, o][:, np.any(free[:, o] != 0.0, axis=0)]
-            q, r = np.linalg.qr(setting.whitener.apply(live, o)[mask])
+            q, r = np.linalg.qr(whitener.apply(live, o)[mask])
             size = np.abs(np.diag(r))
             per_output.append(q[:, size > 1e-9 * np.max(size, initial=1e-300)])
-        out.append(per_output)
-    return out
+        out.append(tuple(per_output))
+    return tuple(out)
 
 
 def _parameters(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[_Scale], Array]:
@@ -277,6 +286,3 @@ def _parameters(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[_Sc
             scales.append(scale)
             x.append(scale.forth(value))
     return scales, np.array(x)
-
-
-Progress = Callable[[str, float], None]
