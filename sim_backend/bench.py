@@ -104,8 +104,8 @@ class Segment:
 
     `reference` and `feedforward` are (period, n_axes) in output and input units. `feedback` and `learning` hold one
     entry per axis, None for none; `gates` act within every period. A feedback that is closed when a segment ends
-    stays closed in the next. `cold_finger_k` changes the set temperature; `settle` waits there before the segment.
-    `record` names the channels to keep, empty for all. `settings` go into the log's segment table.
+    stays closed in the next. `cold_finger_k` changes the set temperature; the segment begins once the bench has
+    settled there. `record` names the channels to keep, empty for all. `settings` go into the log's segment table.
     """
 
     label: str

@@ -84,7 +84,10 @@ class Ring(_Strict, frozen=True, kw_only=True):
 
 
 class Hardware(_Strict, frozen=True, kw_only=True):
-    """Actuators, sensors, limits and thermal behaviour of a three-axis bench (θx, θy, z)."""
+    """Actuators, sensors, limits and thermal behaviour of a three-axis bench (θx, θy, z).
+
+    `theodolite_noise_rad` is the standard deviation of one theodolite reading; without it there is no theodolite.
+    """
 
     actuators: Ring
     sensors: Ring
@@ -97,6 +100,7 @@ class Hardware(_Strict, frozen=True, kw_only=True):
     cold_finger_k: Value
     thermal_resistance_k_w: Value
     thermal_time_constant_s: Value
+    theodolite_noise_rad: Value | None = None
 
 
 class Model(_Strict, frozen=True, kw_only=True):

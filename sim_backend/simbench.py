@@ -38,9 +38,13 @@ def _streams(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Genera
     seen: Counter[str] = Counter()
     for effect in effects:
         label = f"{effect.name}@{effect.where}"
-        streams[id(effect)] = np.random.default_rng([seed, crc32(label.encode()), seen[label]])
+        streams[id(effect)] = _stream(seed, label, seen[label])
         seen[label] += 1
     return streams
+
+
+def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
+    return np.random.default_rng([seed, crc32(label.encode()), rank])
 
 
 class SimBench:
@@ -48,7 +52,9 @@ class SimBench:
 
     `substeps` refines the time grid of the plant and of motion-dependent torques. The recorded channels per axis are
     `command_<dof>` (input), `<dof>` (output), `reference_<dof>` (reference); with hardware also `current_<actuator>`,
-    `head_<sensor>` and `temperature`; `truth` adds `true_<dof>`, for tests and for the simulated theodolite.
+    `head_<sensor>` and `temperature`. A hardware with a theodolite has `theodolite_<dof>` for every angle: an
+    instrument of its own beside the bench, recorded only by segments that ask for it by name. `truth` adds
+    `true_<dof>`, for tests.
     """
 
     def __init__(
@@ -69,6 +75,11 @@ class SimBench:
         self._hw = transducers_of(model)
         self._fx, self._effects = effects_of(effects, self.places)
         self._streams = _streams(seed, [*self._effects, *self._rewriting])
+        hw = model.hardware
+        seen = (
+            [] if hw is None or hw.theodolite_noise_rad is None else [p.dof for p in model.outputs if p.unit == "rad"]
+        )
+        self._theodolite = {dof: _stream(seed, f"theodolite@{dof}") for dof in seen}
         n_u, n_a = self._hw.to_torque.shape
         self._bus = bus_of(n_u, n_a, *self._hw.to_reading.shape)
         self._axes = n_u
@@ -101,6 +112,7 @@ class SimBench:
             out += [Signal(f"current_{a}", "A", "aux", a, rate) for a in self.places.actuators]
             out += [Signal(f"head_{s}", "m", "aux", s, rate) for s in self.places.heads]
             out += [Signal("temperature", "K", "aux", "", rate)]
+        out += [Signal(f"theodolite_{dof}", "rad", "aux", dof, rate) for dof in self._theodolite]
         if self._truth:
             out += [Signal(f"true_{p.dof}", p.unit, "aux", p.dof, rate) for p in model.outputs]
         return tuple(out)
@@ -118,7 +130,8 @@ class SimBench:
     def play(self, segment: Segment) -> Record:
         """Play one segment from the present state and return the channels it asks for (all when it names none).
 
-        Raises ConfigError when the segment names an unknown channel or has the wrong number of axes.
+        A segment that sets the cold finger begins once the bench has settled there. Raises ConfigError when the segment
+        names an unknown channel or has the wrong number of axes.
         """
         wanted = self._wanted(segment)
         if segment.reference.shape[1] != self._axes:
@@ -162,7 +175,9 @@ class SimBench:
             raise ConfigError(
                 f"segment '{segment.label}': the bench has no channel '{unknown[0]}'; channels: {', '.join(names)}"
             )
-        return tuple(n for n in names if not segment.record or n in segment.record)
+        if segment.record:
+            return tuple(n for n in names if n in segment.record)
+        return tuple(n for n in names if not n.startswith("theodolite_"))
 
     def _output(self, n: int, wanted: tuple[str, ...]) -> layout.Output:
         (n_u, n_a), (n_y, n_s) = self._hw.to_torque.shape, self._hw.to_reading.shape
@@ -175,7 +190,7 @@ class SimBench:
             command=np.zeros((rows("command_", places.inputs), n_u)),
             torque=np.zeros((0, n_u)),
             current=np.zeros((rows("current_", places.actuators), n_a)),
-            position=np.zeros((rows("true_", places.outputs), n_y)),
+            position=np.zeros((max(rows("true_", places.outputs), rows("theodolite_", places.outputs)), n_y)),
             reading=np.zeros((rows("", places.outputs), n_y)),
             head=np.zeros((rows("head_", places.heads), n_s)),
             temperature=np.zeros(rows("", ("temperature",))),
@@ -194,11 +209,20 @@ class SimBench:
             if array.shape[0]:
                 sources.update({f"{prefix}{name}": array[:, i] for i, name in enumerate(names)})
         sources["temperature"] = out.temperature
+        for dof in self._theodolite:
+            if f"theodolite_{dof}" in wanted:
+                sources[f"theodolite_{dof}"] = self._sighted(dof, out.position)
         repeats = -(-segment.n_samples // segment.reference.shape[0])
         for i, dof in enumerate(places.outputs[: segment.reference.shape[1]]):
             if f"reference_{dof}" in wanted:
                 sources[f"reference_{dof}"] = np.tile(segment.reference[:, i], repeats)[: segment.n_samples]
         return {name: self._recorded(name, sources[name]) for name in wanted}
+
+    def _sighted(self, dof: str, position: Array) -> Array:
+        hw = self._model.hardware
+        assert hw is not None and hw.theodolite_noise_rad is not None
+        noise = self._theodolite[dof].standard_normal(position.shape[0])
+        return position[:, self.places.outputs.index(dof)] + number(hw.theodolite_noise_rad) * noise
 
     def _recorded(self, name: str, values: Array) -> Array:
         for effect in self._rewriting:
@@ -207,8 +231,9 @@ class SimBench:
         return np.ascontiguousarray(values)
 
     def safe(self) -> None:
-        """Open all loops and zero the drives: the mechanism swings out on its own."""
-        self._mem.closed[:] = 0
+        """Open all loops, zero the drives and forget what was learned: the mechanism then swings out on its own."""
+        for held in (self._mem.closed, self._mem.queue, self._mem.xf, self._mem.xl, self._mem.ring, self._mem.learned):
+            held[...] = 0
 
     def close(self) -> None:
         """Nothing is held."""

@@ -1,32 +1,38 @@
-"""Amplifier noise: white within the sample rate, at an actuator's current or an input's command."""
+"""Amplifier noise: random, white or of a given bandwidth, at an actuator's current or an input's command."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import cfunc
 
-from sim_backend.effects.base import STEP, Array, Aux, Effect, Site, size
+from sim_backend.effects.base import STEP, Array, Aux, Effect, Site, shape, size
 
 
 @cfunc(STEP, cache=True)
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
-    return p[0] * aux
+    # first-order low pass of unit variance: y += part (x - y) has variance part / (2 - part) of that of x
+    part = -math.expm1(-2.0 * math.pi * p[1] * dt_s)
+    s[0] += part * (aux - s[0])
+    return p[0] * math.sqrt((2.0 - part) / part) * s[0]
 
 
 @dataclass(frozen=True)
 class AmplifierNoise(Effect):
-    """Gaussian noise of standard deviation `std` per sample."""
+    """Gaussian noise of standard deviation `std`, through a first-order low pass; white without `bandwidth_hz`."""
 
     name = "amplifier-noise"
     family = "drive"
     site = Site.COMMAND
     symptom = "is random and has the shape of the plant's response"
     aux = Aux.EXOGENOUS
+    n_state = 1
     step = _step
 
-    std: float = size("standard deviation per sample", u=1, low=0.0)
+    std: float = size("standard deviation", u=1, low=0.0)
+    bandwidth_hz: float = shape("corner frequency of the noise", math.inf, s=-1, low=1e-3)
 
     def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
         """Return `n` standard normal numbers."""
