@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,10 +32,20 @@ class Outcome:
     estimate: Estimate
 
 
-def fingerprint(plan: Plan, bench: Bench, seed: int) -> str:
-    """Return a digest of everything that decides a run: settings, design models, seed and the bench's identity."""
-    whole = {"configuration": plan.configuration(), "seed": seed, "bench": _identity(bench)}
+def configuration_of(plan: Plan) -> str:
+    """Return the plan's configuration as the JSON text that stands in its logs."""
+    return json.dumps(plan.configuration(), sort_keys=True)
+
+
+def fingerprint_of(configuration: str, seed: int | None, bench: Mapping[str, str]) -> str:
+    """Return a digest of everything that decides a run, as its log holds it."""
+    whole = {"configuration": configuration, "seed": seed, "bench": dict(bench)}
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+
+
+def fingerprint(plan: Plan, bench: Bench, seed: int) -> str:
+    """Return the same digest before anything is played."""
+    return fingerprint_of(configuration_of(plan), seed, _identity(bench))
 
 
 def run_plan(
@@ -62,7 +72,7 @@ def run_plan(
         [s for s in bench.signals if s.name in channels],
         test=plan.name,
         bench=_identity(bench),
-        configuration=json.dumps(plan.configuration(), sort_keys=True),
+        configuration=configuration_of(plan),
         seed=seed,
         run_uid=run_uid,
         tool_version=tool_version(),

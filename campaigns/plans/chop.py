@@ -34,7 +34,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
     cycles: int = 15
     window_s: float = 0.5
     strategy: str = "hybrid"
-    model: str = "design"
+    model: str = "design-4th-order"
     tuning: Tuning = Tuning()
 
     def __post_init__(self) -> None:
@@ -51,11 +51,11 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         return (self.model,)
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
-        """Return commands and readings, and the actuators' currents."""
-        return channels_of(bench, ("input", "output"), ("current_",))
+        """Return commands and readings."""
+        return channels_of(bench, ("input", "output"))
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
-        """Yield the strategy's stages, cut into whole periods; raises ConfigError for an axis or model that does not fit."""
+        """Yield the strategy's stages in whole periods; raises ConfigError for an axis or model that does not fit."""
         rate = rate_of(bench)
         task = self._task(bench, rate)
         settings: dict[str, float | str] = {

@@ -34,7 +34,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
     move_s: float = 0.005
     ramp_s: float = 0.5
     settle_s: float = 1.0
-    model: str = "design"
+    model: str = "design-4th-order"
 
     def __post_init__(self) -> None:
         self.require_positive("frequency_hz", "cycles", "move_s", "ramp_s", "settle_s")

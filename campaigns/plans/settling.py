@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from campaigns.plans.base import channels_of
 from campaigns.plans.chop import ChopPlan
+from sim_backend.bench import Bench
 
 
 class Settling(ChopPlan, frozen=True, kw_only=True):
@@ -20,3 +22,7 @@ class Settling(ChopPlan, frozen=True, kw_only=True):
     frequency_hz: float = 5.0
     cycles: int = 25
     window_s: float = 0.05
+
+    def channels(self, bench: Bench) -> tuple[str, ...]:
+        """Return commands and readings, and the actuators' currents, whose power and peak are asked for."""
+        return channels_of(bench, ("input", "output"), ("current_",))

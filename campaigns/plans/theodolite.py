@@ -14,7 +14,7 @@ from sim_backend.bench import Bench, Gate, Segment
 
 
 class Theodolite(Plan, frozen=True, kw_only=True):
-    """Go to every pair of `x_rad` and `y_rad` within `radius_rad` in closed loop, wait for `settle_s`, hold for `hold_s`.
+    """Go to every pair of `x_rad` and `y_rad` within `radius_rad` in closed loop, wait `settle_s`, hold for `hold_s`.
 
     The reference moves along half a cosine in `move_s`. A bench with an instrument of its own has channels
     `theodolite_<axis>`, which are recorded; readings of another instrument are paired with the grid by their order.

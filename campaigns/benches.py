@@ -1,0 +1,64 @@
+"""Benches by address: `sim`, `sim:MODEL` … BENCHES is the only list; every test runs unchanged on each of them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim_backend.bench import Bench
+from sim_backend.errors import ConfigError
+from sim_backend.model import dump_model, load_model
+from sim_backend.simbench import SimBench
+
+DEFAULT_MODEL = "as-built"
+
+
+@dataclass(frozen=True)
+class BenchKind:
+    """One way to reach a bench: `open` takes the address after the colon and a seed.
+
+    `digest` tells two benches at the same address apart. A `repeatable` bench gives the same record for the same seed.
+    """
+
+    form: str
+    help: str
+    open: Callable[[str, int], Bench]
+    digest: Callable[[str], str]
+    repeatable: bool
+
+
+def _open_simulated(address: str, seed: int) -> Bench:
+    model = address or DEFAULT_MODEL
+    return SimBench(load_model(model), seed, name=Path(model).stem)
+
+
+def _model_digest(address: str) -> str:
+    return hashlib.sha256(dump_model(load_model(address or DEFAULT_MODEL)).encode()).hexdigest()
+
+
+BENCHES: dict[str, BenchKind] = {
+    "sim": BenchKind(
+        "sim[:MODEL]",
+        f"simulated in this process: the model '{DEFAULT_MODEL}', or another bundled one or a file",
+        _open_simulated,
+        _model_digest,
+        repeatable=True,
+    ),
+}
+
+
+def bench_kind(address: str) -> tuple[BenchKind, str]:
+    """Return the kind of a bench and what stands after the colon; raises ConfigError naming the kinds there are."""
+    name, _, rest = address.partition(":")
+    if name not in BENCHES:
+        forms = ", ".join(kind.form for kind in BENCHES.values())
+        raise ConfigError(f"there is no bench '{address}'; benches: {forms}")
+    return BENCHES[name], rest
+
+
+def open_bench(address: str, seed: int) -> Bench:
+    """Return the bench at `address`, at rest; raises ConfigError for an address or model that does not exist."""
+    kind, rest = bench_kind(address)
+    return kind.open(rest, seed)

@@ -1,0 +1,112 @@
+"""A whole campaign: a list of runs in a TOML file, played into one folder, resumable after anything.
+
+The logs in the folder say what has been done: a run whose log is complete and was recorded under the same
+configuration is never played again. What a bench remembers (learned input, hysteresis, heat) does not outlast its
+safe state, so a run that did not complete is played anew from rest; what was recorded of it is set aside, not
+overwritten. Each run has its own seed from the campaign's seed and its name, so that a resumed campaign's logs equal
+an uninterrupted one's.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from campaigns.log.schema import check_name
+from campaigns.plans import Plan, make_plan
+from sim_backend.errors import ConfigError
+
+MAX_FILE_BYTES = 1_000_000
+
+
+class RunEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One run: its name, which is its log's too, its plan and the settings that differ from the plan's defaults."""
+
+    name: str
+    plan: str
+    settings: dict[str, Any] = {}
+
+
+class Campaign(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A campaign file; `folder` is where its relative paths start."""
+
+    name: str
+    runs: tuple[RunEntry, ...]
+    title: str = ""
+    schema: Literal["mccd-campaign/1"] = "mccd-campaign/1"
+    folder: str = ""
+
+    def plans(self) -> dict[str, Plan]:
+        """Return the plan of every run by its name; raises ConfigError for one that cannot be."""
+        return {entry.name: self._plan(entry) for entry in self.runs}
+
+    def _plan(self, entry: RunEntry) -> Plan:
+        settings, model = dict(entry.settings), entry.settings.get("model")
+        if self.folder and isinstance(model, str) and (beside := Path(self.folder) / model).is_file():
+            settings["model"] = str(beside)
+        try:
+            return make_plan(entry.plan, settings)
+        except ConfigError as error:
+            raise ConfigError(f"campaign '{self.name}', run '{entry.name}': {error}") from None
+
+
+def run_seed(seed: int, run_name: str) -> int:
+    """Return the seed of a run: 63 bits from the campaign's seed and the run's name, independent between runs."""
+    state = np.random.SeedSequence([seed, *run_name.encode()]).generate_state(1, np.uint64)
+    return int(state[0] >> np.uint64(1))
+
+
+def bundled_campaigns() -> list[str]:
+    """Return the names of the campaigns that come with the package."""
+    return sorted(
+        f.name.removesuffix(".toml") for f in resources.files("campaigns").iterdir() if f.name.endswith(".toml")
+    )
+
+
+def load_campaign(name_or_path: str | Path) -> Campaign:
+    """Return a bundled campaign by name, or the campaign in a TOML file.
+
+    Raises ConfigError when there is neither, for broken TOML, unknown fields, a name that cannot be a file's or is
+    used twice, and plans or settings that do not exist.
+    """
+    path = Path(name_or_path)
+    if str(name_or_path) in bundled_campaigns():
+        resource = resources.files("campaigns") / f"{name_or_path}.toml"
+        return parse_campaign(resource.read_text(encoding="utf-8"), f"campaign {name_or_path}")
+    if not path.is_file():
+        raise ConfigError(
+            f"campaign '{name_or_path}': no such file, and no bundled campaign; bundled: "
+            f"{', '.join(bundled_campaigns())}"
+        )
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise ConfigError(f"{path}: {path.stat().st_size} bytes; a campaign file holds at most {MAX_FILE_BYTES}")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the campaign as UTF-8 TOML") from None
+    return parse_campaign(text, str(path), str(path.parent))
+
+
+def parse_campaign(text: str, where: str, folder: str = "") -> Campaign:
+    """Return the campaign written in `text`; `where` names it in errors, relative paths start at `folder`.
+
+    Raises ConfigError as `load_campaign`.
+    """
+    try:
+        campaign = msgspec.structs.replace(msgspec.convert(tomllib.loads(text), Campaign), folder=folder)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{where}: {error}; a campaign has name, title and runs of name, plan and settings") from None
+    names = [entry.name for entry in campaign.runs]
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"{where}: runs {', '.join(names) or 'none'}; name each run once, and give one at least")
+    for name in names:
+        check_name(name, f"{where}: run")
+    campaign.plans()
+    return campaign
