@@ -76,7 +76,7 @@ class Dimension:
 
     def unit(self, u: str, y: str) -> str:
         """Return the unit for input unit `u` and output unit `y`, e.g. 'N m/rad^3'; '1' when dimensionless."""
-        parts = [(u, self.u), (y, self.y), ("s", self.s), ("K", self.k)]
+        parts = [(n, p) for n, p in ((u, self.u), (y, self.y), ("s", self.s), ("K", self.k)) if n != "1"]
         above = [_power(name, p) for name, p in parts if p > 0]
         below = [_power(name, -p) for name, p in parts if p < 0]
         return "/".join([" ".join(above) or "1", *below])
@@ -87,8 +87,6 @@ class Dimension:
 
 
 def _power(name: str, p: int) -> str:
-    if name == "1":
-        return ""
     base = f"({name})" if " " in name and p > 1 else name
     return base if p == 1 else f"{base}^{p}"
 

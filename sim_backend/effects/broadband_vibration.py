@@ -47,8 +47,8 @@ class BroadbandVibration(Effect):
     step = _step
 
     rms: float = size("standard deviation of the torque", u=1, low=0.0)
-    centre_hz: float = shape("centre of the band", 50.0, s=-1, low=1e-9)
-    bandwidth_hz: float = shape("width of the band at half power", 20.0, s=-1, low=1e-9)
+    centre_hz: float = shape("centre of the band", 50.0, s=-1, low=1e-3)
+    bandwidth_hz: float = shape("width of the band at half power", 20.0, s=-1, low=1e-3)
 
     def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
         """Return `n` samples of white noise of unit two-sided density, held over each sample."""

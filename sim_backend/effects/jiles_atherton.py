@@ -83,5 +83,5 @@ class JilesAtherton(Effect):
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return pinning from a small to a large part of the swing, on a bent and on a straight anhysteretic curve."""
-        swing = max(view.position_peak, 1e-12)
+        swing = max(view.position_peak, 1e-9)
         return [{"a": swing * bend, "pinning": swing * lag, "c": 0.2} for bend in (1.0, 30.0) for lag in (0.05, 0.3)]

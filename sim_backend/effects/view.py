@@ -68,12 +68,10 @@ class RecordView:
         The residual is averaged in 4096 bins over the range of positions; found are distances from half that range to
         a 1024th of it. Empty when the position does not move.
         """
-        low, width = (
-            float(np.min(self.position, initial=0.0)),
-            float(np.ptp(self.position)) if self.position.size else 0.0,
-        )
+        width = float(np.ptp(self.position)) if self.position.size else 0.0
         if not width > 0.0:
             return []
+        low = float(np.min(self.position))
         bins = np.minimum(((self.position - low) / width * 4096).astype(np.int64), 4095)
         count = np.bincount(bins, minlength=4096)
         mean = np.bincount(bins, weights=self.residual, minlength=4096) / np.maximum(count, 1)
