@@ -127,7 +127,7 @@ def complementary_sensitivity(loop: ArrayLike) -> ComplexArray:
     return np.asarray(np.asarray(loop) / (1.0 + np.asarray(loop)), dtype=complex)
 
 
-def loop_margins(loop: Response, low_hz: float, high_hz: float, points: int = 20_000) -> Margins:
+def loop_margins(loop: Response, low_hz: float, high_hz: float, points: int = 5_000) -> Margins:
     """Return the margins of the open-loop response `loop(frequency_hz)` between two frequencies.
 
     Crossings are bracketed on a logarithmic grid and then solved for, so the grid needs to separate the

@@ -35,7 +35,7 @@ def test_pairs_undo_each_other(radius_m, vector):
 
 
 def test_signs_follow_a_rotated_plane():
-    """Heights of points carried by the rotation matrices agree to first order, the neglected part being second order."""
+    """Heights of points carried by the rotation matrices agree to first order."""
     tilt = 1e-4
     angle = np.deg2rad(POINT_ANGLES_DEG)
     points = 0.03 * np.stack([np.cos(angle), np.sin(angle), np.zeros(3)])

@@ -30,7 +30,8 @@ LOOPS = {
 
 def _loop(name):
     plant, controller = LOOPS[name][0](), LOOPS[name][1]()
-    return lambda f: plant.frequency_response(f, RATE_HZ)[:, 0, 0] * controller.frequency_response(f)
+    discrete = discretise(plant, RATE_HZ)
+    return lambda f: discrete.frequency_response(f)[:, 0, 0] * controller.frequency_response(f)
 
 
 def test_margins_in_closed_form():

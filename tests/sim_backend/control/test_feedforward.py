@@ -76,7 +76,7 @@ def test_reach_matrix_predicts_the_state():
 
 
 def test_rigid_body_in_closed_form():
-    """A double integrator takes the straight line u_k that sums to zero with the wanted first moment; it is held by nothing."""
+    """A double integrator takes a straight line of zero sum and the wanted first moment; nothing holds it."""
     inertia, n, dt = 3.2e-4, 40, 1 / RATE_HZ
     move = least_norm(_rigid_body(inertia), STEP, n, RATE_HZ)
     lever = n - 0.5 - np.arange(n)
@@ -107,7 +107,7 @@ def test_step_response_equals_scipy():
 
 @pytest.mark.parametrize("peak", [0.6, 0.5, 0.42, 0.409])
 def test_bounded_input_meets_the_conditions_of_optimality(peak):
-    """Least norm under |u| <= peak means u = clip(W' l): outside the bound's reach a straight combination of the rows of W."""
+    """Least norm under |u| <= peak means u = clip(W' l), a combination of the rows of W cut off at the peak."""
     plant = discretise(theta_x_part(), RATE_HZ)
     move = least_norm(theta_x_part(), STEP, 50, RATE_HZ, peak=peak)
     u = move.drive[:, 0]

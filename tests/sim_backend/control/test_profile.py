@@ -52,7 +52,7 @@ def test_every_duration_is_as_long_as_the_bounds_allow(distance, limits):
     if t[2] > real:
         assert np.isclose(acceleration, limits.acceleration, rtol=1e-9)
     if t[3] > real:
-        # cruising at constant velocity only at the limit of velocity, or of a bound that keeps it from being reached sooner
+        # cruising only at the limit of velocity, or where an inner limit was met first
         assert (
             velocity >= near * limits.velocity
             or jerk >= near * limits.jerk
