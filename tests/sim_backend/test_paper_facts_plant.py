@@ -92,7 +92,7 @@ def test_leaving_out_the_hold_costs_nine_per_mille_at_the_resonance():
 
 
 def test_the_eighth_order_polynomial_loses_digits_in_companion_form_but_does_not_overflow():
-    """Found here, against what was noted before: the printed polynomial, discretised whole, is right to six digits.
+    """The printed polynomial, discretised whole, is still right to six digits.
 
     Its step response by an exponential of the companion matrix keeps 1e-14 in scipy's lsim, 1e-6 in
     cont2discrete.

@@ -143,7 +143,7 @@ def test_rest_to_rest_of_the_complete_plant_asks_for_more_than_the_amplifiers_gi
 
 @pytest.mark.parametrize(("samples", "peak_nm"), [(50, 0.369), (40, 0.594)])
 def test_a_quiet_output_alone_is_cheap(samples, peak_nm):
-    """Found before: 0.37 N m for 5.0 ms and 0.60 for 4.0 ms; the latter is 0.594, so 0.59."""
+    """The output alone needs 0.37 N m for 5.0 ms and 0.59 N m for 4.0 ms, if the input may go on acting."""
     move = least_peak_within(theta_x(), STEP, samples, 1.7e-6, 200, RATE_HZ, rest=False)
     assert np.isclose(move.peak, peak_nm, atol=0.0005)
 
