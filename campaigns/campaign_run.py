@@ -56,14 +56,7 @@ class CampaignOutcome:
 
 def estimate_campaign(campaign: Campaign, address: str, seed: int) -> dict[str, Estimate]:
     """Count every run without playing it; raises ConfigError for one that breaks a limit, naming it."""
-    estimates = {}
-    for name, plan in campaign.plans().items():
-        with contextlib.closing(open_bench(address, run_seed(seed, name))) as bench:
-            try:
-                estimates[name] = estimate(plan, bench)
-            except ConfigError as error:
-                raise ConfigError(f"campaign '{campaign.name}', run '{name}': {error}") from None
-    return estimates
+    return {name: counted for name, (counted, _) in _survey(campaign, address, seed).items()}
 
 
 def run_campaign(
@@ -82,8 +75,12 @@ def run_campaign(
     *paused*. Raises ConfigError for another campaign's folder, and whatever a run raises.
     """
     home, plans = Path(folder), campaign.plans()
-    estimates = estimate_campaign(campaign, address, seed)
-    states = _plan_states(plans, home, address, seed)
+    survey = _survey(campaign, address, seed)
+    estimates = {name: counted for name, (counted, _) in survey.items()}
+    states = {
+        name: RunState(name, plans[name].name, home / f"{name}.h5", run_seed(seed, name), mark)
+        for name, (_, mark) in survey.items()
+    }
     whole = _whole_fingerprint(campaign, states, address, seed)
     with _locked(home):
         _claim(home, campaign, whole, resume)
@@ -150,14 +147,17 @@ def read_state(folder: str | Path) -> dict[str, Any] | None:
     return state
 
 
-def _plan_states(plans: dict[str, Plan], home: Path, address: str, seed: int) -> dict[str, RunState]:
-    states = {}
-    for name, plan in plans.items():
+def _survey(campaign: Campaign, address: str, seed: int) -> dict[str, tuple[Estimate, str]]:
+    """Return the estimate and the fingerprint of every run; nothing moves."""
+    survey = {}
+    for name, plan in campaign.plans().items():
         own = run_seed(seed, name)
         with contextlib.closing(open_bench(address, own)) as bench:
-            mark = fingerprint(plan, bench, own)
-        states[name] = RunState(name, plan.name, home / f"{name}.h5", own, mark)
-    return states
+            try:
+                survey[name] = estimate(plan, bench), fingerprint(plan, bench, own)
+            except ConfigError as error:
+                raise ConfigError(f"campaign '{campaign.name}', run '{name}': {error}") from None
+    return survey
 
 
 def _whole_fingerprint(campaign: Campaign, states: dict[str, RunState], address: str, seed: int) -> dict[str, str]:
