@@ -1,7 +1,8 @@
 """Logs of runs: one HDF5 file each, written so that it survives a kill, read so that it cannot do harm."""
 
 from campaigns.log.checksum import sha256_of, sidecar_of
-from campaigns.log.read import Run, Window, read_run
+from campaigns.log.probe import read_run
+from campaigns.log.read import Run, Window
 from campaigns.log.recover import Recovery, recover
 from campaigns.log.schema import FINAL_STATUSES, HELD_OUT, ROLES, SCHEMA, Channel, Header, LogSegment
 from campaigns.log.units import UNITS, Unit, unit_named

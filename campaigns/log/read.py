@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,7 +43,7 @@ _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
 
 @dataclass(frozen=True)
 class Run:
-    """One recorded run, opened by `read_run`; close it or use it as a context manager.
+    """One recorded run, opened by `probe.read_run`; close it or use it as a context manager.
 
     `rows` is the number of committed rows of every channel; nothing beyond is ever read. `channels` and
     `segments` describe, `read`, `window` and `blocks` give values in SI units.
@@ -183,9 +182,8 @@ class Window:
         return self.run.blocks(names, self.segment.start, self.segment.stop, rows)
 
 
-def read_run(path: str | os.PathLike[str]) -> Run:
-    """Open the log at `path` for reading, even while it is written; raises DataError if it is no log."""
-    target = Path(path)
+def open_run(target: Path) -> Run:
+    """Open the log at `target` without a first look by `probe`; raises DataError if it is no sound log."""
     file = open_h5(target)
     try:
         return _described_run(target, file)
@@ -231,14 +229,14 @@ def _header(path: Path, file: h5py.File) -> Header:
         )
     }
     texts |= {name: text_attribute(file, name, path, default="") for name in ("status_reason", "ended_utc")}
-    if texts["status"] == OPEN_STATUS and not _has_writer(path):
+    if texts["status"] == OPEN_STATUS and not has_writer(path):
         texts["status"], texts["status_reason"] = "crashed", "its writer ended without closing it"
     seed = number_attribute(file, "seed", path)
     bench = _object(text_attribute(file, "bench", path), path, "bench")
     return Header(bench=bench, seed=None if seed is None else int(seed), **texts)
 
 
-def _has_writer(path: Path) -> bool:
+def has_writer(path: Path) -> bool:
     """Return whether a process holds the lock that HDF5 takes for writing; True where locks do not exist."""
     try:
         import fcntl

@@ -6,7 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from campaigns.log.read import Run, read_run
+from campaigns.log.probe import examine
+from campaigns.log.read import Run, open_run
 from campaigns.log.schema import LogSegment, to_json
 from campaigns.log.write import SETTINGS_BYTES, LogWriter
 from sim_backend.errors import DataError
@@ -28,8 +29,11 @@ def recover(path: str | os.PathLike[str], target: str | os.PathLike[str]) -> Rec
     The copy keeps the run's uid and description and gets status `crashed` with the reason. Raises DataError
     when the log cannot be opened at all or holds no sound row, ConfigError when `target` exists.
     """
-    with read_run(path) as run:
-        rows, damage = _sound_rows(run)
+    found = examine(Path(path))
+    if found.refused:
+        raise DataError(found.refused)
+    rows, damage = found.sound_rows, found.damage
+    with open_run(Path(path)) as run:
         if not rows:
             raise DataError(f"{path} holds no sound row of {run.rows} committed: repeat the run; {damage}")
         reason = f"recovered {rows} of {run.rows} committed rows of a run that was {run.status}"
@@ -41,18 +45,6 @@ def recover(path: str | os.PathLike[str], target: str | os.PathLike[str]) -> Rec
         ]
         _copy(run, rows, segments, Path(target), reason[:1000])
     return Recovery(Path(target), rows, run.rows, reason)
-
-
-def _sound_rows(run: Run) -> tuple[int, str]:
-    sound, damage = run.rows, ""
-    for name in run.channels:
-        done = 0
-        try:
-            for first, block in run.blocks((name,), stop=sound, rows=run.chunk_rows):
-                done = first + block[name].size
-        except DataError as error:
-            sound, damage = done, str(error)
-    return sound, damage
 
 
 def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason: str) -> None:

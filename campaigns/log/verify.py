@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.log.checksum import read_sidecar, sha256_of, sidecar_of
-from campaigns.log.read import Run, read_run
+from campaigns.log.probe import Examination, examine
+from campaigns.log.read import Run, open_run
 from campaigns.log.schema import OPEN_STATUS
 from sim_backend.errors import DataError
 
@@ -42,18 +43,17 @@ def verify(path: str | os.PathLike[str]) -> VerifyReport:
     """
     target = Path(path)
     digest = sha256_of(target)
-    try:
-        run = read_run(target)
-    except DataError as error:
-        unreadable = Check("schema", False, str(error))
+    found = examine(target)
+    if found.refused:
+        unreadable = Check("schema", False, found.refused)
         return VerifyReport(target, digest, (_checksum(target, digest, ""), unreadable))
-    with run:
+    with open_run(target) as run:
         checks = (
             _checksum(target, digest, run.status),
             Check("schema", True, f"{len(run.channels)} channels, {len(run.segments)} segments"),
             _status(run),
             _counter(run),
-            _chunks(run),
+            _chunks(run, found),
         )
     return VerifyReport(target, digest, checks)
 
@@ -85,11 +85,7 @@ def _counter(run: Run) -> Check:
     return Check("counter", True, f"{run.rows} rows committed")
 
 
-def _chunks(run: Run) -> Check:
-    for name in run.channels:
-        try:
-            for _ in run.blocks((name,)):
-                pass
-        except DataError as error:
-            return Check("chunks", False, str(error))
+def _chunks(run: Run, found: Examination) -> Check:
+    if found.damage:
+        return Check("chunks", False, f"readable up to row {found.sound_rows}: {found.damage}")
     return Check("chunks", True, f"{len(run.channels)} channels of {run.rows} rows are readable")

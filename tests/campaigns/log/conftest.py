@@ -1,11 +1,13 @@
 """A small log and its values, which the tests of this folder share."""
 
+import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from campaigns.log import Channel, LogWriter
+from campaigns.log import Channel, LogWriter, sidecar_of
 
 RATE_HZ = 10_000.0
 
@@ -50,3 +52,23 @@ def small_log(tmp_path: Path) -> tuple[Path, dict[str, np.ndarray]]:
         with log.segment("held-out µ"):
             log.append(rows(550, 1000))
     return path, data
+
+
+@pytest.fixture
+def unsealed(small_log: tuple[Path, dict[str, np.ndarray]]) -> Path:
+    """The small log without its checksum, as a stranger may hand it over."""
+    path, _ = small_log
+    sidecar_of(path).unlink()
+    return path
+
+
+@pytest.fixture
+def seal() -> Callable[[Path], Path]:
+    """Write the checksum that belongs to a file, as somebody does who made it with another tool."""
+
+    def write(path: Path) -> Path:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        path.with_name(path.name + ".sha256").write_text(f"{digest}  {path.name}\n")
+        return path
+
+    return write

@@ -67,8 +67,8 @@ def test_blocks_put_together_are_the_whole(small_log, rows):
         )
 
 
-def test_a_log_written_by_plain_h5py_is_read(plain_log):
-    with read_run(plain_log) as run:
+def test_a_log_written_by_plain_h5py_is_read(plain_log, seal):
+    with read_run(seal(plain_log)) as run:
         assert run.channels["x"] == Channel("x", "m", "output", "z", 5.0, 1.0)
         np.testing.assert_array_equal(run.read("x"), np.arange(8.0))  # rows beyond the counter do not exist
         assert (run.header.seed, run.header.ended_utc) == (None, "")
@@ -122,13 +122,13 @@ ATTRIBUTES = [
 
 
 @pytest.mark.parametrize(("name", "value", "said"), ATTRIBUTES)
-def test_a_damaged_header_is_one_clear_line(plain_log, name, value, said):
+def test_a_damaged_header_is_one_clear_line(plain_log, seal, name, value, said):
     with h5py.File(plain_log, "r+") as file:
         file.attrs.pop(name, None)
         if value is not None:
             file.attrs[name] = value
     with pytest.raises(DataError) as caught:
-        read_run(plain_log)
+        read_run(seal(plain_log))
     assert said in str(caught.value) and str(plain_log) in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -144,14 +144,14 @@ CHANNEL_ATTRIBUTES = [
 
 
 @pytest.mark.parametrize(("name", "value", "said"), CHANNEL_ATTRIBUTES)
-def test_a_damaged_channel_is_one_clear_line(plain_log, name, value, said):
+def test_a_damaged_channel_is_one_clear_line(plain_log, seal, name, value, said):
     with h5py.File(plain_log, "r+") as file:
         attributes = file["channels/x"].attrs
         del attributes[name]
         if value is not None:
             attributes[name] = value
     with pytest.raises(DataError) as caught:
-        read_run(plain_log)
+        read_run(seal(plain_log))
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -166,13 +166,13 @@ TABLES = [
 
 
 @pytest.mark.parametrize(("rows", "said"), TABLES)
-def test_a_damaged_table_of_segments_is_one_clear_line(plain_log, rows, said):
+def test_a_damaged_table_of_segments_is_one_clear_line(plain_log, seal, rows, said):
     with h5py.File(plain_log, "r+") as file:
         kind = file["segments"].dtype
         del file["segments"]
         file["segments"] = np.array(rows, kind)
     with pytest.raises(DataError, match=said):
-        read_run(plain_log)
+        read_run(seal(plain_log))
 
 
 @pytest.mark.parametrize(
@@ -191,13 +191,13 @@ def test_a_damaged_table_of_segments_is_one_clear_line(plain_log, rows, said):
         ("channels", np.arange(3), "is no group"),
     ],
 )
-def test_a_damaged_structure_is_one_clear_line(plain_log, item, data, said):
+def test_a_damaged_structure_is_one_clear_line(plain_log, seal, item, data, said):
     with h5py.File(plain_log, "r+") as file:
         del file[item]
         if data is not None:
             file[item] = data
     with pytest.raises(DataError, match=said):
-        read_run(plain_log)
+        read_run(seal(plain_log))
 
 
 @pytest.mark.parametrize("content", [b"", b"no log", b"\x89HDF\r\n\x1a\n", b"\x89HDF\r\n\x1a\n" + b"\0" * 4000])
@@ -214,8 +214,28 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
             read_run(path)
 
 
-def test_a_log_cut_short_is_refused(small_log):
+def test_a_log_cut_short_is_refused(small_log, seal):
     path, _ = small_log
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(DataError, match="truncated"):
+    with pytest.raises(DataError, match="its checksum differs"):
         read_run(path)
+    with pytest.raises(DataError, match="truncated"):
+        read_run(seal(path))
+
+
+def test_a_log_without_checksum_is_read_after_a_first_look(unsealed):
+    with read_run(unsealed) as run:
+        assert run.rows == 1000
+
+
+@pytest.mark.parametrize("size", [0, 2**64 - 1])
+def test_damage_that_the_library_does_not_survive_is_one_clear_line(unsealed, monkeypatch, size):
+    """The texts of the header lie in a heap of objects, each with its size; a size of 0 leads back to itself."""
+    monkeypatch.setattr("campaigns.log.probe._START_S", 3.0)
+    content = bytearray(unsealed.read_bytes())
+    heap = content.index(b"GCOL")
+    content[heap + 24 : heap + 32] = size.to_bytes(8, "little")
+    unsealed.write_bytes(content)
+    with pytest.raises(DataError) as caught:
+        read_run(unsealed)
+    assert str(unsealed) in str(caught.value) and "\n" not in str(caught.value)

@@ -42,6 +42,6 @@ def test_every_unit_leads_to_a_coherent_one():
 
 def test_an_unknown_unit_names_the_nearest_and_all():
     with pytest.raises(ConfigError) as caught:
-        unit_named("mrads")
+        unit_named("mmrad")
     assert "did you mean 'mrad'?" in str(caught.value)
     assert all(symbol in str(caught.value) for symbol in UNITS)
