@@ -99,7 +99,7 @@ class _Scale:
 def refit(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, iterations: int = 20) -> Fit:
     """Return the best fit of a hypothesis from screened `sizes` (in units of each candidate's columns) and knob `change`.
 
-    Raises nothing: a hypothesis that cannot be simulated ends with an infinite misfit.
+    A hypothesis that cannot be simulated ends with an infinite misfit.
     """
     scales, start = _parameters(candidates, sizes)
     x = np.concatenate([change, start])

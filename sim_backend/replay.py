@@ -1,0 +1,86 @@
+"""Recorded inputs played through a linear model with effects, open loop: what a diagnosis compares with the record.
+
+The same compiled loop as the bench, without noise and without controllers. A recorded temperature takes the place of the
+simulated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend import kernel, layout
+from sim_backend.assembly import Places, bus_of, effects_of, plant_of, retuned
+from sim_backend.bench import Segment
+from sim_backend.effects.base import Aux, Effect, Site
+from sim_backend.linear import ModalModel
+from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a replay gives: readings (n, n_y), and the final modal states (m, 2)."""
+
+    reading: Array
+    states: Array
+
+
+def replay(
+    linear: ModalModel,
+    effects: Sequence[Effect],
+    places: Places,
+    transducers: layout.Transducers,
+    u: Array,
+    rate_hz: float,
+    *,
+    temperature_k: Array | None = None,
+    start: Array | None = None,
+    substeps: int = 1,
+) -> Motion:
+    """Play `u` (n, n_u) from modal states `start` (m, 2; rest when None) and return the motion.
+
+    Effects that only draw random numbers take part with none. Raises ConfigError when an effect has no place here.
+    """
+    n, n_u = u.shape
+    plant = plant_of(retuned(linear, effects, places), rate_hz, substeps)
+    fx, ordered = effects_of(effects, places)
+    columns: list[Array] = []
+    for i, effect in enumerate(ordered):
+        if effect.aux is Aux.TEMPERATURE and temperature_k is not None:
+            fx.aux[i], fx.column[i] = int(Aux.EXOGENOUS), len(columns)
+            columns.append(temperature_k)
+        elif effect.aux is Aux.EXOGENOUS:
+            fx.column[i] = len(columns)
+            columns.append(np.zeros(n))
+    exogenous = np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+    rest = np.zeros((1, n_u))
+    segment = Segment("replay", n, rest, rest)
+    ctl = controller_of(segment, n_u, rate_hz)
+    mem = refit_memory(fresh_memory(plant, n_u, transducers.heating[0]), ctl)
+    if start is not None:
+        mem.x[: start.shape[0]] = start
+    out = _only_readings(n, n_u, transducers)
+    wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
+    n_y, n_s = transducers.to_reading.shape
+    kernel.run(
+        n, plant, transducers, fx, ctl, wave, mem, bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s), out
+    )
+    reading = out.reading
+    for effect in effects:
+        if effect.site is Site.RECORD:
+            reading = np.stack([effect.rewrite(reading[:, i], rate_hz) for i in range(n_y)], axis=1)
+    return Motion(reading, mem.x)
+
+
+def _only_readings(n: int, n_u: int, transducers: layout.Transducers) -> layout.Output:
+    n_y, n_s = transducers.to_reading.shape
+    n_a = transducers.to_torque.shape[1]
+    none = np.zeros((0, n_u))
+    return layout.Output(
+        none, none, np.zeros((0, n_a)), np.zeros((0, n_y)), np.zeros((n, n_y)), np.zeros((0, n_s)), np.zeros(0)
+    )
