@@ -113,7 +113,7 @@ def magnetic_stiffness_nm_rad(bench: Model, dof: str, swing_rad: float) -> float
 
 
 def torque_along(entry: EffectEntry, angle_rad: Array) -> Array:
-    """Return the torque (n,) that a structural effect adds along a slow path `angle_rad` (n,), from its virgin state."""
+    """Return the torque (n,) that a structural effect adds along a slow path `angle_rad` (n,) from its virgin state."""
     effect = make_effect(entry.effect, "path", {k: number(v) for k, v in entry.parameters.items()})
     alone = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1))
     arrays, _ = effects_of([effect], alone)
