@@ -1,0 +1,84 @@
+"""A recorded hysteresis test: loops of slow sines, and fed-forward steps at offsets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.loops import Loop, loop
+from campaigns.log import Run
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+
+BEFORE_S = 0.01
+"""How much of the rest before a step is shown."""
+
+
+@dataclass(frozen=True)
+class OffsetStep:
+    """One step from `offset_rad` by `step_rad`: `time_s` (n,) from the start of the move, `moved_rad` (n,) since then.
+
+    `command_nm` (n,) is what was played; `start_rad` where the mechanism stood before.
+    """
+
+    offset_rad: float
+    step_rad: float
+    start_rad: float
+    time_s: Array
+    moved_rad: Array
+    command_nm: Array
+
+
+def axis_of(run: Run) -> str:
+    """Return the axis of a hysteresis test; raises DataError for another log."""
+    for segment in run.segments:
+        if segment.settings.get("phase") in ("loop", "step"):
+            return str(segment.settings["axis"])
+    raise DataError(f"{run.path} holds neither loops nor steps: it is a log of '{run.header.test}'")
+
+
+def loops_of(run: Run, lag_s: float = 0.0) -> dict[float, Loop]:
+    """Return the loops by their torque amplitude (N m), the first cycle of each left out; Fig. 6.7.
+
+    `lag_s` is the linear plant's lag at low frequency (see `analysis.loops`). Raises DataError for another log.
+    """
+    axis, loops = axis_of(run), {}
+    for segment in run.segments:
+        if segment.settings.get("phase") == "loop":
+            period = int(segment.settings["period_samples"])
+            # the first cycle starts from another history: only a single one is used as it is
+            start = segment.start + (period if segment.rows >= 2 * period else 0)
+            torque = run.read(_command(run, axis), start, segment.stop)
+            angle = run.read(axis, start, segment.stop)
+            amplitude = float(segment.settings["amplitude"])
+            loops[amplitude] = loop(torque, angle, period, lag_s, run.sample_rate_hz)
+    return loops
+
+
+def steps_of(run: Run) -> list[OffsetStep]:
+    """Return the steps in the order of the run; Fig. 6.9. Raises DataError for another log."""
+    axis, steps = axis_of(run), []
+    before = round(BEFORE_S * run.sample_rate_hz)
+    for segment in run.segments:
+        if segment.settings.get("phase") == "step":
+            first = max(segment.start - before, 0)
+            angle = run.read(axis, first, segment.stop)
+            rest = float(angle[: segment.start - first].mean()) if segment.start > first else float(angle[0])
+            steps.append(
+                OffsetStep(
+                    float(segment.settings["offset_rad"]),
+                    float(segment.settings["step_rad"]),
+                    rest,
+                    (np.arange(angle.size) - (segment.start - first)) / run.sample_rate_hz,
+                    angle - rest,
+                    run.read(_command(run, axis), first, segment.stop),
+                )
+            )
+    return steps
+
+
+def _command(run: Run, axis: str) -> str:
+    return next(n for n in run.names("input") if run.channels[n].dof == axis)

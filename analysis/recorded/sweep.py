@@ -1,0 +1,72 @@
+"""A recorded stepped sine: the frequency response of one axis, with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.sinefit import fit_sines, sine_response
+from campaigns.log import Run
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Response of `axis` at rising frequencies, each array (f,), in output units per input unit.
+
+    `variance` is E|error|² of `response`; `amplitude` that of the drive, in input units.
+    """
+
+    axis: str
+    frequency_hz: Array
+    response: ComplexArray
+    variance: Array
+    amplitude: Array
+
+    @property
+    def relative_std(self) -> Array:
+        """Standard deviation of the magnitude over the magnitude, which is also that of the phase in rad."""
+        return np.asarray(np.sqrt(0.5 * self.variance) / np.abs(self.response))
+
+    @property
+    def magnitude_db(self) -> Array:
+        """Magnitude in dB of one output unit per input unit."""
+        return np.asarray(20.0 * np.log10(np.abs(self.response)))
+
+
+def sweep_of(run: Run) -> Sweep:
+    """Return the response that a stepped sine measured, by sine fits of its steady state; section 6.2.2.
+
+    Raises DataError when the run holds no sine of known frequency, or lacks the axis.
+    """
+    parts = [s for s in run.segments if "frequency_hz" in s.settings and "measure_from" in s.settings]
+    if not parts:
+        raise DataError(
+            f"{run.path} holds no stepped sine: it is a log of '{run.header.test}', give one of 'sinesweep'"
+        )
+    axis = str(parts[0].settings.get("axis", ""))
+    command = next((n for n in run.names("input") if run.channels[n].dof == axis), None)
+    reading = next((n for n in run.names("output") if run.channels[n].dof == axis), None)
+    if command is None or reading is None:
+        raise DataError(f"{run.path} lacks the command or the reading of axis '{axis}'; record both")
+    first = parts[0].start
+    start = np.array([s.start + int(s.settings["measure_from"]) for s in parts]) - first
+    stop = np.array([s.stop for s in parts]) - first
+    frequency = np.array([float(s.settings["frequency_hz"]) for s in parts])
+    record = np.stack([run.read(n, first, parts[-1].stop) for n in (command, reading)], axis=1)
+    inputs = fit_sines(record[:, :1], run.sample_rate_hz, start, stop, frequency)
+    outputs = fit_sines(record[:, 1:], run.sample_rate_hz, start, stop, frequency)
+    measured = sine_response(inputs, outputs)
+    rising = np.argsort(measured.frequency_hz, kind="stable")
+    return Sweep(
+        axis,
+        measured.frequency_hz[rising],
+        measured.response[rising, 0, 0],
+        measured.variance[rising, 0, 0],
+        inputs.amplitude[rising, 0],
+    )
