@@ -16,6 +16,7 @@ from campaigns.importing.mapping import ImportMap, PartMap, read_map
 from campaigns.importing.record import Layout, check_lengths, check_varies, clock_of, flatten, to_si
 from campaigns.importing.sources import Source, open_source, select
 from campaigns.log import Channel, LogSegment, LogWriter, Unit, sha256_of, unit_named
+from campaigns.log.guard import one_line
 from campaigns.log.schema import check_label, check_name, to_json
 from campaigns.log.write import SETTINGS_BYTES
 from sim_backend.errors import ConfigError, DataError, MccdError
@@ -92,7 +93,7 @@ def import_run(map_path: str | os.PathLike[str], target: str | os.PathLike[str])
             for name, channel in found.channels.items()
         ]
     except MccdError as error:
-        raise type(error)(f"{path}: {error}") from None
+        raise type(error)(one_line(f"{path}: {error}")) from None
     run_uid = _write(Path(target), found, _configuration(text, files), channels, parts, segments)
     rows = sum(part.layout.rows for part in parts)
     return ImportReport(Path(target), run_uid, rows, rate_hz, tuple(channels), tuple(segments))

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct, field
 
+from campaigns.log.guard import one_line
 from campaigns.log.schema import check_time
 from sim_backend.errors import ConfigError
 
@@ -84,9 +85,9 @@ def read_map(path: Path) -> tuple[ImportMap, str]:
         raise ConfigError(f"{path} is not UTF-8 at byte {error.start}: save it as UTF-8 text") from None
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         if isinstance(error, msgspec.ValidationError):
-            raise ConfigError(f"{path}: {_explain(error)}") from None
+            raise ConfigError(one_line(f"{path}: {_explain(error)}")) from None
         reason = str(error) or "tables nested too deeply"
-        raise ConfigError(f"{path} is no TOML: {reason}; correct it there") from None
+        raise ConfigError(one_line(f"{path} is no TOML: {reason}; correct it there")) from None
     _check(found, path)
     return found, text
 

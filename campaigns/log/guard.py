@@ -30,9 +30,12 @@ _LINK_KINDS = {h5py.h5l.TYPE_SOFT: "soft", h5py.h5l.TYPE_EXTERNAL: "external"}
 
 def refuse(path: Path, item: str, what: str, fix: str) -> DataError:
     """Return the error for an item of a file that is not accepted, on one line of printable text."""
-    shown = item.encode("unicode_escape", "backslashreplace").decode()[:120]
-    reason = what.encode("unicode_escape", "backslashreplace").decode()[:300]
-    return DataError(f"{path}: '{shown}' {reason}; {fix}")
+    return DataError(f"{path}: '{one_line(item)[:120]}' {one_line(what)[:300]}; {fix}")
+
+
+def one_line(text: str) -> str:
+    """Return `text` with every sign that does not print (line feeds, escapes, lone surrogates) written out."""
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def open_h5(path: Path) -> h5py.File:

@@ -47,6 +47,8 @@ def refuse(tmp_path, run_map, text: str, kind: type[MccdError]) -> str:
         ('"output"', '"output"\nscale = inf', ConfigError, ["scale"]),
         ('"tx"', '"tx[:, 0]"', ConfigError, ["does not fit", "shape (500,)"]),
         ('"tx"', '"tx[__import__]"', ConfigError, ["index '__import__'"]),
+        ('"tx"', '"t\\nx"', DataError, ["no variable 't\\nx'"]),
+        ("dof =", '"\\u001b[31m" =', ConfigError, ["unknown field", "\\x1b[31m"]),
         ('"tx"', '"empty"', DataError, ["is empty"]),
         ('"tx"', '"constant"', DataError, ["constant at 0.003", "allow_constant"]),
         ('"tx"', '"holes"', DataError, ["nan at sample 7", "3 value(s)"]),

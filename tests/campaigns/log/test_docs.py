@@ -22,8 +22,8 @@ def in_log_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def run_block(index: int) -> dict[str, object]:
-    names: dict[str, object] = {}
+def run_block(index: int, names: dict[str, object] | None = None) -> dict[str, object]:
+    names = names or {}
     exec(compile(BLOCKS[index], f"{PAGE.name}, block {index}", "exec"), names)
     return names
 
@@ -35,14 +35,21 @@ def test_plain_h5py(in_log_folder, capsys):
     assert capsys.readouterr().out == "sweep up 0 7 {'frequency_hz': 5.0}\n"
 
 
-def test_pandas_and_xarray(in_log_folder):
-    pytest.importorskip("xarray")
+def test_pandas(in_log_folder):
     names = run_block(1)
+    assert names["units"] == {"theta_x": "rad"}
     np.testing.assert_array_equal(names["frame"]["theta_x"], np.arange(7.0))
     np.testing.assert_allclose(names["frame"].index, 0.5 + np.arange(7) / 100.0, rtol=1e-15)
 
 
+def test_xarray(in_log_folder):
+    pytest.importorskip("xarray")
+    names = run_block(2, run_block(1))
+    np.testing.assert_array_equal(names["dataset"]["theta_x"], np.arange(7.0))
+    assert names["dataset"]["theta_x"].attrs == {"units": "rad"}
+
+
 def test_our_reader(in_log_folder):
-    names = run_block(2)
+    names = run_block(3)
     np.testing.assert_array_equal(names["angle"], np.arange(7.0))
     assert names["first"] == 0
