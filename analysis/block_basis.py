@@ -19,7 +19,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class BlockMatrices:
-    """A (m, 2, 2) and b (m, 2) of each block with derivatives to ln(omega) and ln(sigma), `da` (2, m, 2, 2), `db` (2, m, 2)."""
+    """A (m, 2, 2) and b (m, 2) of each block, with derivatives to ln(omega), ln(sigma): (2, m, 2, 2) and (2, m, 2)."""
 
     a: Array
     b: Array
@@ -52,7 +52,7 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
 
 
 @njit(cache=True, nogil=True)
-def exponentials(stack):
+def exponentials(stack: Array) -> Array:
     """Return the exponentials of a stack (k, n, n) of small matrices, by scaling, a Taylor series and squaring.
 
     A fit asks for a few dozen 6 × 6 matrices thousands of times, where a general routine spends its time on its own
@@ -80,7 +80,7 @@ def exponentials(stack):
 
 
 @njit(cache=True, nogil=True)
-def _product(first, second):
+def _product(first: Array, second: Array) -> Array:
     """Return the product of two small square matrices."""
     n = first.shape[0]
     out = np.zeros((n, n))
@@ -94,7 +94,7 @@ def _product(first, second):
 
 
 def block_spectra(matrices: BlockMatrices, point: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return (q, v) as (2, m, n_f) and their derivatives to ln(omega), ln(sigma) as (2, 2, m, n_f) at lambda = `point`."""
+    """Return (q, v), (2, m, n_f), and derivatives to ln(omega), ln(sigma), (2, 2, m, n_f), at lambda = `point`."""
     state = _resolve(matrices.a, point, matrices.b[:, 0, None], matrices.b[:, 1, None])
     slopes = np.empty((2, *state.shape), dtype=complex)
     for k in range(2):
@@ -103,7 +103,7 @@ def block_spectra(matrices: BlockMatrices, point: ComplexArray) -> tuple[Complex
     return state, slopes
 
 
-def _resolve(a: Array, point: ComplexArray, first: NDArray, second: NDArray) -> ComplexArray:
+def _resolve(a: Array, point: ComplexArray, first: Array | ComplexArray, second: Array | ComplexArray) -> ComplexArray:
     """Return (lambda I - A)^-1 [first, second], shape (2, m, n_f), by Cramer's rule for the 2 × 2 block."""
     e = a[:, :, :, None]
     top, bottom = point - e[:, 0, 0], point - e[:, 1, 1]

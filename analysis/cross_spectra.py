@@ -10,11 +10,12 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
 @njit(cache=True, nogil=True)
-def _invert(matrix, inverse):
+def _invert(matrix: ComplexArray, inverse: ComplexArray) -> bool:
     """Gauss-Jordan with row pivots of a small matrix (overwritten) into `inverse`; returns False when singular."""
     n = matrix.shape[0]
     inverse[:] = 0.0
@@ -48,7 +49,7 @@ def _invert(matrix, inverse):
 
 
 @njit(cache=True, nogil=True)
-def _means(data, out):
+def _means(data: ComplexArray, out: ComplexArray) -> None:
     """Average (channel, experiment, period) over the periods into (channel, experiment)."""
     n_c, n_e, n_p = data.shape
     for c in range(n_c):
@@ -60,7 +61,15 @@ def _means(data, out):
 
 
 @njit(cache=True, nogil=True)
-def _solve_line(u, y, w, g, shape, work, inverse):
+def _solve_line(
+    u: ComplexArray,
+    y: ComplexArray,
+    w: ComplexArray,
+    g: ComplexArray,
+    shape: Array,
+    work: ComplexArray,
+    inverse: ComplexArray,
+) -> bool:
     """Solve one line from averaged spectra (channel, experiment); returns False when the inputs are not separate."""
     n_u, n_e, n_y = u.shape[0], u.shape[1], y.shape[0]
     for i in range(n_u):
@@ -93,7 +102,9 @@ def _solve_line(u, y, w, g, shape, work, inverse):
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def solve_lines(u, y, w, lines):
+def solve_lines(
+    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp]
+) -> tuple[ComplexArray, Array, Array, Array, Array, NDArray[np.bool_]]:
     """Return response, gain and sums of squares at each of `lines`.
 
     Shapes: `u`, `w` (n_f, n_u, experiments, periods), `y` (n_f, n_y, …). Returns G (n_l, n_y, n_u), the diagonal of S

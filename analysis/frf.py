@@ -43,7 +43,7 @@ class FrequencyResponse:
 
     @property
     def variance(self) -> Array:
-        """Best available variance (n_f, n_y, n_u) for weighting: total, else noise. Raises DataError if neither is known."""
+        """Variance (n_f, n_y, n_u) to weight by: total, else noise. Raises DataError if neither is known."""
         for known in (self.total_variance, self.noise_variance):
             if np.all(np.isfinite(known)):
                 return known

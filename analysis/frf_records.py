@@ -1,4 +1,4 @@
-"""Frequency response of records that are not periodic: local polynomials (best for short records) and Welch averages."""
+"""Frequency response of records that are not periodic: local polynomials (for short records) and Welch averages."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def frequency_response_welch(
     count = (n - segment) // hop + 1 if segment >= 8 else 0
     if count < n_u + 2:
         raise DataError(
-            f"record of {n} samples has {max(count, 0)} segments of {segment}; {n_u} inputs need at least {n_u + 2} of 8 or more samples"
+            f"{n} samples give {max(count, 0)} segments of {segment}; {n_u} inputs need {n_u + 2} of 8 samples or more"
         )
     window = hann(segment, sym=False)[:, None, None, None] / np.sqrt(3.0 / 8.0)
     start = hop * np.arange(count)

@@ -1,4 +1,4 @@
-"""From any state space to the sum of second-order blocks, and to a canonical scaling of it."""
+"""From any state space to the sum of second-order blocks, and to one choice of its coordinates."""
 
 from __future__ import annotations
 
@@ -68,30 +68,31 @@ def modal_from_poles(poles: ComplexArray, outputs: ComplexArray, inputs: Complex
 
 
 def canonical(model: ModalModel) -> ModalModel:
-    """Return the same system with each block's free choices made one way.
+    """Return the same system with each block's free choice of coordinates made one way.
 
-    A complex pair may be scaled by any complex factor between its input and its output: the phase is chosen so that
-    b_direct is as small as it can be (zero for a mechanical mode), the size so that the strongest input has b = 1.
-    Blocks with two real poles, and rigid bodies, are only scaled.
+    States may be multiplied by T = alpha I + beta A, which commutes with the block A: for a complex pair that is a
+    complex factor between input and output. T is chosen so that the input that drives the block most has b = 1 and
+    b_direct = 0; a mechanical mode then has b_direct = c_rate = 0. Where that input moves only one of two real poles,
+    no such T exists, and the block is only scaled.
     """
     b, direct, c, rate = model.b.copy(), model.b_direct.copy(), model.c.copy(), model.c_rate.copy()
     for i in range(model.n_blocks):
         omega, sigma = model.omega_rad_s[i], model.sigma_1_s[i]
-        if omega > sigma and (np.any(direct[i]) or np.any(rate[:, i])):
-            pole = -sigma + 1j * np.sqrt(omega**2 - sigma**2)
-            # rows (b_direct, b) = (2 Re w, 2 Re p w), and output residue of the pole = c + p c_rate
-            w = 0.5 * (direct[i] - 1j * (b[i] - pole.real * direct[i]) / pole.imag)
-            out = c[:, i] + pole * rate[:, i]
-            turn = svd(np.stack([w.real, -w.imag], axis=1), full_matrices=False)[2][-1]
-            turn = complex(turn[0], turn[1])
-            w, out = w * turn, out / turn
-            direct[i], b[i] = 2.0 * w.real, 2.0 * (pole * w).real
-            rate[:, i] = out.imag / pole.imag
-            c[:, i] = out.real - pole.real * rate[:, i]
-        strongest = np.argmax(np.abs(b[i]))
-        size = b[i, strongest] if b[i, strongest] != 0.0 else 1.0
-        b[i], direct[i] = b[i] / size, direct[i] / size
-        c[:, i], rate[:, i] = c[:, i] * size, rate[:, i] * size
+        squares = b[i] ** 2 + (omega * direct[i]) ** 2
+        cross = 2.0 * sigma * b[i] * direct[i]
+        strongest = int(np.argmax(np.abs(squares + cross)))
+        if abs(squares[strongest] + cross[strongest]) <= 1e-6 * (squares[strongest] + abs(cross[strongest])):
+            size = max(np.max(np.abs(b[i])), omega * np.max(np.abs(direct[i]))) or 1.0
+            b[i], direct[i] = b[i] / size, direct[i] / size
+            c[:, i], rate[:, i] = c[:, i] * size, rate[:, i] * size
+            continue
+        block, drive = model.block(i), np.array([direct[i], b[i]])
+        pair = np.stack([drive[:, strongest], block @ drive[:, strongest]], axis=1)
+        alpha, beta = np.linalg.solve(pair, np.array([0.0, 1.0]))
+        turn = alpha * np.eye(2) + beta * block
+        direct[i], b[i] = turn @ drive
+        c[:, i], rate[:, i] = np.linalg.solve(turn.T, np.array([c[:, i], rate[:, i]]))
+        direct[i, strongest], b[i, strongest] = 0.0, 1.0
     return model.with_(b=b, b_direct=direct, c=c, c_rate=rate)
 
 

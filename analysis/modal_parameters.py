@@ -96,6 +96,21 @@ def layout_of(model: ModalModel, structure: Structure) -> Layout:
     return Layout(bare.n_blocks, bare.n_inputs, bare.n_outputs, free)
 
 
+def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
+    """Return which parameters (p,) of a canonical model the data determine: the free ones but b = 1, b_direct = 0.
+
+    Each block's coordinates are a choice (see `analysis.modal_form.canonical`); with the choice held fixed, the
+    remaining parameters have a covariance of their own.
+    """
+    mask = layout.free.copy()
+    b, direct = layout.index("b"), layout.index("b_direct")
+    for i in range(model.n_blocks):
+        chosen = np.flatnonzero((model.b[i] == 1.0) & (model.b_direct[i] == 0.0))
+        if chosen.size:
+            mask[b[i, chosen[0]]] = mask[direct[i, chosen[0]]] = False
+    return mask
+
+
 def step_limit(layout: Layout) -> Array:
     """Return how far one step may move each free parameter: a factor e in a frequency or a decay rate."""
     limit = np.full(layout.size, np.inf)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.modal_parameters import Structure
 from analysis.response_fit import RationalFit, Target, make_target, refine, residual_cost
-from analysis.response_start import starting_model, with_new_block, without_weakest_block
+from analysis.response_start import starting_models, with_new_block, without_weakest_block
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 
@@ -71,8 +71,9 @@ class _Search:
         out of minima in which a block stands where there is no mode. It is repeated while it helps.
         """
         short = max(self._iterations // 5, 10)
-        fits = [self._fit(start, short) for start in self._starts(count, smaller)]
-        best = min(fits, key=lambda fit: fit.chi2)
+        starts = list(self._starts(count, smaller))
+        each = short if len(starts) == 1 else short // 2
+        best = min((self._fit(start, each) for start in starts), key=lambda fit: fit.chi2)
         while not self._adequate(best):
             grown = self._fit(with_new_block(self._target, best.model, self._structure), short // 2)
             trial = self._fit(without_weakest_block(self._target, grown.model), short)
@@ -82,7 +83,7 @@ class _Search:
         return self._fit(best.model, self._iterations)
 
     def _starts(self, count: int, smaller: RationalFit | None) -> Iterator[ModalModel]:
-        yield starting_model(self._target, count, self._structure)
+        yield from starting_models(self._target, count, self._structure)
         if smaller is not None:
             model = smaller.model
             while model.n_blocks < count:

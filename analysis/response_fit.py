@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from analysis.block_basis import BlockMatrices, block_matrices, block_spectra
 from analysis.modal_form import canonical
-from analysis.modal_parameters import Layout, Structure, layout_of, pack, participation, step_limit, unpack
+from analysis.modal_parameters import Layout, Structure, determined, layout_of, pack, participation, step_limit, unpack
 from analysis.normal_equations import Normal, covariance, minimise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array, ModalModel
@@ -71,7 +71,7 @@ def make_target(
         raise DataError(f"frequency response has {f.size} lines; a fit needs at least 4, positive and rising")
     if hold_rate_hz is not None and not f[-1] <= 0.5 * hold_rate_hz:
         raise ConfigError(
-            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or give the right rate"
+            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or correct the rate"
         )
     if not np.all(np.isfinite(g)):
         raise DataError("frequency response holds a number that is not finite; leave out the lines without excitation")
@@ -90,7 +90,7 @@ def make_target(
 def _points(model: ModalModel, target: Target) -> tuple[BlockMatrices, ComplexArray]:
     """Return the block matrices and the points lambda at which they are resolved."""
     s = 2j * np.pi * target.frequency_hz
-    point = s if target.hold_rate_hz is None else np.exp(s / target.hold_rate_hz)
+    point = np.asarray(s if target.hold_rate_hz is None else np.exp(s / target.hold_rate_hz), dtype=np.complex128)
     return block_matrices(model.omega_rad_s, model.sigma_1_s, target.hold_rate_hz), point
 
 
@@ -121,12 +121,11 @@ def refine(
 def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, converged: bool) -> RationalFit:
     """Return the result with the covariance of the canonical model and the criterion."""
     normal = normal_equations(target, model, layout)
-    free = np.flatnonzero(layout.free)
+    free = np.flatnonzero(determined(model, layout))
     inside = np.ix_(free, free)
     small = covariance(Normal(normal.cost, normal.gradient[free], normal.hessian[inside]))
     values = target.response.size * (1 if target.magnitude_only else 2)
-    # each block has two free scalings between input and output (one if mechanical) that no data can see
-    count = int(np.linalg.matrix_rank(small / np.outer(*[np.sqrt(np.maximum(np.diag(small), 1e-300))] * 2), tol=1e-9))
+    count = free.size
     dof = max(values - count, 1)
     factor = normal.cost / dof if scaled else 1.0
     full = np.zeros((layout.size, layout.size))
@@ -148,7 +147,7 @@ def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, con
     )
 
 
-def _residual(target: Target, response: ComplexArray) -> NDArray:
+def _residual(target: Target, response: ComplexArray) -> Array | ComplexArray:
     """Return the weighted residual (model minus data), complex, or real for a magnitude-only fit."""
     if target.magnitude_only:
         return target.weight * (np.abs(response) - np.abs(target.response))

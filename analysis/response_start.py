@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
@@ -15,8 +18,26 @@ from sim_backend.linear import Array, ModalModel
 ComplexArray = NDArray[np.complex128]
 
 
-def starting_model(target: Target, blocks: int, structure: Structure) -> ModalModel:
-    """Return a model with `blocks` blocks near the best fit: vector fitting, then balanced truncation to that order."""
+# delays tried for a start, in periods of the highest frequency; the refinement bridges the gaps
+_DELAYS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+
+
+def starting_models(target: Target, blocks: int, structure: Structure) -> Iterator[ModalModel]:
+    """Yield models with `blocks` blocks near the best fit: vector fitting, then balanced truncation to that order.
+
+    Where a delay may be estimated, there is one start for the response advanced by each of several delays.
+    """
+    if not structure.delay:
+        yield _undelayed_start(target, blocks, structure)
+        return
+    for delay_s in np.array(_DELAYS) / target.frequency_hz[-1]:
+        advance = np.exp(2j * np.pi * target.frequency_hz * delay_s)[:, None, None]
+        model = _undelayed_start(replace(target, response=target.response * advance), blocks, structure)
+        yield model.with_(delay_s=np.full(model.n_inputs, delay_s))
+
+
+def _undelayed_start(target: Target, blocks: int, structure: Structure) -> ModalModel:
+    """Return a start whose delays are zero."""
     args = (target.weight, target.hold_rate_hz, structure.feedthrough)
     fitted = vector_fit(target.frequency_hz, target.response, 2 * blocks, *args)
     n_y, n_u = target.response.shape[1:]

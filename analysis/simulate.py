@@ -14,7 +14,7 @@ _CHUNK = 4096
 
 
 @njit(cache=True, nogil=True)
-def recur(a, drive, x):
+def recur(a: Array, drive: Array, x: Array) -> None:
     """Turn each block's drive (m, 2, n) into its states (q, v) in place; `x` (m, 2) is the state before and after."""
     m, _, n = drive.shape
     for i in range(m):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,12 +133,20 @@ def _check(
     need = np.maximum(4 + 2 * lines, rate_hz / frequency)
     if np.any(stop - start < need):
         worst = int(np.argmax(need - (stop - start)))
+        has, wants = stop[worst] - start[worst], int(np.ceil(need[worst]))
         raise DataError(
-            f"segment {worst} at {frequency[worst]} Hz has {stop[worst] - start[worst]} samples; needs at least {int(np.ceil(need[worst]))}, one period"
+            f"segment {worst} at {frequency[worst]} Hz has {has} samples; needs at least {wants}, one period"
         )
 
 
-def _local_noise(residual, turning, first, length, cycles, lines) -> Array:
+def _local_noise(
+    residual: Array,
+    turning: Callable[[Array], ComplexArray],
+    first: NDArray[np.intp],
+    length: NDArray[np.intp],
+    cycles: Array,
+    lines: int,
+) -> Array:
     """Return the variance of one sample (n_s, n_c) if the noise were as strong everywhere as beside the sine.
 
     The residual is projected on the segment's own lines k = 1 … `lines` to either side; those that would fall below

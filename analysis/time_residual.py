@@ -57,7 +57,7 @@ def nuisances(layout: Layout, records: int) -> list[Nuisance]:
 
 
 @njit(cache=True, nogil=True)
-def _block_signals(a, b, da, db, u, state, out):
+def _block_signals(a: Array, b: Array, da: Array, db: Array, u: Array, state: Array, out: Array) -> None:
     """Step every block for every input with both sensitivities, `state` and `out` (m, n_u + 2, 6, …).
 
     The six are q, v and their derivatives to ln(omega) and ln(sigma). The last two inputs are zero: they carry the free

@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError, toeplitz
 from analysis.frf import smoothed
 from analysis.frf_records import frequency_response_local
 from analysis.modal_form import canonical
-from analysis.modal_parameters import Layout, Structure, layout_of, pack, step_limit, unpack
+from analysis.modal_parameters import Layout, Structure, determined, layout_of, pack, step_limit, unpack
 from analysis.normal_equations import Normal, covariance, minimise
 from analysis.rational import fit_rational
 from analysis.subspace import subspace_model
@@ -262,10 +262,10 @@ def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, conv
     part = normal.hessian[np.ix_(linear, linear)]
     vector[linear] -= np.linalg.lstsq(part, normal.gradient[linear], rcond=1e-13)[0]
     normal = time_normal_equations(target, vector, layout)
-    index = np.flatnonzero(free)
+    index = np.flatnonzero(np.concatenate([determined(model, layout), free[layout.size :]]))
     inside = np.ix_(index, index)
     small = covariance(Normal(normal.cost, normal.gradient[index], normal.hessian[inside]))
-    count = int(np.sum(np.linalg.eigvalsh(small / np.outer(*[np.sqrt(np.maximum(np.diag(small), 1e-300))] * 2)) > 1e-9))
+    count = index.size
     whole = np.zeros((vector.size, vector.size))
     whole[inside] = small
     cov = whole[: layout.size, : layout.size]

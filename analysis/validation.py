@@ -49,7 +49,7 @@ class Whiteness:
 
 
 def whiteness(residual: Array, lags: int = 25, fitted: int = 0) -> Whiteness:
-    """Return whether a residual (n,) is white, by Ljung & Box (1978) over `lags`, `fitted` noise parameters counted off."""
+    """Return whether a residual (n,) is white (Ljung & Box 1978) over `lags`, `fitted` noise parameters counted off."""
     n = residual.size
     if n <= 2 * lags or lags <= fitted:
         raise DataError(f"residual of {n} samples is too short for {lags} lags; needs more than {2 * lags}")

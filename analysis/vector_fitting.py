@@ -1,7 +1,7 @@
 """Relaxed vector fitting with poles common to all entries: a start for fits of frequency responses.
 
 Gustavsen & Semlyen (1999), relaxed normalisation by Gustavsen (2006), and the column compression of Deschrijver et al.
-(2008). It works on partial fractions in lambda = s for a continuous measurement and lambda = z behind a zero-order hold.
+(2008). It works on partial fractions in lambda = s for a continuous measurement, lambda = z behind a zero-order hold.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class PoleResidues:
-    """Sum over k of residues[k] / (s - poles[k]) + d: `poles` (n,) closed under conjugation, `residues` (n, n_y, n_u)."""
+    """Sum over k of residues[k] / (s - poles[k]) + d: `poles` (n,) with their conjugates, `residues` (n, n_y, n_u)."""
 
     poles: ComplexArray
     residues: ComplexArray
@@ -41,7 +41,7 @@ def vector_fit(
     scale = float(hold_rate_hz) if hold_rate_hz is not None else 2.0 * np.pi * float(frequency_hz[-1])
     s = 2j * np.pi * frequency_hz / scale
     sampled = hold_rate_hz is not None
-    point = np.exp(s) if sampled else s
+    point = np.asarray(np.exp(s) if sampled else s, dtype=np.complex128)
     data = response.reshape(frequency_hz.size, -1)
     weights = weight.reshape(data.shape)
     poles = _starting_poles(np.abs(s), n_poles)
@@ -107,7 +107,7 @@ def _relocate(
     for e in range(data.shape[1]):
         w = weights[:, e, None]
         joint = _real(np.concatenate([w * model, -(w * data[:, e, None]) * sigma], axis=1))
-        blocks.append(np.linalg.qr(joint, mode="r")[width : width + n + 1, width:])
+        blocks.append(np.asarray(np.linalg.qr(joint, mode="r"))[width : width + n + 1, width:])
     stacked = np.concatenate(blocks)
     # relaxed normalisation: the real part of sigma sums to the number of lines
     anchor = sigma.real.sum(axis=0) * np.linalg.norm(weights * np.abs(data)) / point.size
