@@ -5,8 +5,12 @@ Quasi-statically the drive torque M and the angle x balance,
     M = K x + D dx/dt - size · J(x; a, pinning, c) - (p2 x² … without the linear term) - constant
 
 with J the magnetisation along the measured path. All of it is linear but for the shapes of J, so these alone are
-searched and the rest is solved for (variable projection). The linear coefficient of the polynomial cannot be told from
-the spring; parameters that a record cannot tell from `size` are held.
+searched and the rest is solved for (variable projection).
+
+Far from saturation (6.4) becomes dJ/dx = (chi x - J)/((1 + c) pinning) + chi c/(1 + c) with chi = ms/(3 a), whose loops
+are J = chi x ± chi pinning (1 - 2 exp(-x/((1 + c) pinning)) …). A record so tells the remanent torque
+size · chi · pinning and the bend (1 + c) pinning, and no more: size · chi alone is a spring, as is the linear
+coefficient of the polynomial. All but two of (size, a, ms, c, alpha, pinning) must be held.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ Array = NDArray[np.float64]
 
 _PLACE = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1))
 _POWERS = (5, 4, 3, 2)
+_STEP = 0.02  # of the logarithm of a shape: far above the steps that the division of the path leaves in J
 _LOG_BOUNDS = (np.log(1e-9), np.log(9.0))  # far beyond what any path could show
 
 
@@ -85,7 +90,8 @@ def fit_loops(
     rate = positive("loop fit: the sample rate", rate_hz)
     problem = _Problem(torque, angle, rate, held, tuple(starts[0]), counts)
     found = [
-        least_squares(problem.residual, problem.packed(start), bounds=_LOG_BOUNDS, max_nfev=60) for start in starts
+        least_squares(problem.residual, problem.packed(start), bounds=_LOG_BOUNDS, diff_step=_STEP, max_nfev=60)
+        for start in starts
     ]
     best = min(found, key=lambda solution: float(solution.cost))
     rms = tuple(float(np.sqrt(2.0 * s.cost / np.sum(counts))) for s in found)
@@ -144,16 +150,18 @@ class _Problem:
         )
 
     def _deviations(self, packed: Array, design: Array, linear: Array, residual: Array) -> Array:
-        """Standard deviations of (ln shapes, scaled linear), from the Jacobian and the misfit as white noise."""
-        step = 1e-4
+        """Standard deviations of (ln shapes, scaled linear), from the Jacobian and the misfit as coloured noise."""
         slopes = [
-            (self._design(packed + e) - self._design(packed - e)) @ linear / (2.0 * step)
-            for e in step * np.eye(packed.size)
+            (self._design(packed + e) - self._design(packed - e)) @ linear / (2.0 * _STEP)
+            for e in _STEP * np.eye(packed.size)
         ]
         jacobian = np.column_stack([*slopes, design])
         size = np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
-        covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-14)
-        noise = residual @ residual / max(residual.size - jacobian.shape[1], 1)
+        covariance = np.linalg.inv((jacobian / size).T @ (jacobian / size))
+        # neighbours that agree hold less information: by the sum of the correlations until they have died away
+        lags = [residual[k:] @ residual[:-k] / (residual @ residual) for k in range(1, 20)]
+        colour = max(1.0 + 2.0 * float(np.sum(lags)), 1.0)
+        noise = colour * (residual @ residual) / max(residual.size - jacobian.shape[1], 1)
         return np.sqrt(np.maximum(np.diag(covariance), 0.0) * noise) / size
 
 

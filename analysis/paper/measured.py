@@ -1,0 +1,208 @@
+"""What a campaign's folder of logs has measured, each measurement made once and only when it is asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import numpy as np
+
+from analysis.loop_fit import LoopFit
+from analysis.loops import Loop
+from analysis.modal_parameters import Structure
+from analysis.rational import fit_rational
+from analysis.recorded.chop import ChopPhase, chop_phase
+from analysis.recorded.drift import DriftTest, drift_of
+from analysis.recorded.hysteresis import OffsetStep, loops_of, steps_of
+from analysis.recorded.loop_fit import loop_fit_of
+from analysis.recorded.sensors import EndstopTest, TheodoliteTest, endstops_of, theodolite_of
+from analysis.recorded.sweep import Sweep, sweep_of
+from analysis.response_fit import RationalFit
+from campaigns.log import Run, read_run
+from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel
+from sim_backend.model import Model, load_model
+
+T = TypeVar("T")
+
+MODES = {"theta_x": 4, "theta_y": 2, "z": 1}
+"""How many modes the paper gives each axis: 8th, 4th and 2nd order."""
+
+RELATIVE_FLOOR = 0.005
+"""How far hysteresis moves a response with amplitude, about: weights beyond this would fit the iron, not the modes."""
+
+
+@dataclass(frozen=True)
+class _Entry:
+    run: Run
+    settings: dict[str, Any]
+
+
+class Measured:
+    """The measurements of all complete runs in a folder; each method returns None where the campaign lacks the run.
+
+    While a `tracing` block is open, the unique names of the runs that are asked for are collected. Use it as a context
+    manager: it keeps the logs open. Raises DataError for a log that is none, ConfigError for a folder without logs.
+    """
+
+    def __init__(self, folder: str | Path, *, design: str = "design") -> None:
+        self.folder = Path(folder)
+        self.design: Model = load_model(design)
+        self._entries: list[_Entry] = []
+        self._done: dict[tuple[object, ...], tuple[Any, tuple[str, ...]]] = {}
+        self._traced: list[set[str]] = []
+        for path in sorted(self.folder.glob("*.h5")):
+            run = read_run(path)
+            if run.status == "complete":
+                self._entries.append(_Entry(run, _settings(run)))
+            else:
+                run.close()
+        if not self._entries:
+            raise ConfigError(f"{self.folder} holds no complete log; run `mccd campaign run` into it first")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for entry in self._entries:
+            entry.run.close()
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Every complete run, in the order of their file names."""
+        return tuple(entry.run for entry in self._entries)
+
+    @contextlib.contextmanager
+    def tracing(self) -> Iterator[set[str]]:
+        """Collect the run_uids that are asked for inside the block."""
+        uids: set[str] = set()
+        self._traced.append(uids)
+        try:
+            yield uids
+        finally:
+            self._traced.remove(uids)
+
+    def find(self, test: str, **settings: object) -> Run | None:
+        """Return the first run of a test whose settings have these values (within rounding); None if there is none."""
+        for entry in self._entries:
+            if entry.run.header.test == test and all(_same(entry.settings.get(k), v) for k, v in settings.items()):
+                return entry.run
+        return None
+
+    def _once(self, key: tuple[object, ...], run: Run | None, measure: Callable[[Run], T]) -> T | None:
+        """Measure a run once; whoever asks is told to rest on it."""
+        if run is None:
+            return None
+        if key not in self._done:
+            self._done[key] = (measure(run), (run.run_uid,))
+        value, uids = self._done[key]
+        for traced in self._traced:
+            traced.update(uids)
+        result: T = value
+        return result
+
+    def sweep(self, axis: str, cold_finger_k: float | None = None) -> Sweep | None:
+        """Return the sweep of an axis: the whole one, or the one at a set temperature."""
+        run = self.find("sinesweep", axis=axis, cold_finger_k=cold_finger_k)
+        return self._once(("sweep", axis, cold_finger_k), run, sweep_of)
+
+    def fit(self, axis: str) -> RationalFit | None:
+        """Return the modal fit to the whole sweep of an axis, behind the bench's zero-order hold; Table 6.2."""
+
+        def fitted(run: Run) -> RationalFit:
+            sweep = sweep_of(run)
+            variance = sweep.variance + 2.0 * (RELATIVE_FLOOR * np.abs(sweep.response)) ** 2
+            return fit_rational(
+                sweep.frequency_hz,
+                sweep.response[:, None, None],
+                MODES[axis],
+                variance=variance[:, None, None],
+                hold_rate_hz=run.sample_rate_hz,
+                structure=Structure("mechanical", feedthrough=False),
+            )
+
+        return self._once(("fit", axis), self.find("sinesweep", axis=axis, cold_finger_k=None), fitted)
+
+    def endstops(self) -> EndstopTest | None:
+        """Return the noise against the end stops."""
+        return self._once(("endstops",), self.find("endstops"), endstops_of)
+
+    def theodolite(self) -> TheodoliteTest | None:
+        """Return the gains against the theodolite."""
+        return self._once(("theodolite",), self.find("theodolite"), theodolite_of)
+
+    def loops(self, axis: str = "theta_x") -> dict[float, Loop] | None:
+        """Return the hysteresis loops by torque amplitude, the design model's lag taken out."""
+        lag_s = self.static_lag_s(axis)
+        return self._once(("loops", axis), self.find("hysteresis", axis=axis), lambda run: loops_of(run, lag_s))
+
+    def loop_fit(self, axis: str = "theta_x") -> LoopFit | None:
+        """Return the nonlinear model fitted to the loops."""
+        return self._once(("loop fit", axis), self.find("hysteresis", axis=axis), loop_fit_of)
+
+    def steps(self, axis: str = "theta_x") -> list[OffsetStep] | None:
+        """Return the fed-forward steps at offsets."""
+        return self._once(("steps", axis), self.find("hysteresis", axis=axis), steps_of)
+
+    def chop(self, alpha_deg: float, from_rad: float, to_rad: float) -> ChopPhase | None:
+        """Return a slow chop under the hybrid strategy."""
+        run = self.find("chop", alpha_deg=alpha_deg, from_rad=from_rad, to_rad=to_rad, strategy="hybrid")
+        return self._once(("chop", alpha_deg, from_rad, to_rad), run, chop_phase)
+
+    def settle(self, strategy: str, alpha_deg: float, phase: str = "chop") -> ChopPhase | None:
+        """Return a phase of a fast chop under a strategy; `alpha_deg` 0 is θx, 90 is θy."""
+        run = self.find("settling", strategy=strategy, alpha_deg=alpha_deg)
+        return self._once(("settle", strategy, alpha_deg, phase), run, lambda found: chop_phase(found, phase))
+
+    def drift(self) -> DriftTest | None:
+        """Return the drift over the long chop."""
+        return self._once(("drift",), self.find("thermal"), drift_of)
+
+    def design_axis(self, axis: str) -> ModalModel:
+        """Return the design model from one axis's input to its output."""
+        return axis_of(self.design, axis)
+
+    def static_lag_s(self, axis: str) -> float:
+        """Return the design model's lag at low frequency, -d(phase)/d(omega) at 0, in s."""
+        model = self.design_axis(axis)
+        f = 1e-3
+        return float(-np.angle(model.frequency_response(np.array([f]))[0, 0, 0]) / (2.0 * np.pi * f))
+
+
+def axis_of(model: Model, axis: str) -> ModalModel:
+    """Return the modes of a model that lead from one degree of freedom's input to its output."""
+    i = [p.dof for p in model.inputs].index(axis)
+    o = [p.dof for p in model.outputs].index(axis)
+    whole = model.linear()
+    acts = (np.abs(whole.b[:, i]) + np.abs(whole.b_direct[:, i])) * (np.abs(whole.c[o]) + np.abs(whole.c_rate[o])) > 0.0
+    return ModalModel(
+        whole.omega_rad_s[acts],
+        whole.sigma_1_s[acts],
+        whole.b[acts][:, [i]],
+        whole.b_direct[acts][:, [i]],
+        whole.c[[o]][:, acts],
+        whole.c_rate[[o]][:, acts],
+        whole.d[[o]][:, [i]],
+        whole.delay_s[[i]],
+    )
+
+
+def _settings(run: Run) -> dict[str, Any]:
+    try:
+        settings = json.loads(run.header.configuration).get("settings", {})
+    except (ValueError, AttributeError):
+        return {}
+    return settings if isinstance(settings, dict) else {}
+
+
+def _same(found: object, wanted: object) -> bool:
+    if isinstance(found, int | float) and isinstance(wanted, int | float):
+        return abs(float(found) - float(wanted)) <= 1e-9 * max(1.0, abs(float(wanted)))
+    return found == wanted
