@@ -14,37 +14,42 @@ from sim_backend.effects.view import RecordView
 @cfunc(STEP, cache=True)
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     # field H is the position; s[0] is the last field, s[1] the magnetisation M
-    a, pinning, c, alpha, saturation = p[1], p[2], p[3], p[4], p[5]
+    pinning, c, alpha, saturation = p[2], p[3], p[4], p[5]
     change = position - s[0]
     if change != 0.0:
         sign = 1.0 if change > 0.0 else -1.0
         # sub-increments of a twentieth of the field in which M changes; Heun's error over it is (1/20)²/6 = 4e-4 of M
-        parts = min(max(math.ceil(min(20.0 * abs(change) / min(pinning, a), 200.0)), 1), 200)
-        dh = change / parts
-        share = c / (1.0 + c)
+        widest = 0.05 * min(pinning, p[1])
+        parts = 1 if abs(change) <= widest else math.ceil(min(abs(change) / widest, 200.0))
+        dh = change if parts == 1 else change / parts
+        per_a = 1.0 / p[1]
         for i in range(parts):
-            h0, m0 = s[0] + i * dh, s[1]
+            h, m0 = s[0] + i * dh, s[1]
             slope0, m = 0.0, m0
             for stage in range(2):
-                x = (h0 + stage * dh + alpha * m) / a
-                if abs(x) < 0.02:
-                    # series of coth x - 1/x and its derivative: the next terms are below 1e-12
-                    man = saturation * x * (1.0 / 3.0 - x * x * (1.0 / 45.0 - x * x * 2.0 / 945.0))
-                    dman = saturation / a * (1.0 / 3.0 - x * x * (1.0 / 15.0 - x * x * 2.0 / 189.0))
+                x = (h + alpha * m) * per_a
+                if abs(x) < 0.05:
+                    # series of coth x - 1/x and its derivative: the next terms are below 1e-10 of them
+                    square = x * x
+                    man = saturation * x * (1.0 / 3.0 - square * (1.0 / 45.0 - square * (2.0 / 945.0)))
+                    dman = saturation * per_a * (1.0 / 3.0 - square * (1.0 / 15.0 - square * (2.0 / 189.0)))
                 else:
-                    coth = 1.0 / math.tanh(x)
-                    man = saturation * (coth - 1.0 / x)
-                    dman = saturation / a * (1.0 - coth * coth + 1.0 / (x * x))
+                    coth, inverse = 1.0 / math.tanh(x), 1.0 / x
+                    man = saturation * (coth - inverse)
+                    dman = saturation * per_a * (1.0 - coth * coth + inverse * inverse)
                 gap = man - m
-                slope = share * dman
+                # dMan/dH = Man'(He) (1 + alpha dM/dH): with c and the irreversible part over 1 + c,
+                # (1 + c - alpha c Man') dM/dH = irreversible + c Man'
+                slope, over = c * dman, max(1.0 + c - alpha * c * dman, 0.01)
                 if sign * gap > 0.0:
                     # the susceptibility is unbounded where the coupling beats the pinning: kept at 100 × the rest
-                    slope += gap / ((1.0 + c) * sign * max(pinning - alpha * sign * gap, 0.01 * pinning))
-                # dMan/dH = Man'(He) (1 + alpha dM/dH), solved for dM/dH
-                slope /= max(1.0 - alpha * share * dman, 0.01)
+                    pin = sign * max(pinning - alpha * sign * gap, 0.01 * pinning)
+                    slope, over = slope * pin + gap, over * pin
+                slope /= over
                 if stage == 0:
                     slope0 = slope
                     m = m0 + slope * dh
+                    h += dh
                 else:
                     m = m0 + 0.5 * (slope0 + slope) * dh
             s[1] = min(max(m, -saturation), saturation)

@@ -25,11 +25,14 @@ S = 2j * np.pi * F_HZ
 
 
 def two_modes(omega=OMEGA, sigma=SIGMA):
-    """A dominant mode and a high one: 1/J / (s² + 2σs + ω²) + 200 / (s² + 60 s + 800²)."""
+    """A dominant mode and a high one: 1/J / (s² + 2σs + ω²) + 5000 / (s² + 60 s + 800²).
+
+    The high one has the larger residue (1/J is 3096), the dominant one the larger gain at DC.
+    """
     return ModalModel(
         omega_rad_s=np.array([800.0, omega]),
         sigma_1_s=np.array([30.0, sigma]),
-        b=np.array([[200.0], [1 / INERTIA_KGM2]]),
+        b=np.array([[5000.0], [1 / INERTIA_KGM2]]),
         b_direct=np.zeros((2, 1)),
         c=np.ones((1, 2)),
         c_rate=np.zeros((1, 2)),
@@ -42,7 +45,7 @@ def response(effect, model):
     return effect.retune(model, 0, 0).frequency_response(F_HZ)[:, 0, 0]
 
 
-HIGH = 200 / (S**2 + 60 * S + 800.0**2)
+HIGH = 5000 / (S**2 + 60 * S + 800.0**2)
 DAMPER = 2 * SIGMA * INERTIA_KGM2
 
 
@@ -83,7 +86,7 @@ def test_extra_resonance_equals_python_control_in_parallel():
     share, zeta, omega = -0.3, 0.01, 2 * np.pi * 122.0
     first = control.tf([1 / INERTIA_KGM2], [1, 2 * SIGMA, OMEGA**2])
     second = control.tf([share / INERTIA_KGM2], [1, 2 * zeta * omega, omega**2])
-    expected = control.parallel(first, second, control.tf([200.0], [1, 60, 800.0**2]))(S)
+    expected = control.parallel(first, second, control.tf([5000.0], [1, 60, 800.0**2]))(S)
     effect = make_effect(
         "extra-resonance", "theta_x", {"participation": share, "frequency_hz": 122.0, "damping_ratio": zeta}
     )

@@ -1,0 +1,65 @@
+"""The starts that effects read off a record must lie near what made the record."""
+
+import numpy as np
+import pytest
+
+from sim_backend.effects import effect_class, make_effect
+from sim_backend.effects.view import RecordView
+from tests.sim_backend.effects.along import along
+
+RATE_HZ = 10_000.0
+N = 20_000
+T_S = np.arange(N) / RATE_HZ
+
+
+def view(residual=None, *, position=None, temperature_k=None):
+    """A slow swing of 5 mrad about an offset, with a residual beside noise."""
+    x = 2e-3 + 5e-3 * np.sin(2 * np.pi * 3.3 * T_S) if position is None else position
+    noise = 1e-7 * np.random.default_rng(0).standard_normal(N)
+    rest = noise if residual is None else residual + noise
+    return RecordView(RATE_HZ, 0.05 * np.ones(N), x, np.gradient(x, 1 / RATE_HZ), rest, temperature_k, 29.6)
+
+
+@pytest.mark.parametrize("slug", ["vibration-line", "extra-resonance", "broadband-vibration"])
+def test_a_line_is_found_within_the_resolution_of_the_record(slug):
+    f_hz = 123.37
+    starts = effect_class(slug).guess(view(3e-7 * np.sin(2 * np.pi * f_hz * T_S)))
+    name = "centre_hz" if slug == "broadband-vibration" else "frequency_hz"
+    assert min(abs(start[name] - f_hz) for start in starts) <= 0.5 * RATE_HZ / N + 1e-9
+
+
+@pytest.mark.parametrize("slug", ["periodic-torque", "periodic-sensor-error"])
+@pytest.mark.parametrize("period", [2.1e-3, 3.17e-4, 4.4e-5])
+def test_a_period_is_found_so_near_that_a_fit_cannot_slip_by_one(slug, period):
+    x = view().position
+    effect = make_effect(slug, "theta_x", {"cosine": 2e-7, "sine": 1e-7, "period": period})
+    smooth = 1e-6 + 3e-4 * x - 0.05 * x**2
+    starts = effect_class(slug).guess(view(along(effect, position=x) + smooth))
+    # over the range a phase error below half a turn: the sum of squares then has no other minimum on the way
+    turns = [np.ptp(x) * abs(1 / start["period"] - 1 / period) for start in starts]
+    assert min(turns) < 0.5
+
+
+def test_nothing_repeats_where_nothing_moves():
+    assert view(position=np.full(N, 1e-3)).residual_periods(3) == []
+
+
+def test_the_step_of_a_quantised_reading_is_found_exactly():
+    q = 3e-6
+    starts = effect_class("sensor-quantisation").guess(view(position=q * np.rint(view().position / q)))
+    # differences of levels of 1e-3, each rounded to 1e-16 of itself
+    assert min(abs(start["step_size"] - q) for start in starts) < 1e-16
+
+
+def test_the_share_of_dropped_samples_is_found():
+    x = view().position
+    got = make_effect("dropped-samples", "theta_x", {"fraction": 0.05}).rewrite(x, RATE_HZ, np.random.default_rng(1))
+    (start,) = effect_class("dropped-samples").guess(view(position=got))
+    assert start["fraction"] == pytest.approx(0.05, abs=5 * np.sqrt(0.05 * 0.95 / N))
+    assert effect_class("dropped-samples").guess(view()) == []
+
+
+def test_thermal_drift_needs_a_temperature_and_takes_its_mean():
+    cls = effect_class("thermal-stiffness-drift")
+    assert cls.guess(view()) == []
+    assert cls.guess(view(temperature_k=70 + np.sin(2 * np.pi * T_S))) == [{"reference_k": pytest.approx(70, abs=1e-6)}]
