@@ -1,0 +1,102 @@
+"""What a diagnosis says: the content of `diagnosis.json`, and the arrays that its figures are drawn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.dataset import Dataset
+from sim_backend.effects.base import Effect
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter with its standard deviation and unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One named cause: effect slug, place, probability, parameters and one sentence that a person can check."""
+
+    effect: str
+    where: str
+    probability: float
+    parameters: dict[str, Estimate]
+    why: str
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The residual's evidence in one domain (frequency, amplitude, …) of one output of one record.
+
+    `axis` (n,) in `unit`, `level` (n,) the residual's size and `floor` (n,) the noise's at each point; `p_value` is calibrated
+    under the noise alone, `where` says in words where it is largest.
+    """
+
+    record: str
+    output: str
+    axis: Array
+    unit: str
+    level: Array
+    floor: Array
+    p_value: float
+    where: str
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What the extension gains on rows that no fit has seen, relative to the outputs' own size (rms ÷ rms)."""
+
+    held_out: tuple[str, ...]
+    rms_before: float
+    rms_after: float
+    noise_floor: float
+    reduction: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The plan that best separates what is tied, with the separation it is predicted to give."""
+
+    test: str
+    settings: dict[str, Any]
+    separates: tuple[str, ...]
+    expected_sigma: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that was found; `analysis.diagnosis.output` turns it into JSON, an extended model and a page.
+
+    `before` and `after` hold each record's residuals (n, n_y) under the tuned nominal and under the extended model;
+    `nominal` is the model given, `linear` the re-tuned one that goes with `effects`; `considered` lists rival hypotheses with their
+    evidence relative to the best (natural logarithm), best first.
+    """
+
+    verdict: Verdict
+    sentence: str
+    causes: tuple[Cause, ...]
+    ambiguous: tuple[tuple[str, ...], ...]
+    evidence: dict[str, tuple[Domain, ...]]
+    gain: Gain | None
+    next_experiment: NextExperiment | None
+    data: Dataset
+    nominal: ModalModel
+    linear: ModalModel
+    effects: tuple[Effect, ...]
+    before: tuple[Array, ...]
+    after: tuple[Array, ...]
+    considered: tuple[tuple[str, float], ...] = ()
+    notes: tuple[str, ...] = field(default=())
