@@ -1,7 +1,7 @@
 """Recorded inputs played through a linear model with effects, open loop: what a diagnosis compares with the record.
 
-The same compiled loop as the bench, without noise and without controllers. A recorded temperature takes the place of the
-simulated one.
+The same compiled loop as the bench, without noise and without controllers. A recorded temperature takes the place of
+the simulated one.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ def replay(
     reading = out.reading
     for effect in effects:
         if effect.site is Site.RECORD:
-            reading = np.stack([effect.rewrite(reading[:, i], rate_hz) for i in range(n_y)], axis=1)
+            at = places.find(places.outputs, effect.where, effect.name)
+            reading[:, at] = effect.rewrite(reading[:, at], rate_hz)
     return Motion(reading, mem.x)
 
 

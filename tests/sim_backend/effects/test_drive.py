@@ -44,7 +44,7 @@ def test_lag_equals_its_transfer_function(samples):
     _, integral = control.forced_response(control.c2d(lag, DT_S), np.arange(401) * DT_S, np.append(u, 0.0))
     got = u + along(make_effect("amplifier-lag", "theta_x", {"time_constant_s": tau}), signal=u, dt_s=DT_S)
     # the running integral grows to some tens of samples; differences of it lose two of sixteen digits
-    np.testing.assert_allclose(got, np.diff(integral) / DT_S, atol=1e-11)
+    np.testing.assert_allclose(got, np.diff(integral) / DT_S, rtol=0, atol=1e-11)
 
 
 def test_lag_has_the_phase_of_the_analogue_lag():
@@ -56,12 +56,12 @@ def test_lag_has_the_phase_of_the_analogue_lag():
     # both the held wave and the mean of its lag stand for the middle of the sample; what the hold leaves out is of the
     # order of (omega dt)²
     ratio = out[-1] / u[-1]
-    np.testing.assert_allclose(ratio, 1 / (1 + 2j * np.pi * f_hz * tau), atol=(2 * np.pi * f_hz * DT_S) ** 2)
+    np.testing.assert_allclose(ratio, 1 / (1 + 2j * np.pi * f_hz * tau), rtol=0, atol=(2 * np.pi * f_hz * DT_S) ** 2)
 
 
 def test_lag_shorter_than_any_sample_is_none():
     effect = make_effect("amplifier-lag", "theta_x", {"time_constant_s": 1e-300})
-    np.testing.assert_allclose(along(effect, signal=held_torque(100)), 0.0, atol=1e-290)
+    np.testing.assert_allclose(along(effect, signal=held_torque(100)), 0.0, rtol=0, atol=1e-290)
 
 
 def test_delay_equals_a_model_with_that_delay():
@@ -80,7 +80,7 @@ def test_delay_cannot_become_an_advance():
 def test_dead_zone_by_hand():
     u = np.array([-0.3, -0.1, -0.05, 0.0, 0.05, 0.1, 0.3])
     effect = make_effect("dead-zone", "theta_x", {"width": 0.1})
-    np.testing.assert_allclose(u + along(effect, signal=u), [-0.2, 0, 0, 0, 0, 0, 0.2], atol=1e-16)
+    np.testing.assert_allclose(u + along(effect, signal=u), [-0.2, 0, 0, 0, 0, 0, 0.2], rtol=0, atol=1e-16)
 
 
 @pytest.mark.parametrize("slug", ["command-quantisation", "sensor-quantisation"])
@@ -88,7 +88,7 @@ def test_quantisation_rounds_to_whole_steps(slug):
     q = 0.01
     u = np.random.default_rng(0).uniform(-1, 1, 1000)
     error = along(make_effect(slug, "theta_x", {"step_size": q}), signal=u)
-    np.testing.assert_allclose(u + error, q * np.rint(u / q), atol=1e-15)
+    np.testing.assert_allclose(u + error, q * np.rint(u / q), rtol=0, atol=1e-15)
     # the error is uniform: variance q²/12, here from 1000 draws, whose variance scatters by sqrt(4/5/1000) = 3 %
     assert np.var(error) == pytest.approx(q**2 / 12, rel=5 * 0.03)
 
@@ -105,6 +105,6 @@ def test_coil_heating_loses_gain_with_the_time_constant():
     effect = make_effect("coil-heating", "theta_x", {"coefficient": coefficient, "time_constant_s": tau})
     added = along(effect, signal=command, dt_s=DT_S)
     t = np.arange(n) * DT_S
-    np.testing.assert_allclose(added[:n], -coefficient * u**3 * (1 - np.exp(-t / tau)), atol=1e-14)
+    np.testing.assert_allclose(added[:n], -coefficient * u**3 * (1 - np.exp(-t / tau)), rtol=0, atol=1e-14)
     left = (1 - np.exp(-n * DT_S / tau)) * np.exp(-(n // 2) * DT_S / tau)
     assert added[-1] == pytest.approx(-coefficient * u**3 * left, rel=1e-10)

@@ -46,9 +46,10 @@ def test_nothing_repeats_where_nothing_moves():
 
 def test_the_step_of_a_quantised_reading_is_found_exactly():
     q = 3e-6
-    starts = effect_class("sensor-quantisation").guess(view(position=q * np.rint(view().position / q)))
-    # differences of levels of 1e-3, each rounded to 1e-16 of itself
-    assert min(abs(start["step_size"] - q) for start in starts) < 1e-16
+    jump = np.where(T_S > 1, 0.02, 0.0)  # most levels are neighbours, some are never reached
+    starts = effect_class("sensor-quantisation").guess(view(position=q * np.rint((view().position + jump) / q)))
+    # differences of levels of 2e-2, each rounded to 1e-16 of itself
+    assert min(abs(start["step_size"] - q) for start in starts) < 1e-17
 
 
 def test_the_share_of_dropped_samples_is_found():

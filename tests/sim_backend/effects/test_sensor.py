@@ -20,14 +20,14 @@ def test_rotation_by_a_small_angle_mixes_the_axes():
     angle = 1e-2
     seen = x + along(make_effect("sensor-rotation", "theta_y->theta_x", {"angle": angle}), signal=x, aux=y)
     rotated = np.cos(angle) * x + np.sin(angle) * y
-    np.testing.assert_allclose(seen, rotated, atol=angle**2 * 2e-3)  # small angles: to second order
+    np.testing.assert_allclose(seen, rotated, rtol=0, atol=angle**2 * 2e-3)  # small angles: to second order
 
 
 def test_periodic_error_follows_the_position():
     effect = make_effect("periodic-sensor-error", "theta_x", {"cosine": 3e-9, "sine": 4e-9, "period": 1e-5})
     x = np.linspace(0, 5e-5, 401)
     error = along(effect, position=x, signal=np.full(401, 7.0))
-    np.testing.assert_allclose(error, 5e-9 * np.cos(2 * np.pi * x / 1e-5 - np.arctan2(4, 3)), atol=1e-22)
+    np.testing.assert_allclose(error, 5e-9 * np.cos(2 * np.pi * x / 1e-5 - np.arctan2(4, 3)), rtol=0, atol=1e-22)
 
 
 def test_one_fringe_is_lost_per_excursion_and_regained_on_the_way_back():
@@ -35,7 +35,7 @@ def test_one_fringe_is_lost_per_excursion_and_regained_on_the_way_back():
     # beyond the limit; noise about it; slow; beyond it backwards; slow; forwards again
     rate = np.array([0.0, 1.2, 0.9, 1.1, 0.6, 0.2, -1.5, -0.1, 1.1, 3.0, 0.0])
     lost = [0, -1, -1, -1, -1, -1, 0, 0, -1, -1, -1]
-    np.testing.assert_allclose(along(effect, rate=rate), 1e-6 * np.array(lost), atol=1e-21)
+    np.testing.assert_allclose(along(effect, rate=rate), 1e-6 * np.array(lost), rtol=0, atol=1e-21)
 
 
 def test_fringe_jump_leaves_the_bench_reading_off_by_whole_fringes():
@@ -43,7 +43,7 @@ def test_fringe_jump_leaves_the_bench_reading_off_by_whole_fringes():
     got = play(one_axis([("fringe-jump", {"fringe": 1e-6, "rate_limit": 0.5})]), torque, truth=True)
     fringes = (got["theta_x"] - got["true_theta_x"]) / 1e-6
     # readings of 1e-2 rounded to 1e-16 of themselves
-    np.testing.assert_allclose(fringes, np.rint(fringes), atol=1e-10)
+    np.testing.assert_allclose(fringes, np.rint(fringes), rtol=0, atol=1e-10)
     assert np.ptp(fringes) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -71,6 +71,6 @@ def test_two_sources_of_noise_at_one_place_are_independent():
 
 def test_drift_is_linear_in_time_over_segments_too():
     effect = make_effect("sensor-drift", "theta_x", {"drift": 2e-6})
-    np.testing.assert_allclose(along(effect, position=np.zeros(5), dt_s=0.1), 2e-7 * np.arange(5), atol=1e-21)
+    np.testing.assert_allclose(along(effect, position=np.zeros(5), dt_s=0.1), 2e-7 * np.arange(5), rtol=0, atol=1e-21)
     got = play(one_axis([("sensor-drift", {"drift": 1e-3})]), np.zeros(100), n_samples=250)["theta_x"]
-    np.testing.assert_allclose(got, 1e-7 * np.arange(250), atol=1e-18)
+    np.testing.assert_allclose(got, 1e-7 * np.arange(250), rtol=0, atol=1e-18)

@@ -131,7 +131,7 @@ def test_extra_resonance_rings_on_the_bench_as_solve_ivp_says():
             atol=1e-15,
         ).y[:, -1]
     expected = np.array(states)[:, 0] + np.array(states)[:, 2]
-    np.testing.assert_allclose(got, expected, atol=1e-8 * np.max(np.abs(expected)))
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8 * np.max(np.abs(expected)))
 
 
 def test_creep_after_a_step_is_the_standard_linear_solid():
@@ -151,14 +151,14 @@ def test_creep_after_a_step_is_the_standard_linear_solid():
     ).y[0]
     # the relaxing torque is held and extrapolated over samples: an error of (dt / shortest time)² of its own share; the
     # slow pole of the mode decays within 1/178 s
-    np.testing.assert_allclose(got, states, atol=g / k * (178 / RATE_HZ) * np.max(states))
+    np.testing.assert_allclose(got, states, rtol=0, atol=g / k * (178 / RATE_HZ) * np.max(states))
     assert got[-1] == pytest.approx(torque_nm / (k - g), rel=1e-3)
 
 
 def test_creep_alone_is_an_exponential():
     effect = make_effect("viscoelastic-creep", "theta_x", {"stiffness": 2.0, "time_constant_s": 0.01})
     t = np.arange(500) * 1e-4
-    np.testing.assert_allclose(along(effect, position=np.ones(500)), 2 * (1 - np.exp(-t / 0.01)), atol=1e-13)
+    np.testing.assert_allclose(along(effect, position=np.ones(500)), 2 * (1 - np.exp(-t / 0.01)), rtol=0, atol=1e-13)
 
 
 def test_end_stop_by_hand():
@@ -166,7 +166,7 @@ def test_end_stop_by_hand():
     x = np.array([0.0, 0.0099, 0.01, 0.012, 0.012, -0.013])
     v = np.array([9.0, 9.0, 9.0, 0.0, 0.5, -0.5])
     expected = [0, 0, 0, -0.2, -0.2 - 3e3 * 0.002 * 0.5, 0.3 + 3e3 * 0.003 * 0.5]
-    np.testing.assert_allclose(along(effect, position=x, rate=v), expected, atol=1e-15)
+    np.testing.assert_allclose(along(effect, position=x, rate=v), expected, rtol=0, atol=1e-15)
 
 
 def test_end_stop_holds_the_bench_where_statics_say():
@@ -194,7 +194,7 @@ def test_free_play_holds_nothing_within_the_gap_and_stores_no_energy():
     torque = along(effect, position=x)
     spring = -STIFFNESS_NM_RAD * x + torque
     expected = -STIFFNESS_NM_RAD * np.sign(x) * np.maximum(np.abs(x) - 1e-3, 0)
-    np.testing.assert_allclose(spring, expected, atol=1e-16)
+    np.testing.assert_allclose(spring, expected, rtol=0, atol=1e-16)
     assert abs(np.trapezoid(torque, x)) < 1e-12
 
 
@@ -203,8 +203,8 @@ def test_periodic_torque_repeats_and_holds_at_its_valleys():
     x = np.linspace(-1e-3, 1e-3, 101)
     torque = along(effect, position=x)
     expected = np.hypot(2e-3, 1e-3) * np.cos(2 * np.pi * x / 4e-4 + np.arctan2(1e-3, 2e-3))
-    np.testing.assert_allclose(torque, expected, atol=1e-17)
-    np.testing.assert_allclose(torque, along(effect, position=x + 4e-4), atol=1e-16)
+    np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-17)
+    np.testing.assert_allclose(torque, along(effect, position=x + 4e-4), rtol=0, atol=1e-16)
 
 
 def test_cross_coupling_adds_the_source_command():
