@@ -181,8 +181,11 @@ def test_remanence_is_that_of_the_jiles_atherton_equations(torque_nm):
         gain * np.array([falling, rising, peak]), [expected_falling, expected_rising, expected_peak], atol=2e-4 * peak
     )
     remanence = 0.5 * (falling - rising) / peak
-    # "approx. 0.7 %": one digit, so half a unit of it and the viscous lag
-    assert remanence == pytest.approx(0.7e-2, abs=0.05e-2 + 0.05e-2)
+    expected = 0.5 * (expected_falling - expected_rising) / expected_peak
+    # the same 9e-5 of lag widens the loop at zero torque; docs/bench-model.md sets it beside the paper's "approx. 0.7 %".
+    # The printed k/µ0 would leave none at all.
+    assert remanence == pytest.approx(expected, abs=1.5e-4)
+    assert expected > 5e-3
 
 
 def test_identified_stiffness_at_one_milliradian_is_the_printed_one():
@@ -377,8 +380,8 @@ def test_safe_zeroes_the_drives_whatever_was_closed_and_learned():
 
 @pytest.mark.parametrize(("axis", "periods"), [(0, 20), (1, 8)])
 def test_learning_takes_as_many_periods_as_its_gain_says(axis, periods):
-    # at rest the error shrinks by 1 - k_r P L = 1 - k_r from one period to the next, wherever in the loop the springs
-    # bend a little: the iron changes P by 2 %
+    # at rest the error shrinks by 1 - k_r P L = 1 - k_r from one period to the next. The iron changes P by up to 2 %,
+    # which is n k_r (1 - k_r)^(n-1) 2 % < 0.01 of the level; as much again for what still rings in the mean of a dwell
     bench = SimBench(as_built(*NOISES), 0)
     limits = MotionLimits(1e3, 1e6, 1e9, 8.2e9)  # a move of 4.8 ms, as smooth as that time allows
     reference = np.zeros((2000, 3))
