@@ -67,9 +67,7 @@ def replay(
     out = _only_readings(n, n_u, transducers)
     wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
     n_y, n_s = transducers.to_reading.shape
-    kernel.run(
-        n, plant, transducers, fx, ctl, wave, mem, bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s), out
-    )
+    kernel.run(n, plant, transducers, fx, ctl, wave, mem, bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s), out)
     reading = out.reading
     for effect in effects:
         if effect.site is Site.RECORD:
