@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy import fft
 
 from sim_backend.errors import ConfigError
@@ -68,7 +69,7 @@ def simulate_linear(model: DiscreteModel, u: Array, x0: Array | None = None) -> 
     return y
 
 
-def periodic_response(response: Array, u: Array) -> Array:
+def periodic_response(response: NDArray[np.complex128], u: Array) -> Array:
     """Return the steady-state output of a periodic input from a frequency response on its own lines.
 
     Shapes: `response` (n // 2 + 1, n_y, n_u) at the frequencies of `rfft`; `u` (n, n_u, …), one period along the first

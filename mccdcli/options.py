@@ -11,11 +11,11 @@ import click
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-BENCHES: Final = ("sim", "emulator", "serial:DEVICE", "tcp:HOST:PORT")
+BENCHES: Final = ("sim", "sim:MODEL", "emulator", "serial:DEVICE", "tcp:HOST:PORT")
 
 
 class BenchAddress(click.ParamType[str]):
-    """`sim`, `emulator`, `serial:DEVICE` or `tcp:HOST:PORT`: its form is checked, its text passed on."""
+    """`sim`, `sim:MODEL`, `emulator`, `serial:DEVICE` or `tcp:HOST:PORT`: its form is checked, its text passed on."""
 
     name = "bench"
 
@@ -25,7 +25,7 @@ class BenchAddress(click.ParamType[str]):
         kind, colon, rest = address.partition(":")
         host, _, port = rest.rpartition(":")
         well_formed = {
-            "sim": not colon,
+            "sim": not colon or bool(rest),
             "emulator": not colon,
             "serial": bool(rest),
             "tcp": bool(host) and port.isdecimal() and 0 < int(port) < 65536,

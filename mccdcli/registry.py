@@ -17,12 +17,41 @@ class Entry(NamedTuple):
 # A name of two words ("log show") is a command in a group; the group needs a line in GROUPS.
 GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
+        "bench": "List benches.",
+        "campaign": "Run, list and show whole campaigns.",
         "log": "Show, verify and recover logs.",
     }
 )
 
 COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
     {
+        "bench list": Entry("mccdcli.commands.bench_list:list_benches", "List the benches that a test can run on."),
+        "campaign list": Entry(
+            "mccdcli.commands.campaign_list:list_campaigns",
+            "List the bundled campaigns, or the plans they are made of.",
+        ),
+        "campaign run": Entry("mccdcli.commands.campaign_run:run", "Play a whole campaign into a folder; resumable."),
+        "campaign show": Entry(
+            "mccdcli.commands.campaign_show:show", "Show a campaign's runs, or how far one in a folder has come."
+        ),
+        "chop": Entry("mccdcli.commands.chop:chop", "Chop between two positions: stability, repeatability, accuracy."),
+        "endstops": Entry("mccdcli.commands.endstops:endstops", "Measure the sensors' noise against the end stops."),
+        "hysteresis": Entry(
+            "mccdcli.commands.hysteresis:hysteresis", "Drive slow loops and steps at offsets: hysteresis."
+        ),
+        "identify": Entry(
+            "mccdcli.commands.identify:identify", "Identify a linear model, from a sweep or from any logs."
+        ),
+        "settle": Entry(
+            "mccdcli.commands.settle:settle", "Chop at 5 Hz under a control strategy: settling, power, current."
+        ),
+        "simulate": Entry("mccdcli.commands.simulate:simulate", "Play a plan or a waveform on a model and log it."),
+        "theodolite": Entry(
+            "mccdcli.commands.theodolite:theodolite", "Compare the angle sensors with a theodolite: gain corrections."
+        ),
+        "thermal": Entry(
+            "mccdcli.commands.thermal:thermal", "Chop for five minutes and sweep at two temperatures: drift."
+        ),
         "completion": Entry(
             "mccdcli.commands.completion:completion", "Print the script that completes mccd in your shell."
         ),

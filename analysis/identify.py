@@ -1,0 +1,329 @@
+"""From recorded runs to a linear model file, by the method that fits how they were excited.
+
+- *stepped sine*: sine fits of the steady state, one axis per run, and a rational fit of each axis;
+- *periodic*: the response of all inputs at once, with noise and distortion told apart, and a rational fit of it;
+- *free*: anything else, a prediction-error fit in time with the start of every segment estimated.
+
+Segments with "held-out" in their label take no part; the model is tried on them afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.frf import FrequencyResponse, frequency_response_periodic
+from analysis.modal_parameters import Layout, Structure
+from analysis.rational import fit_rational
+from analysis.recorded.sweep import Sweep, sweep_of
+from analysis.simulate import periodic_response, simulate_linear
+from analysis.timefit import fit_records
+from analysis.validation import relative_error
+from campaigns.log import LogSegment, Run
+from sim_backend.errors import DataError
+from sim_backend.linear import ModalModel, discretise
+from sim_backend.model import Model, Port, from_linear
+
+Array = NDArray[np.float64]
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+"""Numbers of modes to choose from when none is given."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How the model did on one held-out segment: rms of the error over rms of the output, per output and over all."""
+
+    run_uid: str
+    segment: str
+    per_output: dict[str, float]
+    total: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A model identified from logs; `modes` lists frequency and decay rate with standard deviations, per mode.
+
+    `chi2_per_dof` is near 1 when noise explains the misfit. `noise` and `distortion` are relative to the output (rms),
+    where the excitation tells them. `held_out` may be empty.
+    """
+
+    model: Model
+    method: str
+    modes: tuple[dict[str, float], ...]
+    chi2_per_dof: float
+    noise: float | None
+    distortion: float | None
+    held_out: tuple[HeldOut, ...]
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit."""
+
+    linear: ModalModel
+    std: ModalModel
+    chi2: float
+    dof: int
+
+
+def identify_runs(
+    runs: Sequence[Run], *, modes: int | Sequence[int] | None = None, only: str = "", name: str = "identified"
+) -> Identification:
+    """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
+
+    `modes` is the number of modes or several to choose from (per axis for sweeps); `only` keeps the segments whose
+    label contains it. Raises DataError for runs that differ or hold nothing to fit.
+    """
+    orders = ORDERS if modes is None else (modes,) if isinstance(modes, int) else tuple(modes)
+    if not runs:
+        raise DataError("identify: no run is given; give one log at least")
+    if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
+        return _from_sweeps(runs, orders, name)
+    _require_same_channels(runs)
+    parts = [(run, s) for run in runs for s in run.segments if only in s.label]
+    fitting = [(run, s) for run, s in parts if not s.held_out]
+    if not fitting:
+        raise DataError(f"{runs[0].path}: no segment is left to fit; give runs with segments that are not held-out")
+    periodic = _periodic(fitting)
+    if periodic is not None:
+        return _from_periods(periodic, parts, orders, name)
+    return _from_records(fitting, parts, orders, name)
+
+
+def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Identification:
+    """One axis per run: the modes of all axes side by side, without coupling."""
+    fits: dict[str, _Fitted] = {}
+    inputs, outputs = [], []
+    for run in runs:
+        sweep = sweep_of(run)
+        if sweep.axis in fits:
+            raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
+        fits[sweep.axis] = _fit_sweep(sweep, run.sample_rate_hz, orders)
+        inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
+        outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
+    linear = _side_by_side([fit.linear for fit in fits.values()])
+    std = _side_by_side([fit.std for fit in fits.values()])
+    whole = _Fitted(linear, std, sum(f.chi2 for f in fits.values()), sum(f.dof for f in fits.values()))
+    ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
+    return _result(whole, runs, *ports, method="stepped sine", name=name)
+
+
+def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> _Fitted:
+    usable = tuple(n for n in orders if 2 * n < sweep.frequency_hz.size)
+    fit = fit_rational(
+        sweep.frequency_hz,
+        sweep.response[:, None, None],
+        usable or orders[:1],
+        variance=sweep.variance[:, None, None],
+        hold_rate_hz=rate_hz,
+        structure=Structure("mechanical", feedthrough=False),
+    )
+    std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    return _Fitted(fit.model, std, fit.chi2, fit.dof)
+
+
+@dataclass(frozen=True)
+class _Periods:
+    """Periodic data (sample, channel, realisation, period) at one rate, transient periods left out."""
+
+    inputs: Array
+    outputs: Array
+    rate_hz: float
+
+
+def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
+    """The segments as realisations, when all have one period and there is one realisation per input at least."""
+    n_u = len(parts[0][0].names("input"))
+    periods = {int(s.settings.get("period_samples", 0)) for _, s in parts}
+    if len(periods) != 1 or 0 in periods or len(parts) < n_u or any("frequency_hz" in s.settings for _, s in parts):
+        return None
+    period = periods.pop()
+    skip = max(int(s.settings.get("transient_periods", 0)) for _, s in parts)
+    count = min(s.rows // period for _, s in parts)
+    if count <= skip:
+        return None
+    blocks = [
+        np.stack([_channels(run, s, role)[: count * period].reshape(count, period, -1)[skip:] for run, s in parts])
+        for role in ("input", "output")
+    ]
+    inputs, outputs = (block.transpose(2, 3, 0, 1) for block in blocks)
+    return _Periods(inputs, outputs, parts[0][0].sample_rate_hz)
+
+
+def _from_periods(
+    data: _Periods, parts: Sequence[tuple[Run, LogSegment]], orders: tuple[int, ...], name: str
+) -> Identification:
+    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
+    variance = _variance(measured)
+    usable = tuple(n for n in orders if 2 * n < measured.frequency_hz.size)
+    fit = fit_rational(
+        measured.frequency_hz, measured.response, usable or orders[:1], variance=variance, hold_rate_hz=data.rate_hz
+    )
+    std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    power = float(measured.output_power.sum())
+    ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
+    return _result(
+        _Fitted(fit.model, std, fit.chi2, fit.dof),
+        _runs_of(parts),
+        *_ports(parts[0][0]),
+        method="periodic",
+        name=name,
+        levels=(ratios[0], ratios[1]),
+        held_out=_tried(fit.model, parts, data.rate_hz),
+    )
+
+
+def _variance(measured: FrequencyResponse) -> Array | None:
+    """The known variance, or None: a record of one period and no spare realisation has none."""
+    try:
+        return measured.variance
+    except DataError:
+        return None
+
+
+def _relative(level: Array, power: float) -> float | None:
+    """A level over the output, both as rms; None where the record cannot tell it."""
+    total = float(level.sum())
+    return float(np.sqrt(max(total, 0.0) / power)) if np.isfinite(total) and power > 0.0 else None
+
+
+def _from_records(
+    fitting: Sequence[tuple[Run, LogSegment]],
+    parts: Sequence[tuple[Run, LogSegment]],
+    orders: tuple[int, ...],
+    name: str,
+) -> Identification:
+    rate = fitting[0][0].sample_rate_hz
+    fit = fit_records(
+        [_channels(run, s, "input") for run, s in fitting],
+        [_channels(run, s, "output") for run, s in fitting],
+        rate,
+        orders,
+        rigid_bodies=None,
+    )
+    std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    return _result(
+        _Fitted(fit.model, std, fit.chi2, fit.dof),
+        _runs_of(parts),
+        *_ports(parts[0][0]),
+        method="free",
+        name=name,
+        held_out=_tried(fit.model, parts, rate),
+    )
+
+
+def _tried(model: ModalModel, parts: Sequence[tuple[Run, LogSegment]], rate_hz: float) -> tuple[HeldOut, ...]:
+    """The model on every held-out segment: in steady state where it is periodic, else from rest."""
+    discrete, results = discretise(model, rate_hz), []
+    for run, segment in parts:
+        if not segment.held_out:
+            continue
+        u, y = _channels(run, segment, "input"), _channels(run, segment, "output")
+        period = int(segment.settings.get("period_samples", 0))
+        if period:
+            u, y = u[-period:], y[-period:]
+            frequency = np.arange(period // 2 + 1) * rate_hz / period
+            modelled = periodic_response(model.frequency_response(frequency, rate_hz), u)
+            modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
+        else:
+            modelled = simulate_linear(discrete, u)
+        error = relative_error(y, modelled)
+        results.append(
+            HeldOut(
+                run.run_uid,
+                segment.label,
+                dict(zip(run.names("output"), error.per_channel.tolist(), strict=True)),
+                error.total,
+            )
+        )
+    return tuple(results)
+
+
+def _require_same_channels(runs: Sequence[Run]) -> None:
+    for run in runs[1:]:
+        same = [run.names(role) == runs[0].names(role) for role in ("input", "output")]
+        if not all(same) or run.sample_rate_hz != runs[0].sample_rate_hz:
+            raise DataError(f"{run.path} has other channels or another rate than {runs[0].path}; identify them apart")
+    for role in ("input", "output"):
+        if not runs[0].names(role):
+            raise DataError(f"{runs[0].path} has no {role} channel; give at least one that role when importing")
+
+
+def _channels(run: Run, segment: LogSegment, role: str) -> Array:
+    return np.stack([run.read(name, segment.start, segment.stop) for name in run.names(role)], axis=1)
+
+
+def _ports(run: Run) -> tuple[list[Port], list[Port]]:
+    def of(role: str) -> list[Port]:
+        return [Port(name=n, unit=run.channels[n].unit, dof=run.channels[n].dof or n) for n in run.names(role)]
+
+    return of("input"), of("output")
+
+
+def _runs_of(parts: Sequence[tuple[Run, LogSegment]]) -> list[Run]:
+    return list({id(run): run for run, _ in parts}.values())
+
+
+def _deviations(model: ModalModel, layout: Layout, covariance: Array, omega_std: Array, sigma_std: Array) -> ModalModel:
+    """Standard deviations in the shapes of the model."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    names = ("b", "b_direct", "c", "c_rate", "d", "delay_s")
+    arrays = {key: spread[layout.index(key)] for key in names}
+    return ModalModel(omega_rad_s=omega_std, sigma_1_s=sigma_std, **arrays)
+
+
+def _side_by_side(models: Sequence[ModalModel]) -> ModalModel:
+    """One model of all axes, block-diagonal from inputs to outputs."""
+
+    def diagonal(key: str) -> Array:
+        blocks = [getattr(model, key) for model in models]
+        out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+        row = column = 0
+        for block in blocks:
+            out[row : row + block.shape[0], column : column + block.shape[1]] = block
+            row, column = row + block.shape[0], column + block.shape[1]
+        return out
+
+    flat = {key: np.concatenate([getattr(m, key) for m in models]) for key in ("omega_rad_s", "sigma_1_s", "delay_s")}
+    return ModalModel(**flat, **{key: diagonal(key) for key in ("b", "b_direct", "c", "c_rate", "d")})
+
+
+def _result(
+    fitted: _Fitted,
+    runs: Sequence[Run],
+    inputs: list[Port],
+    outputs: list[Port],
+    *,
+    method: str,
+    name: str,
+    levels: tuple[float | None, float | None] = (None, None),
+    held_out: tuple[HeldOut, ...] = (),
+) -> Identification:
+    linear, std = fitted.linear, fitted.std
+    source = f"{method} fit to run {', '.join(run.run_uid for run in runs)}"
+    model = from_linear(
+        linear,
+        name=name,
+        title=f"identified from {len(runs)} run{'s' if len(runs) > 1 else ''} ({method})",
+        sample_rate_hz=runs[0].sample_rate_hz,
+        inputs=inputs,
+        outputs=outputs,
+        origin="fitted",
+        source=source,
+        std=std,
+    )
+    per_hz = 1.0 / (2.0 * np.pi)
+    modes = tuple(
+        {
+            "frequency_hz": float(linear.omega_rad_s[i] * per_hz),
+            "frequency_std_hz": float(std.omega_rad_s[i] * per_hz),
+            "decay_rate_1_s": float(linear.sigma_1_s[i]),
+            "decay_rate_std_1_s": float(std.sigma_1_s[i]),
+        }
+        for i in np.argsort(linear.omega_rad_s)
+    )
+    return Identification(model, method, modes, fitted.chi2 / max(fitted.dof, 1), *levels, held_out)

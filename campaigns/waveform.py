@@ -1,0 +1,77 @@
+"""A waveform from a CSV file, played open loop: a column per axis, a row per sample."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.plans.base import SEGMENT_S, Plan, axis_of, channels_of, open_loop, rate_of, samples_of
+from sim_backend.bench import Bench, Segment
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 1_000_000_000
+
+
+class Waveform(Plan, frozen=True, kw_only=True):
+    """Play the columns of `file`, named by axis, in N m (angles) or N (z), at the bench's rate, `repeats` times."""
+
+    name: ClassVar[str] = "waveform"
+    title: ClassVar[str] = "waveform from a file"
+
+    file: str
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        self.require_positive("repeats")
+
+    def configuration(self) -> dict[str, Any]:
+        """Return what decides the segments: the settings and the file's checksum."""
+        return super().configuration() | {"file_sha256": hashlib.sha256(Path(self.file).read_bytes()).hexdigest()}
+
+    def channels(self, bench: Bench) -> tuple[str, ...]:
+        """Return commands and readings, and the temperature."""
+        return channels_of(bench, ("input", "output"), ("temperature",))
+
+    def segments(self, bench: Bench) -> Iterator[Segment]:
+        """Yield the waveform in stretches; raises DataError for a file that is no waveform for this bench."""
+        names, values = read_waveform(Path(self.file))
+        command = np.zeros((values.shape[0], len(bench.axes)))
+        command[:, [axis_of(bench, name) for name in names]] = values
+        record, longest = self.channels(bench), samples_of(SEGMENT_S, rate_of(bench))
+        for repeat in range(self.repeats):
+            for part, first in enumerate(range(0, len(command), longest)):
+                wave = command[first : first + longest]
+                settings: dict[str, float | str] = {"phase": "waveform", "repeat": repeat, "first_sample": first}
+                yield open_loop(f"waveform {repeat + 1}.{part + 1}", wave, len(wave), record, settings)
+
+
+def read_waveform(path: Path) -> tuple[tuple[str, ...], Array]:
+    """Return the column names and values (n, columns) of a CSV file; raises DataError for what is no waveform."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise DataError(f"{path}: {path.stat().st_size} bytes; a waveform takes at most {MAX_BYTES}")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            names = tuple(name.strip() for name in next(csv.reader(file), []))
+            values = np.loadtxt(file, delimiter=",", ndmin=2)
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        what = " ".join(str(error).split())
+        raise DataError(
+            f"{path}: cannot be read as CSV of numbers ({what}); write a head of axes, then numbers"
+        ) from None
+    if not values.size or values.shape[1] != len(names) or len(set(names)) < len(names):
+        raise DataError(
+            f"{path}: columns {', '.join(names)} over rows of {values.shape[1] if values.size else 0} numbers; "
+            "name every column once, and give one row at least"
+        )
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        raise DataError(f"{path}: row {bad[0][0] + 2}, column {names[bad[0][1]]} is not finite; mend the waveform")
+    return names, values

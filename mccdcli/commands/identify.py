@@ -1,0 +1,106 @@
+"""`mccd identify`: a linear model from a stepped sine, or from any logs."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.output import emit, table
+from mccdcli.trials import play_campaign, settings_option, show_estimates
+
+if TYPE_CHECKING:
+    from analysis.identify import Identification
+
+
+@click.command()
+@click.option(
+    "--log",
+    "given",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="RUN.h5",
+    help="Identify from this log instead of running a sweep; repeatable.",
+)
+@click.option("--axis", "axes", multiple=True, metavar="AXIS", help="Axis to sweep; repeatable.  [default: all]")
+@click.option("--logs", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Where the sweeps' logs go.")
+@click.option("--modes", type=click.IntRange(min=1), metavar="N", help="Number of modes.  [default: chosen]")
+@click.option("--only", default="", metavar="TEXT", help="Use only segments whose label contains TEXT.")
+@click.option("--force", is_flag=True, help="Replace an existing model file.")
+@settings_option
+@common_options()
+def identify(
+    bench: str,
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+    settings: dict[str, Any],
+    given: tuple[Path, ...],
+    axes: tuple[str, ...],
+    folder: Path | None,
+    modes: int | None,
+    only: str,
+    force: bool,
+) -> int:
+    r"""Sweep every axis with a stepped sine, 5 Hz to 2 kHz, and fit a linear model; or fit one to logs of any bench.
+
+    The model is nominal.toml unless --out names another; the sweeps' logs go into a folder beside it.
+
+    \b
+    Examples:
+      mccd identify --out nominal.toml
+      mccd identify --log RUN.h5 --log OTHER.h5 --modes 3 -o nominal.toml
+    """
+    from campaigns.identification import sweep_campaign
+    from mccdcli.models import refuse_existing, save_model
+
+    target = out or Path("nominal.toml")
+    refuse_existing(target, force=force)
+    logs = list(given)
+    if not logs:
+        campaign = sweep_campaign(bench, axes, settings)
+        if dry_run:
+            from campaigns.campaign_run import estimate_campaign
+
+            show_estimates(estimate_campaign(campaign, bench, seed), as_json=as_json)
+            return 0
+        played = play_campaign(campaign, folder or target.with_suffix(".runs"), bench, seed, resume=True)
+        if played.exit_code:
+            return played.exit_code
+        logs = list(played.logs.values())
+
+    from analysis.identify import identify_runs
+    from campaigns.log import read_run
+
+    with ExitStack() as stack:
+        runs = [stack.enter_context(read_run(log)) for log in logs]
+        found = identify_runs(runs, modes=modes, only=only, name=target.stem)
+    save_model(found.model, target, force=force)
+    emit(
+        {"model": target, "logs": logs, "identification": found},
+        as_json=as_json,
+        text=f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, logs))}",
+    )
+    return 0
+
+
+def _text(found: Identification) -> str:
+    rows = [
+        (
+            f"{mode['frequency_hz']:.4f} ± {mode['frequency_std_hz']:.2g}",
+            f"{mode['decay_rate_1_s']:.4g} ± {mode['decay_rate_std_1_s']:.2g}",
+        )
+        for mode in found.modes
+    ]
+    facts = [("method", found.method), ("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)")]
+    facts += [(name, f"{value:.3%} of the output") for name, value in _levels(found) if value is not None]
+    facts += [(f"error on {one.segment}", f"{one.total:.2%}") for one in found.held_out]
+    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s'))}\n\n{table(facts)}"
+
+
+def _levels(found: Identification) -> list[tuple[str, float | None]]:
+    return [("noise", found.noise), ("nonlinear distortion", found.distortion)]

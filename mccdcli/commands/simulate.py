@@ -1,0 +1,56 @@
+"""`mccd simulate`: play a plan or a waveform on a model and log it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.output import emit
+from mccdcli.trials import count, play, settings_option
+
+
+@click.command()
+@click.option("--model", default="as-built", show_default=True, help="Model to simulate: a bundled one or a file.")
+@click.option("--plan", default="freerun", show_default=True, help="Plan to play; see `mccd campaign list --plans`.")
+@click.option(
+    "--waveform",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE.csv",
+    help="Play this instead: a column per axis (theta_x …) in N m or N, a row per sample.",
+)
+@settings_option
+@common_options("out", "seed", "dry_run", "json")
+def simulate(
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+    settings: dict[str, Any],
+    model: str,
+    plan: str,
+    waveform: Path | None,
+) -> int:
+    r"""Play a plan, or a waveform of your own, on any model, and log what its bench measures.
+
+    The log is simulate.h5 unless --out names another.
+
+    \b
+    Examples:
+      mccd simulate --model extended.toml --plan chop --set cycles=3 --out chop.h5
+      mccd simulate --waveform torque.csv
+    """
+    from campaigns.plans import make_plan
+    from campaigns.waveform import Waveform
+
+    chosen = make_plan(plan, settings) if waveform is None else Waveform.of({"file": str(waveform), **settings})
+    bench = f"sim:{model}"
+    if dry_run:
+        count({chosen.name: chosen}, bench, seed, as_json=as_json)
+        return 0
+    played = play(chosen, bench, out or Path("simulate.h5"), seed)
+    result = {"plan": chosen.name, "model": model, "log": played.log, "run_uid": played.run_uid}
+    emit(result, as_json=as_json, text=f"{chosen.title} on {model}: {played.log}")
+    return played.exit_code

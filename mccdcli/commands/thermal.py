@@ -1,0 +1,62 @@
+"""`mccd thermal`: drift during a long chop, and the plant at two temperatures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.trials import conclude, play_campaign, settings_option, show_estimates
+
+
+@click.command()
+@click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="Sweep 5–100 Hz at 77 K and at 63.5 K too.")
+@settings_option
+@common_options()
+def thermal(
+    bench: str,
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+    settings: dict[str, Any],
+    sweeps: bool,
+) -> int:
+    r"""Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.
+
+    The logs go into the folder thermal unless --out names another. --set changes the chop. Exit code 1 if a position
+    drifts by more than 1.7 µrad or the sweeps differ.
+
+    \b
+    Examples:
+      mccd thermal --out thermal
+      mccd thermal --no-sweeps --set cycles=100
+    """
+    from campaigns.campaign_run import estimate_campaign
+    from campaigns.thermal import AXES, COLD, sweep_name, thermal_campaign
+
+    campaign = thermal_campaign(settings, sweeps=sweeps)
+    if dry_run:
+        show_estimates(estimate_campaign(campaign, bench, seed), as_json=as_json)
+        return 0
+    played = play_campaign(campaign, out or Path("thermal"), bench, seed, resume=False)
+    if played.exit_code:
+        return played.exit_code
+
+    from analysis.recorded.drift import drift_of
+    from analysis.recorded.temperature import compared_sweeps
+    from analysis.requirements import drift_checks, sweep_checks
+    from campaigns.log import read_run
+
+    with read_run(played.logs["thermal"]) as run:
+        test = drift_of(run)
+    checks = [*drift_checks(test)]
+    results: dict[str, Any] = {"drift": test}
+    for axis in AXES if sweeps else ():
+        first, second = (played.logs[sweep_name(kelvin, axis)] for kelvin in COLD)
+        with read_run(first) as one, read_run(second) as two:
+            results[axis] = compared_sweeps(one, two)
+        checks += sweep_checks(axis, results[axis])
+    return conclude("thermal", checks, results, list(played.logs.values()), as_json=as_json)

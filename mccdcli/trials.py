@@ -1,0 +1,194 @@
+"""What the commands of the tests share: play a plan, or only count it, and show a result against its limits."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+
+import click
+
+from mccdcli.failures import INTERRUPTED
+from mccdcli.output import emit, plain, say, table
+from mccdcli.progress import progress
+
+if TYPE_CHECKING:
+    from analysis.requirements import Check
+    from campaigns.campaign import Campaign
+    from campaigns.plans import Estimate, Plan
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# SI unit → what people read, from small to large: the value from which on it is used, its name, how many make one
+SHOWN: Final[Mapping[str, tuple[tuple[float, str, float], ...]]] = {
+    "rad": ((0.0, "µrad", 1e6), (1e-3, "mrad", 1e3)),
+    "m": ((0.0, "nm", 1e9), (1e-6, "µm", 1e6), (1e-3, "mm", 1e3)),
+    "s": ((0.0, "ms", 1e3),),
+    "J": ((0.0, "µJ", 1e6),),
+    "1": ((0.0, "%", 1e2),),
+}
+
+
+class Form(click.ParamType[tuple[float, float]]):
+    """The two positions of a chop in mrad, as in `0:+8.5`; converted to rad."""
+
+    name = "form"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return both positions in rad, else end with a usage error."""
+        if isinstance(value, tuple):
+            return value
+        first, colon, second = str(value).partition(":")
+        try:
+            positions = float(first) * 1e-3, float(second) * 1e-3
+        except ValueError:
+            positions = math.nan, math.nan
+        if not colon or not all(map(math.isfinite, positions)):
+            self.fail(f"{value!r} is not a form; write both positions in mrad, as in 0:+8.5", param, ctx)
+        return positions
+
+
+def settings_option(command: F) -> F:
+    """Decorator that adds `--set NAME=VALUE`, which reaches the command as `settings`: dict."""
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        callback=_parsed,
+        metavar="NAME=VALUE",
+        help="Another setting of the plan, as in its TOML; repeatable. `mccd campaign list --plans` shows them.",
+    )(command)
+
+
+def _parsed(_ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> dict[str, Any]:
+    settings = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip():
+            raise click.BadParameter(f"{text!r} is not NAME=VALUE", param=param)
+        try:
+            settings[name.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            settings[name.strip()] = value.strip()  # a bare word is a text
+    return settings
+
+
+class Played(NamedTuple):
+    """A recorded run: its log, and the exit code that it calls for on its own (0, or 130 when it was paused)."""
+
+    log: Path
+    run_uid: str
+    exit_code: int
+
+
+def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
+    """Play `plan` on the bench at the address `bench` into a new log, with progress on standard error."""
+    from contextlib import closing
+
+    from campaigns.benches import open_bench
+    from campaigns.runner import run_plan
+
+    with closing(open_bench(bench, seed)) as opened, progress(plan.title) as report:
+        outcome = run_plan(plan, opened, log, seed=seed, report=report)
+    if outcome.status == "complete":
+        return Played(outcome.path, outcome.run_uid, 0)
+    say(f"mccd: {outcome.status}: {outcome.reason}; {outcome.path} holds what was recorded")
+    return Played(outcome.path, outcome.run_uid, INTERRUPTED)
+
+
+class PlayedCampaign(NamedTuple):
+    """A played campaign: the log of every run by its name, and the exit code as with `Played`."""
+
+    logs: dict[str, Path]
+    status: str
+    exit_code: int
+
+
+def play_campaign(campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool) -> PlayedCampaign:
+    """Play what `folder` lacks of a campaign, with progress on standard error."""
+    from campaigns.campaign_run import run_campaign
+
+    with progress(campaign.title or campaign.name) as report:
+        outcome = run_campaign(campaign, folder, address=bench, seed=seed, resume=resume, report=report)
+    logs = {run.name: run.log for run in outcome.runs}
+    if outcome.status == "complete":
+        return PlayedCampaign(logs, outcome.status, 0)
+    say(f"mccd: {outcome.status}; {folder} holds what was recorded, --resume continues")
+    return PlayedCampaign(logs, outcome.status, INTERRUPTED)
+
+
+def count(plans: Mapping[str, Plan], bench: str, seed: int, *, as_json: bool) -> None:
+    """Show what playing `plans` would take, without moving anything."""
+    from contextlib import closing
+
+    from campaigns.benches import open_bench
+    from campaigns.plans import estimate
+
+    with closing(open_bench(bench, seed)) as opened:
+        counted = {name: estimate(plan, opened) for name, plan in plans.items()}
+    show_estimates(counted, as_json=as_json)
+
+
+def show_estimates(counted: Mapping[str, Estimate], *, as_json: bool) -> None:
+    """Show estimates by run: steps, duration, bytes, and the demands beside their limits."""
+    rows = [(name, *_described(one)) for name, one in counted.items()]
+    total = ("in all", str(sum(e.segments for e in counted.values())), *_amount(list(counted.values())), "", "")
+    heads = ("run", "steps", "duration", "bytes", "peak current", "peak reference")
+    emit({"runs": counted}, as_json=as_json, text=table([*rows, total] if len(rows) > 1 else rows, heads=heads))
+
+
+def _described(one: Estimate) -> tuple[str, ...]:
+    reach = []
+    for axis, peak in one.peak_reference.items():
+        if peak:
+            unit = "m" if axis == "z" else "rad"
+            reach.append(f"{axis} {_quantity(peak, unit)} of {_quantity(one.limit_reference[axis], unit)}")
+    current = f"{one.peak_current_a:.3g} of {one.limit_current_a:.3g} A"
+    return (str(one.segments), *_amount([one]), current, ", ".join(reach) or "none")
+
+
+def _amount(several: Sequence[Estimate]) -> tuple[str, str]:
+    return f"{sum(e.duration_s for e in several):.1f} s", f"{sum(e.bytes for e in several) / 1e6:.1f} MB"
+
+
+def conclude(
+    test: str,
+    checks: Sequence[Check],
+    results: Mapping[str, Any],
+    logs: Sequence[Path],
+    *,
+    as_json: bool,
+) -> int:
+    """Show a test's checks with their limits, and return the exit code: 1 if one failed."""
+    ok = all(check.ok for check in checks)
+    described = [{**plain(check), "ok": check.ok} for check in checks]
+    rows = [
+        (c.name, _quantity(c.value, c.unit), "" if c.limit is None else _quantity(c.limit, c.unit), _verdict(c))
+        for c in checks
+    ]
+    text = "\n\n".join(
+        [
+            table(rows, heads=(test, "result", "limit", "")),
+            f"{'passed' if ok else 'FAILED'}; log: {', '.join(map(str, logs))}",
+        ]
+    )
+    emit(
+        {"test": test, "passed": ok, "logs": list(logs), **results, "checks": described},
+        as_json=as_json,
+        text=text,
+    )
+    return 0 if ok else 1
+
+
+def _verdict(check: Check) -> str:
+    if check.limit is None:
+        return ""
+    return "ok" if check.ok else "FAILED"
+
+
+def _quantity(value: float, unit: str) -> str:
+    scales = [scale for scale in SHOWN.get(unit, ((0.0, unit, 1.0),)) if abs(value) >= scale[0]]
+    _, name, per = scales[-1] if scales else (0.0, unit, 1.0)
+    return f"{value * per:.4g} {name}"
