@@ -182,8 +182,8 @@ def test_remanence_is_that_of_the_jiles_atherton_equations(torque_nm):
     )
     remanence = 0.5 * (falling - rising) / peak
     expected = 0.5 * (expected_falling - expected_rising) / expected_peak
-    # the same 9e-5 of lag widens the loop at zero torque; docs/bench-model.md sets it beside the paper's "approx. 0.7 %".
-    # The printed k/µ0 would leave none at all.
+    # the same 9e-5 of lag widens the loop at zero torque; docs/bench-model.md sets it beside the paper's
+    # "approx. 0.7 %". The printed k/µ0 would leave none at all.
     assert remanence == pytest.approx(expected, abs=1.5e-4)
     assert expected > 5e-3
 
