@@ -23,15 +23,18 @@ from analysis.recorded.loop_fit import loop_fit_of
 from analysis.recorded.sensors import EndstopTest, TheodoliteTest, endstops_of, theodolite_of
 from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_fit import RationalFit
+from campaigns.design import Design
 from campaigns.log import Run, read_run
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
-from sim_backend.model import Model, load_model
 
 T = TypeVar("T")
 
 MODES = {"theta_x": 4, "theta_y": 2, "z": 1}
 """How many modes the paper gives each axis: 8th, 4th and 2nd order."""
+
+RATE_HZ = 10_000.0
+"""The bench's sample rate, at which the paper's controllers are designed."""
 
 RELATIVE_FLOOR = 0.005
 """How far hysteresis moves a response with amplitude, about: weights beyond this would fit the iron, not the modes."""
@@ -52,7 +55,7 @@ class Measured:
 
     def __init__(self, folder: str | Path, *, design: str = "design") -> None:
         self.folder = Path(folder)
-        self.design: Model = load_model(design)
+        self.design = Design.load(design, RATE_HZ)
         self._entries: list[_Entry] = []
         self._done: dict[tuple[object, ...], tuple[Any, tuple[str, ...]]] = {}
         self._traced: list[set[str]] = []
@@ -167,31 +170,17 @@ class Measured:
 
     def design_axis(self, axis: str) -> ModalModel:
         """Return the design model from one axis's input to its output."""
-        return axis_of(self.design, axis)
+        return self.design.axis(axis)
+
+    def suspension_period_s(self, axis: str) -> float:
+        """Return the period of the design model's lowest mode."""
+        return float(2.0 * np.pi / self.design_axis(axis).omega_rad_s.min())
 
     def static_lag_s(self, axis: str) -> float:
         """Return the design model's lag at low frequency, -d(phase)/d(omega) at 0, in s."""
         model = self.design_axis(axis)
         f = 1e-3
         return float(-np.angle(model.frequency_response(np.array([f]))[0, 0, 0]) / (2.0 * np.pi * f))
-
-
-def axis_of(model: Model, axis: str) -> ModalModel:
-    """Return the modes of a model that lead from one degree of freedom's input to its output."""
-    i = [p.dof for p in model.inputs].index(axis)
-    o = [p.dof for p in model.outputs].index(axis)
-    whole = model.linear()
-    acts = (np.abs(whole.b[:, i]) + np.abs(whole.b_direct[:, i])) * (np.abs(whole.c[o]) + np.abs(whole.c_rate[o])) > 0.0
-    return ModalModel(
-        whole.omega_rad_s[acts],
-        whole.sigma_1_s[acts],
-        whole.b[acts][:, [i]],
-        whole.b_direct[acts][:, [i]],
-        whole.c[[o]][:, acts],
-        whole.c_rate[[o]][:, acts],
-        whole.d[[o]][:, [i]],
-        whole.delay_s[[i]],
-    )
 
 
 def _settings(run: Run) -> dict[str, Any]:
