@@ -1,7 +1,9 @@
 """Response of several experiments at every frequency by instrumental variables, in one compiled pass over the spectra.
 
 At each frequency G = (Y W')(U W')^-1 over the experiments, with the instrument W = U in open loop. With residual
-V = Y - G U, E|error of G[y, u]|² = E|V[y]|² · S[u, u], where S = (U W')^-1 (W W') (U W')^-H.
+V = Y - G U, E|error of G[y, u]|² = E|V[y]|² · S[u, u], where S = (U W')^-1 (W W') (U W')^-H, if the experiments'
+errors are independent. Distortion of orthogonal multisines is not independent within a block of n_u experiments, so
+blocks are also solved one by one.
 """
 
 from __future__ import annotations
@@ -103,31 +105,43 @@ def _solve_line(
 
 @njit(cache=True, nogil=True, parallel=True)
 def solve_lines(
-    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp]
-) -> tuple[ComplexArray, Array, Array, Array, Array, NDArray[np.bool_]]:
+    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], block: int
+) -> tuple[ComplexArray, Array, Array, Array, Array, Array, NDArray[np.bool_]]:
     """Return response, gain and sums of squares at each of `lines`.
 
     Shapes: `u`, `w` (n_f, n_u, experiments, periods), `y` (n_f, n_y, …). Returns G (n_l, n_y, n_u), the diagonal of S
     (n_l, n_u), the sum of squares over periods about their mean, of the misfit of the averages and of the averaged
-    output (n_l, n_y), and a flag (n_l,) that is False where the inputs cannot be separated.
+    output (n_l, n_y), that of the responses of single blocks of `block` experiments about G (n_l, n_y, n_u; zero with
+    block 0), and a flag (n_l,) that is False where the inputs cannot be separated.
     """
     n_l, n_u, n_e, n_p = lines.size, u.shape[1], u.shape[2], u.shape[3]
     n_y = y.shape[1]
     g = np.zeros((n_l, n_y, n_u), dtype=np.complex128)
     shape = np.zeros((n_l, n_u))
     scatter, misfit, power = np.zeros((n_l, n_y)), np.zeros((n_l, n_y)), np.zeros((n_l, n_y))
-    good = np.zeros(n_l, dtype=np.bool_)
+    good, spread = np.zeros(n_l, dtype=np.bool_), np.zeros((n_l, n_y, n_u))
     chunk = 256
     for start in prange((n_l + chunk - 1) // chunk):
         um, wm = np.empty((n_u, n_e), dtype=np.complex128), np.empty((n_u, n_e), dtype=np.complex128)
         ym = np.empty((n_y, n_e), dtype=np.complex128)
         work, inverse = np.empty((n_u, n_u), dtype=np.complex128), np.empty((n_u, n_u), dtype=np.complex128)
+        part, unused = np.empty((n_y, n_u), dtype=np.complex128), np.empty(n_u)
         for k in range(start * chunk, min((start + 1) * chunk, n_l)):
             line = lines[k]
             _means(u[line], um)
             _means(w[line], wm)
             _means(y[line], ym)
             good[k] = _solve_line(um, ym, wm, g[k], shape[k], work, inverse)
+            if block > 0:
+                for first in range(0, n_e, block):
+                    stop = first + block
+                    good[k] &= _solve_line(
+                        um[:, first:stop], ym[:, first:stop], wm[:, first:stop], part, unused, work, inverse
+                    )
+                    for i in range(n_y):
+                        for j in range(n_u):
+                            away = part[i, j] - g[k, i, j]
+                            spread[k, i, j] += away.real**2 + away.imag**2
             for i in range(n_y):
                 for e in range(n_e):
                     mean = ym[i, e]
@@ -140,4 +154,4 @@ def solve_lines(
                         for j in range(n_u):
                             value -= g[k, i, j] * u[line, j, e, p]
                         scatter[k, i] += value.real**2 + value.imag**2
-    return g, shape, scatter, misfit, power, good
+    return g, shape, scatter, misfit, power, spread, good

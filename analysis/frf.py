@@ -79,7 +79,7 @@ def frequency_response_periodic(
     ww = uu if w is None else fft.rfft(w, axis=0, norm="forward", workers=workers)
     if lines is None:
         lines = excited_lines(ww, excitation_floor)
-    return response_from_spectra(uu, yy, ww, lines, lines * (rate_hz / u.shape[0]))
+    return response_from_spectra(uu, yy, ww, lines, lines * (rate_hz / u.shape[0]), blocked=True)
 
 
 def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:
@@ -101,7 +101,8 @@ def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:
 
 def excited_lines(spectrum: ComplexArray, floor: float) -> NDArray[np.intp]:
     """Return the bins (without 0 Hz and half the rate) whose mean power is above `floor` times the strongest bin's."""
-    power = np.mean(np.abs(spectrum[:, :, :, 0]) ** 2, axis=(1, 2))
+    first = spectrum[:, :, :, 0]
+    power = np.mean(first.real**2 + first.imag**2, axis=(1, 2))
     power[0] = power[-1] = 0.0
     lines = np.flatnonzero(power > floor * power.max())
     if power.max() == 0.0 or lines.size == 0:
@@ -110,14 +111,26 @@ def excited_lines(spectrum: ComplexArray, floor: float) -> NDArray[np.intp]:
 
 
 def response_from_spectra(
-    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], frequency_hz: Array
+    u: ComplexArray,
+    y: ComplexArray,
+    w: ComplexArray,
+    lines: NDArray[np.intp],
+    frequency_hz: Array,
+    blocked: bool,
 ) -> FrequencyResponse:
     """Return the response from spectra (n_f, channel, experiment, period) at `lines`, with instrument `w`.
 
-    Raises DataError when the experiments do not separate the inputs at some line.
+    If `blocked`, and with two or more whole blocks of n_u experiments that each separate the inputs by themselves
+    (orthogonal multisines), the total variance is the scatter of the blocks' responses; otherwise the experiments count
+    as independent. Raises DataError when the experiments do not separate the inputs at some line.
     """
     periods, experiments, n_u = u.shape[3], u.shape[2], u.shape[1]
-    g, gain, scatter, misfit, power, good = solve_lines(u, y, w, np.ascontiguousarray(lines))
+    blocks = experiments // n_u if n_u > 1 and experiments % n_u == 0 and blocked else 0
+    lines = np.ascontiguousarray(lines)
+    g, gain, scatter, misfit, power, spread, good = solve_lines(u, y, w, lines, n_u if blocks > 1 else 0)
+    if blocks > 1 and not np.all(good):
+        blocks = 0
+        g, gain, scatter, misfit, power, spread, good = solve_lines(u, y, w, lines, 0)
     if not np.all(good):
         bad = frequency_hz[int(np.argmin(good))]
         raise DataError(
@@ -132,12 +145,12 @@ def response_from_spectra(
         frequency_hz,
         g,
         (noise / periods)[:, :, None] * gain[:, None, :],
-        total[:, :, None] * gain[:, None, :],
+        spread / (blocks * (blocks - 1)) if blocks > 1 else total[:, :, None] * gain[:, None, :],
         2.0 * noise,
         2.0 * (total - noise / periods),
         2.0 * power / experiments,
         noise_dof,
-        total_dof,
+        blocks - 1 if blocks > 1 else total_dof,
     )
 
 

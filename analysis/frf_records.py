@@ -58,7 +58,7 @@ def frequency_response_local(
     bins = n // 2 - 1
     if bins < span:
         raise DataError(
-            f"record of {n} samples has {bins} lines, fewer than the {span} of one window; record at least {2 * span + 4}"
+            f"record of {n} samples has {bins} lines, fewer than the {span} of one window; needs {2 * span + 4} samples"
         )
     drive = inputs if reference is None else reference
     both = outputs if reference is None else np.concatenate([inputs, outputs], axis=1)
@@ -139,7 +139,7 @@ def frequency_response_welch(
     w = u if reference is None else spectra(reference)
     # the mean's leakage fills the first two lines
     lines = np.arange(2, segment // 2)
-    plain = response_from_spectra(u, y, w, lines, lines * rate_hz / segment)
+    plain = response_from_spectra(u, y, w, lines, lines * rate_hz / segment, blocked=False)
     # overlapping Hann segments are correlated by 1/6, so that their mean varies 1 + 2/36 as much as of independent ones
     variance = plain.total_variance * (1.0 + 2.0 / 36.0)
     unknown = np.full(plain.output_noise.shape, np.nan)

@@ -19,6 +19,7 @@ from analysis.frf import FrequencyResponse, frequency_response_periodic
 from analysis.modal_parameters import Layout, Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
+from analysis.response_fit import RationalFit
 from analysis.simulate import periodic_response, simulate_linear
 from analysis.timefit import fit_records
 from analysis.validation import relative_error
@@ -30,7 +31,13 @@ from sim_backend.model import Model, Port, from_linear
 Array = NDArray[np.float64]
 
 ORDERS = (1, 2, 3, 4, 5, 6)
-"""Numbers of modes to choose from when none is given."""
+"""Numbers of modes to choose from when none is given; with several inputs, one, two and three for each."""
+
+SIGNIFICANT = 3.0
+"""Standard deviations by which a mode's decay rate must differ from zero."""
+
+RELATIVE_START = 1e-3
+"""Relative error of the first fit of a sweep: only its size against the noise matters, and only for that fit."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +85,7 @@ def identify_runs(
     `modes` is the number of modes or several to choose from (per axis for sweeps); `only` keeps the segments whose
     label contains it. Raises DataError for runs that differ or hold nothing to fit.
     """
-    orders = ORDERS if modes is None else (modes,) if isinstance(modes, int) else tuple(modes)
+    orders = _orders(runs, modes)
     if not runs:
         raise DataError("identify: no run is given; give one log at least")
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
@@ -92,6 +99,13 @@ def identify_runs(
     if periodic is not None:
         return _from_periods(periodic, parts, orders, name)
     return _from_records(fitting, parts, orders, name)
+
+
+def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int, ...]:
+    if modes is not None:
+        return (modes,) if isinstance(modes, int) else tuple(modes)
+    n_u = len(runs[0].names("input")) if runs else 1
+    return ORDERS if n_u <= 1 else (n_u, 2 * n_u, 3 * n_u)
 
 
 def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Identification:
@@ -113,15 +127,33 @@ def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Ide
 
 
 def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> _Fitted:
-    usable = tuple(n for n in orders if 2 * n < sweep.frequency_hz.size)
-    fit = fit_rational(
-        sweep.frequency_hz,
-        sweep.response[:, None, None],
-        usable or orders[:1],
-        variance=sweep.variance[:, None, None],
-        hold_rate_hz=rate_hz,
-        structure=Structure("mechanical", feedthrough=False),
-    )
+    """Fit one axis, with what no number of modes explains counted as a relative error beside the noise.
+
+    Sines tell their noise to parts in 1e5, hysteresis and a last trace of the transient are larger: weighted by the
+    noise alone, those would be taken for modes. So the largest order is fitted first with equal relative weights, and
+    its relative misfit joins the noise in the weights of the choice. That misfit varies smoothly with frequency, which
+    the criterion cannot know, so a mode whose damping is not significant is given up.
+    """
+    usable = tuple(n for n in orders if 4 * n < sweep.frequency_hz.size) or orders[:1]
+    magnitude2 = np.abs(sweep.response) ** 2
+
+    def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
+        return fit_rational(
+            sweep.frequency_hz,
+            sweep.response[:, None, None],
+            choice,
+            variance=(sweep.variance + relative2 * magnitude2)[:, None, None],
+            hold_rate_hz=rate_hz,
+            structure=Structure("mechanical", feedthrough=False),
+        )
+
+    largest = fitted(usable[-1:], RELATIVE_START**2)
+    missed = largest.model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0] - sweep.response
+    # the median, because near a resonance the misfit is that of its frequency; of |error|², exponential, it is ln 2
+    relative2 = float(np.median(np.abs(missed) ** 2 / magnitude2) / np.log(2.0))
+    fit = fitted(usable, relative2)
+    while fit.model.n_blocks > usable[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
+        fit = fitted((fit.model.n_blocks - 1,), relative2)
     std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     return _Fitted(fit.model, std, fit.chi2, fit.dof)
 

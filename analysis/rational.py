@@ -98,9 +98,10 @@ class _Search:
         """Return the fit with poles at zero for the lowest `wanted` blocks, or for as many as the criterion likes."""
         below = 2.0 * np.pi * self._target.frequency_hz[0]
         for i in range(fit.model.n_blocks if wanted is None else min(wanted, fit.model.n_blocks)):
-            order = np.argsort(fit.model.omega_rad_s)
+            pole = np.min(np.abs(fit.model.poles_1_s()), axis=1)
+            order = np.argsort(pole)
             omega, sigma = fit.model.omega_rad_s.copy(), fit.model.sigma_1_s.copy()
-            if wanted is None and omega[order[i]] > below:
+            if wanted is None and pole[order[i]] > below:
                 break
             omega[order[i]] = sigma[order[i]] = 0.0
             start = fit.model.with_(omega_rad_s=omega, sigma_1_s=sigma)

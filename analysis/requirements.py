@@ -27,9 +27,6 @@ POWER_W = 1.0
 PEAK_CURRENT_A = 10.0
 PARASITIC_Z_M = 200e-6
 THERMAL_STABILITY_RAD = 1.7e-6
-SIGNIFICANCE = 0.01
-"""Probability below which two sweeps are said to differ."""
-
 FULL_ANGLE_RAD = 8.5e-3
 TIP_TILT = ("theta_x", "theta_y")
 
@@ -133,8 +130,8 @@ def drift_checks(test: DriftTest) -> tuple[Check, ...]:
 
 
 def sweep_checks(dof: str, difference: SweepDifference) -> tuple[Check, ...]:
-    """Return the largest difference of two sweeps and whether it is more than noise, as 1 - p against 99 %."""
+    """Return the largest difference of two sweeps, and how surely they differ; the paper saw none and set no limit."""
     return (
         Check(f"largest difference {dof}", abs(difference.largest_db), "dB"),
-        Check(f"confidence that {dof} differs", 1.0 - difference.p_value, "1", 1.0 - SIGNIFICANCE),
+        Check(f"confidence that {dof} differs", 1.0 - difference.p_value, "1"),
     )

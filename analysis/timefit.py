@@ -121,10 +121,11 @@ def _best_fit(
 
 def _with_rigid_bodies(target: TimeTarget, model: ModalModel, wanted: int | None) -> Iterator[tuple[int, ModalModel]]:
     """Yield (number of rigid bodies, model) with the poles of the lowest blocks at zero, as many as may be."""
-    order = np.argsort(model.omega_rad_s)
+    pole = np.min(np.abs(model.poles_1_s()), axis=1)
+    order = np.argsort(pole)
     longest = max(u.shape[0] for u in target.inputs) / target.rate_hz
-    # a mode that turns less than a few times in the longest record may be a rigid body; the criterion decides
-    slow = int(np.sum(model.omega_rad_s < 20.0 * np.pi / longest))
+    # a pole that turns less than a few times in the longest record may be a rigid body's; the criterion decides
+    slow = int(np.sum(pole < 20.0 * np.pi / longest))
     for count in range(slow + 1) if wanted is None else [min(wanted, model.n_blocks)]:
         omega, sigma = model.omega_rad_s.copy(), model.sigma_1_s.copy()
         omega[order[:count]] = sigma[order[:count]] = 0.0
@@ -148,33 +149,53 @@ def _target(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -
 
 
 def _starts(target: TimeTarget, blocks: int, structure: Structure) -> Iterator[ModalModel]:
-    """Yield starts: one from the local frequency response of the longest record, one from the subspace method.
+    """Yield starts from local frequency responses and from the subspace method, as far as the records allow them.
 
-    The first is the better one for modes far below the sample rate, the second for short records and in a loop.
+    The first are better for modes far below the sample rate, the second for short records and in a loop. Where the
+    output drifts so far that all else drowns in it (a rigid body), both are repeated on differences of input and
+    output, which the same plant connects.
     """
-    longest = int(np.argmax([u.shape[0] for u in target.inputs]))
-    try:
-        step = max(1, target.inputs[longest].shape[0] // 8000)
-        frf = frequency_response_local(target.inputs[longest], target.outputs[longest], target.rate_hz, step=step)
-        use = slice(None)
-        yield fit_rational(
-            frf.frequency_hz[use],
-            frf.response[use],
-            blocks,
-            variance=smoothed(frf.variance, 3)[use],
-            hold_rate_hz=target.rate_hz,
-            structure=structure,
-            iterations=30,
-        ).model
-    except (MccdError, LinAlgError):
-        pass
-    try:
-        model = subspace_model(target.inputs, target.outputs, target.rate_hz, 2 * blocks)
-    except (MccdError, LinAlgError):
-        return
+    inputs, outputs = target.inputs, target.outputs
+    for _ in range(3):
+        for method in (_response_start, _subspace_start):
+            try:
+                yield method(inputs, outputs, target.rate_hz, blocks, structure)
+            except (MccdError, LinAlgError):
+                # the other starts remain; that none is found is told by the caller
+                continue
+        steps = tuple(np.diff(y, axis=0) for y in outputs)
+        # a white sequence grows by sqrt(2) when differenced; what shrinks to a tenth is drift
+        if all(np.max(np.std(d, axis=0) / np.std(y, axis=0)) > 0.1 for d, y in zip(steps, outputs, strict=True)):
+            return
+        inputs, outputs = tuple(np.diff(u, axis=0) for u in inputs), steps
+
+
+def _response_start(
+    inputs: tuple[Array, ...], outputs: tuple[Array, ...], rate_hz: float, blocks: int, structure: Structure
+) -> ModalModel:
+    """Return a start from the local frequency response of the longest record."""
+    longest = int(np.argmax([u.shape[0] for u in inputs]))
+    step = max(1, inputs[longest].shape[0] // 8000)
+    frf = frequency_response_local(inputs[longest], outputs[longest], rate_hz, step=step)
+    return fit_rational(
+        frf.frequency_hz,
+        frf.response,
+        blocks,
+        variance=smoothed(frf.variance, 3),
+        hold_rate_hz=rate_hz,
+        structure=structure,
+        iterations=30,
+    ).model
+
+
+def _subspace_start(
+    inputs: tuple[Array, ...], outputs: tuple[Array, ...], rate_hz: float, blocks: int, structure: Structure
+) -> ModalModel:
+    """Return a start from the subspace method, cut down to the structure."""
+    model = subspace_model(inputs, outputs, rate_hz, 2 * blocks)
     if structure.form == "mechanical":
         model = model.with_(b_direct=np.zeros_like(model.b_direct), c_rate=np.zeros_like(model.c_rate))
-    yield model if structure.feedthrough else model.with_(d=np.zeros_like(model.d))
+    return model if structure.feedthrough else model.with_(d=np.zeros_like(model.d))
 
 
 def _fit(
