@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
-from scipy.signal import butter
 
 from analysis.loop_fit import magnetisation
 from analysis.paper.loop_shape import loop_margins_of
@@ -17,7 +16,7 @@ from analysis.paper.numbers import paper_tables
 from analysis.paper.table_6_4 import MOVE_SAMPLES, step_settling
 from analysis.recorded.loop_fit import HELD
 from campaigns.design import Design
-from sim_backend.control.blocks import filter_from_tf
+from sim_backend.control.blocks import DiscreteFilter, filter_from_tf
 from sim_backend.control.feedback import closed_loop_poles, theta_controller
 from sim_backend.control.repetitive import learning_filter
 from sim_backend.kinematics import dof_from_points
@@ -98,8 +97,8 @@ def _with_high_mode(design: Design) -> ModalModel:
     return modal_from_zpk([], np.concatenate([roots, roots.conj()]), static * float(np.prod(omega**2)))
 
 
-PRINTED_L = ((0.048, 6.253e-5, -0.096, -2.939e-5, 0.048), (1.0, -3.187, 3.876, -2.124, 0.441))
-"""L of section 6.3.2 with the signs that its zeros and the Butterworth poles require."""
+PRINTED_L = (0.048, 6.253e-5, -0.096, -2.939e-5, 0.048)
+"""Numerator of L in section 6.3.2 with the signs that its zeros require, N m per mrad."""
 
 
 SOLVED_MODE = (np.array([2.0 * np.pi * 29.579]), np.array([4.7902]), 97.6228e-3)
@@ -119,9 +118,8 @@ def learning_filter_order() -> Evidence:
         ("one mode, solved from the digits", SOLVED_MODE[:2], SOLVED_MODE[2]),
     ):
         made = learning_filter(omega, sigma, gain, 500.0, RATE_HZ)
-        numerator = _numerator(made.frequency_response, PRINTED_L[1]) * 1e-3  # N m per mrad, as printed
-        rows.append((name, *(f"{c:.4g}" for c in numerator)))
-    rows.insert(0, ("printed", *(f"{c:.4g}" for c in PRINTED_L[0])))
+        rows.append((name, *(f"{c:.4g}" for c in _numerator(made))))
+    rows.insert(0, ("printed", *(f"{c:.4g}" for c in PRINTED_L)))
     return Evidence(
         "What the L-filter inverts",
         "The text inverts the 4th-order θy dynamics. Numerators over the same 4th-order Butterworth filter at 500 Hz:",
@@ -132,15 +130,11 @@ def learning_filter_order() -> Evidence:
     )
 
 
-def _numerator(response: Callable[[Array], NDArray[np.complex128]], denominator: tuple[float, ...]) -> Array:
-    """Numerator (5,) in falling powers of z of a filter whose denominator is the Butterworth one, exactly."""
-    _, exact = butter(4, 500.0, fs=RATE_HZ)
-    f = np.linspace(100.0, 4900.0, 64)
-    z = np.exp(2j * np.pi * f / RATE_HZ)
-    target = response(f) * np.polyval(exact, z)
-    powers = z[:, None] ** np.arange(len(denominator) - 1, -1, -1)
-    stacked = np.concatenate([powers.real, powers.imag])
-    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]), rcond=None)[0])
+def _numerator(made: DiscreteFilter) -> Array:
+    """Numerator (5,) in falling powers of z over all four poles, from the response at five points; N m per mrad."""
+    z = np.exp(2j * np.pi * np.arange(5) / 5 + 0.3j)
+    values = made.frequency_response(np.angle(z) / (2.0 * np.pi) * RATE_HZ) * np.polyval(np.poly(made.poles()), z)
+    return np.asarray(np.linalg.solve(np.vander(z, 5), values).real * 1e-3)
 
 
 PRINTED_C = ((0.1722, -0.3337, -0.01048, 0.3337, -0.1617), (1.0, -3.311, 4.085, -2.228, 0.4531))
