@@ -40,8 +40,8 @@ class Cause:
 class Domain:
     """The residual's evidence in one domain (frequency, amplitude, …) of one output of one record.
 
-    `axis` (n,) in `unit`, `level` (n,) the residual's size and `floor` (n,) the noise's at each point; `p_value` is calibrated
-    under the noise alone, `where` says in words where it is largest.
+    `axis` (n,) in `unit`, `level` (n,) the residual's size and `floor` (n,) the noise's at each point; `p_value` is
+    calibrated under the noise alone, `where` says in words where it is largest.
     """
 
     record: str
@@ -81,8 +81,9 @@ class Diagnosis:
     """Everything that was found; `analysis.diagnosis.output` turns it into JSON, an extended model and a page.
 
     `before` and `after` hold each record's residuals (n, n_y) under the tuned nominal and under the extended model;
-    `nominal` is the model given, `linear` the re-tuned one that goes with `effects`; `considered` lists rival hypotheses with their
-    evidence relative to the best (natural logarithm), best first.
+    `nominal` is the model given, `linear` the re-tuned one that goes with `effects`; `considered` lists rival
+    hypotheses with their evidence relative to the best (natural logarithm), best first. `linear_std` holds the standard
+    deviations of the re-tuned numbers in the shapes of `linear` (a ModalModel used as a container), where known.
     """
 
     verdict: Verdict
@@ -100,3 +101,4 @@ class Diagnosis:
     after: tuple[Array, ...]
     considered: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = field(default=())
+    linear_std: ModalModel | None = None
