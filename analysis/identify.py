@@ -82,7 +82,7 @@ def identify_runs(
 ) -> Identification:
     """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
 
-    `modes` is the number of modes or several to choose from (per axis for sweeps); `only` keeps the segments whose
+    `modes` is the number of modes or several to choose from (per axis for sweeps); `only` fits the segments whose
     label contains it. Raises DataError for runs that differ or hold nothing to fit.
     """
     orders = _orders(runs, modes)
@@ -91,10 +91,12 @@ def identify_runs(
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
         return _from_sweeps(runs, orders, name)
     _require_same_channels(runs)
-    parts = [(run, s) for run in runs for s in run.segments if only in s.label]
-    fitting = [(run, s) for run, s in parts if not s.held_out]
+    parts = [(run, s) for run in runs for s in run.segments]
+    fitting = [(run, s) for run, s in parts if only in s.label and not s.held_out]
     if not fitting:
-        raise DataError(f"{runs[0].path}: no segment is left to fit; give runs with segments that are not held-out")
+        raise DataError(
+            f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, and match --only"
+        )
     periodic = _periodic(fitting)
     if periodic is not None:
         return _from_periods(periodic, parts, orders, name)

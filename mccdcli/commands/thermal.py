@@ -27,7 +27,7 @@ def thermal(
     r"""Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.
 
     The logs go into the folder thermal unless --out names another. --set changes the chop. Exit code 1 if a position
-    drifts by more than 1.7 µrad or the sweeps differ.
+    drifts by more than 1.7 µrad.
 
     \b
     Examples:
