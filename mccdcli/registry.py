@@ -35,6 +35,9 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.campaign_show:show", "Show a campaign's runs, or how far one in a folder has come."
         ),
         "chop": Entry("mccdcli.commands.chop:chop", "Chop between two positions: stability, repeatability, accuracy."),
+        "diagnose": Entry(
+            "mccdcli.commands.diagnose:diagnose", "Show what a model gets wrong, why, and what correcting it gains."
+        ),
         "endstops": Entry("mccdcli.commands.endstops:endstops", "Measure the sensors' noise against the end stops."),
         "hysteresis": Entry(
             "mccdcli.commands.hysteresis:hysteresis", "Drive slow loops and steps at offsets: hysteresis."

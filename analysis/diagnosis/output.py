@@ -14,7 +14,9 @@ import numpy as np
 
 from analysis.diagnosis.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain
-from sim_backend.effects.base import Effect
+from sim_backend.effects import effect_class
+from sim_backend.effects.base import Effect, Site
+from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 from sim_backend.model import EffectEntry, Mode, Model, Quantity, Value, dump_model, number
 
@@ -98,18 +100,38 @@ def _plain(node: Any) -> Any:
 def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]) -> Model:
     """Return `model` with its linear part as re-tuned and the found effects added, each changed number with its origin.
 
-    What the fit left alone keeps its own origin. The result goes through `dump_model`, `load_model` and every bench.
+    What the fit left alone keeps its own origin. Effects of `model` that act on its linear part are in the re-tuned
+    modes already. The result goes through `dump_model`, `load_model` and every bench.
     """
     source = _provenance(sources)
     linear, std = diagnosis.linear, diagnosis.linear_std
     entries = [_entry(effect, diagnosis.causes, source) for effect in diagnosis.effects]
+    kept = [e for e in model.effects if effect_class(e.effect).site is not Site.MODEL]
+    nominal = [*model.modes, *_further_modes(model, linear)]
     return msgspec.structs.replace(
         model,
         name=f"{model.name}-extended",
         title=f"{model.title or model.name}, extended by diagnosis".strip(),
-        modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(model.modes)],
-        effects=[*model.effects, *entries],
+        modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(nominal)],
+        effects=[*kept, *entries],
     )
+
+
+def _further_modes(model: Model, linear: ModalModel) -> list[Mode]:
+    """Return empty modes for what the model's own effects add to its linear part, every port present."""
+    ins, outs = {p.name: 0.0 for p in model.inputs}, {p.name: 0.0 for p in model.outputs}
+    return [
+        Mode(
+            label=f"added {k + 1}",
+            frequency_hz=0.0,
+            decay_rate_1_s=0.0,
+            input=dict(ins),
+            output=dict(outs),
+            input_direct=dict(ins),
+            output_rate=dict(outs),
+        )
+        for k in range(linear.n_blocks - len(model.modes))
+    ]
 
 
 def _provenance(sources: Sequence[Source]) -> str:
@@ -169,12 +191,22 @@ def _entry(effect: Effect, causes: Sequence[Cause], source: str) -> EffectEntry:
     return EffectEntry(effect=effect.name, where=effect.where, parameters=parameters, note=note)
 
 
-def write_files(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path) -> dict[str, Path]:
-    """Write `diagnosis.json` and `extended.toml` into the folder `out` and return their paths; each appears whole.
+def prepare_folder(out: Path) -> Path:
+    """Return the folder `out`, made if need be, before work is done for it; raises ConfigError when it cannot be."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{out} cannot be made a folder ({error.strerror}); choose another --out") from None
+    if not os.access(out, os.W_OK):
+        raise ConfigError(f"{out} is read-only; choose another --out")
+    return out
 
-    Raises OSError, naming the file, where the folder cannot be written.
+
+def write_files(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path) -> dict[str, Path]:
+    """Write `extended.toml` and `diagnosis.json` into the folder `out` and return their paths; each appears whole.
+
+    `diagnosis.json` comes last: where it stands, all is there. Raises OSError, naming the file, when a disk is full.
     """
-    out.mkdir(parents=True, exist_ok=True)
     content = {
         "diagnosis.json": json.dumps(document(diagnosis, sources), indent=2, ensure_ascii=False, allow_nan=False)
         + "\n",

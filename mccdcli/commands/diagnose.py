@@ -1,0 +1,93 @@
+"""`mccd diagnose`: what a simulation gets wrong, why, and what correcting it gains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mccdcli.options import common_options, existing_file
+from mccdcli.output import emit, table
+from mccdcli.progress import progress
+
+
+@click.command()
+@existing_file("runs", nargs=-1, metavar="RUN.h5…")
+@click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
+@click.option(
+    "--nominal-tolerance",
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    default=0.03,
+    show_default=True,
+    help="How far the model's own numbers are trusted, relative (1 sigma).",
+)
+@common_options("out", "seed", "json")
+def diagnose(
+    runs: tuple[Path, ...],
+    out: Path | None,
+    seed: int,
+    as_json: bool,
+    nominal: str,
+    without: tuple[str, ...],
+    nominal_tolerance: float,
+) -> int:
+    """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
+
+    Writes diagnosis.json, extended.toml (the model with what was found), index.html and figures into the folder
+    diagnosis, or into --out. The exit code is 0 when model and data are consistent, 1 when the simulation is wrong.
+
+    \b
+    Examples:
+      mccd diagnose RUN.h5 --model nominal.toml -o OUT/
+      mccd diagnose FREE.h5 CHOP.h5 --model nominal.toml --without hysteresis --json
+    """
+    from dataclasses import replace
+
+    from analysis.diagnosis.loading import load_runs
+    from analysis.diagnosis.output import document, prepare_folder, write_files
+    from analysis.diagnosis.pipeline import Options
+    from analysis.diagnosis.pipeline import diagnose as judge
+    from sim_backend.model import load_model
+
+    folder = prepare_folder(out or Path("diagnosis"))
+    model = load_model(nominal)
+    loaded = load_runs(runs, model)
+    with progress("diagnosing") as report:
+        found = judge(
+            loaded.data,
+            model,
+            Options(tolerance=nominal_tolerance, without=without, seed=seed),
+            progress=lambda what, part: report(part, 1.0, what),
+        )
+    found = replace(found, notes=(*loaded.notes, *found.notes))
+    files = write_files(found, model, loaded.sources, folder)
+    content = document(found, loaded.sources)
+    emit(content, as_json=as_json, text=_text(content, files))
+    return 0 if found.verdict == "consistent" else 1
+
+
+def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
+    parts = [found["sentence"]]
+    causes = [
+        (
+            c["effect"],
+            c["where"],
+            f"{c['probability']:.1%}",
+            ", ".join(_parameter(n, p) for n, p in c["parameters"].items()),
+        )
+        for c in found["causes"]
+    ]
+    if causes:
+        parts.append(table(causes, heads=("cause", "where", "probability", "parameters")))
+    parts += ["tied: " + " or ".join(tied) for tied in found["ambiguous"]]
+    parts += found["notes"]
+    parts.append(", ".join(str(path) for path in files.values()))
+    return "\n\n".join(parts)
+
+
+def _parameter(name: str, estimate: dict[str, Any]) -> str:
+    unit = "" if estimate["unit"] == "1" else f" {estimate['unit']}"
+    spread = "" if estimate["std"] is None else f" ± {estimate['std']:.2g}"
+    return f"{name} {estimate['value']:.5g}{spread}{unit}"
