@@ -1,4 +1,4 @@
-"""Benches by address: `sim`, `sim:MODEL` … BENCHES is the only list; every test runs unchanged on each of them."""
+"""Benches by address: `sim`, `emulator`, `serial:DEVICE` … BENCHES is the only list; every test runs on all."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from campaigns.serial import EmulatedBench, SerialBench, ServeOptions, transport_at
 from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError
 from sim_backend.model import dump_model, load_model
@@ -38,6 +39,22 @@ def _model_digest(address: str) -> str:
     return hashlib.sha256(dump_model(load_model(address or DEFAULT_MODEL)).encode()).hexdigest()
 
 
+def _open_emulated(address: str, seed: int) -> Bench:
+    return EmulatedBench(ServeOptions(bench=f"sim:{address or DEFAULT_MODEL}", seed=seed))
+
+
+def _open_at(kind: str) -> Callable[[str, int], Bench]:
+    def opened(address: str, _seed: int) -> Bench:
+        return SerialBench(transport_at(kind, address), kind)
+
+    return opened
+
+
+def _told_by_identity(_address: str) -> str:
+    """A bench at the end of a line says who it is, and that stands in every run's fingerprint."""
+    return "by its identity"
+
+
 BENCHES: dict[str, BenchKind] = {
     "sim": BenchKind(
         "sim[:MODEL]",
@@ -46,6 +63,21 @@ BENCHES: dict[str, BenchKind] = {
         _model_digest,
         repeatable=True,
     ),
+    "emulator": BenchKind(
+        "emulator[:MODEL]",
+        "the same simulated bench behind firmware and serial protocol, in a process of its own",
+        _open_emulated,
+        _model_digest,
+        repeatable=True,
+    ),
+    "serial": BenchKind(
+        "serial:DEVICE[@BAUD]",
+        "a bench at a serial port, as in serial:/dev/ttyUSB0@921600",
+        _open_at("serial"),
+        _told_by_identity,
+        repeatable=False,
+    ),
+    "tcp": BenchKind("tcp:HOST:PORT", "a bench in the network", _open_at("tcp"), _told_by_identity, repeatable=False),
 }
 
 

@@ -1,0 +1,118 @@
+"""What a bench says of itself over the line: one JSON document, fixed in its firmware."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from sim_backend.bench import Bench, Limits, Role, Signal
+from sim_backend.errors import HardwareError
+
+SCHEMA = "mccd-bench/1"
+
+
+class Channel(msgspec.Struct, frozen=True, kw_only=True):
+    """One channel; `by_default` channels are recorded when a segment names none."""
+
+    name: str
+    unit: str
+    role: Role
+    dof: str
+    t0_s: float = 0.0
+    by_default: bool = True
+
+
+class Description(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything fixed about a bench; a limit of null is none.
+
+    `reference` is one number per axis (rad or m), `to_current` (n_actuators, n_axes) in A per input unit. The
+    interlocks: `travel` per axis in output units, `trip_current_a` per actuator. `memory_bytes` bounds a record.
+    """
+
+    schema: str
+    axes: tuple[str, ...]
+    rate_hz: float
+    channels: tuple[Channel, ...]
+    reference: tuple[float | None, ...]
+    current_a: float | None
+    to_current: tuple[tuple[float, ...], ...]
+    travel: tuple[float | None, ...]
+    trip_current_a: float | None
+    memory_bytes: int
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """The channels as signals of a bench."""
+        return tuple(Signal(c.name, c.unit, c.role, c.dof, self.rate_hz, c.t0_s) for c in self.channels)
+
+    @property
+    def limits(self) -> Limits:
+        """The limits as those of a bench."""
+        reference = np.array([np.inf if r is None else r for r in self.reference])
+        current_a = np.inf if self.current_a is None else self.current_a
+        return Limits(reference, current_a, np.array(self.to_current).reshape(-1, len(self.axes)))
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """All channels in the bench's order."""
+        return tuple(c.name for c in self.channels)
+
+    @property
+    def default_names(self) -> tuple[str, ...]:
+        """The channels that are recorded when a segment names none."""
+        return tuple(c.name for c in self.channels if c.by_default)
+
+
+def describe(bench: Bench, *, travel_factor: float, current_factor: float, memory_bytes: int) -> Description:
+    """Return the description of `bench`, its interlocks at these multiples of its limits.
+
+    Of all instruments only a theodolite stands beside the bench: it is recorded when it is asked for.
+    """
+    limits = bench.limits
+    return Description(
+        schema=SCHEMA,
+        axes=bench.axes,
+        rate_hz=bench.signals[0].sample_rate_hz,
+        channels=tuple(
+            Channel(
+                name=s.name,
+                unit=s.unit,
+                role=s.role,
+                dof=s.dof,
+                t0_s=s.t0_s,
+                by_default=not s.name.startswith("theodolite_"),
+            )
+            for s in bench.signals
+        ),
+        reference=tuple(_finite(value) for value in limits.reference),
+        current_a=_finite(limits.current_a),
+        to_current=tuple(tuple(float(v) for v in row) for row in limits.to_current),
+        travel=tuple(_finite(value * travel_factor) for value in limits.reference),
+        trip_current_a=_finite(limits.current_a * current_factor),
+        memory_bytes=memory_bytes,
+    )
+
+
+def encode_description(description: Description) -> bytes:
+    """Return the JSON document; every number keeps all its digits."""
+    return msgspec.json.encode(description)
+
+
+def decode_description(text: bytes) -> Description:
+    """Return the description in a JSON document; raises HardwareError when it is none, or contradicts itself."""
+    try:
+        found = msgspec.json.decode(text, type=Description)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise HardwareError(f"the bench's description cannot be read ({error}); update its firmware") from None
+    n = len(found.axes)
+    fits = len(found.reference) == n == len(found.travel) and all(len(row) == n for row in found.to_current)
+    if found.schema != SCHEMA or not (n and fits and found.channels and 0 < found.rate_hz < np.inf):
+        raise HardwareError(
+            f"the bench's description (schema '{found.schema}', {n} axes, {len(found.channels)} channels) contradicts "
+            f"itself or is not {SCHEMA}; update its firmware"
+        )
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

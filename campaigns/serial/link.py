@@ -1,0 +1,274 @@
+"""Questions and answers over a line that may damage, lose or repeat anything, or vanish and come back.
+
+Every request carries a tag of its own and is answered under it, every command may be sent twice without harm, so the
+one remedy for whatever goes wrong is to ask again, a bounded number of times.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from zlib import crc32
+
+from campaigns.serial.commands import Code, Failure, parse_error
+from campaigns.serial.frames import (
+    MAX_TAG,
+    Block,
+    LineNoise,
+    Receiver,
+    block_length,
+    blocks_in,
+    data_bytes_of,
+    encode_block,
+    encode_line,
+    split,
+)
+from campaigns.serial.transport import LinkLost, Transport
+from sim_backend.errors import ConfigError, HardwareError
+
+TRIES = 6
+REPLY_S = 1.0
+"""How long an answer may take beyond the time of its bytes; longer than the bench waits for a broken upload."""
+
+OPEN_S = 5.0
+"""How long a lost line may stay away."""
+
+BEAT_S = 0.5
+_BURST_S = 1.0
+_BURST_BLOCKS = (4, 1024)
+_IN_BUFFERS = 8192
+"""Bytes that may still lie in the buffers of the line ahead of an answer."""
+
+_REFUSALS_OF_WHAT_WAS_ASKED = {Code.RANGE, Code.TOO_MUCH}
+
+
+class BenchRefusal(HardwareError):  # noqa: N818 - it names what happened
+    """The bench said no, and why."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(f"the bench refuses: {failure.message} (error {failure.code})")
+        self.failure = failure
+
+
+class Link:
+    """Requests and transfers over one transport, under one lock.
+
+    After `open`, `boot` and `epoch` are the bench's; a reconnection that finds others raises HardwareError, for then
+    the bench has not gone on where it was. `deadline` bounds whatever is being done.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._receiver = Receiver()
+        self._name = secrets.token_hex(8)
+        self._tag = secrets.randbelow(MAX_TAG)
+        self._open = False
+        self._beaten_s = 0.0
+        self._deadline_s = float("inf")
+        self.boot = -1
+        self.epoch = -1
+        self.retries = 0
+
+    @property
+    def name(self) -> str:
+        """The transport's."""
+        return self._transport.name
+
+    @property
+    def bytes_per_s(self) -> float:
+        """The transport's."""
+        return self._transport.bytes_per_s
+
+    @property
+    def burst_blocks(self) -> int:
+        """Blocks sent in one go: about a second of the line, so that its delays do not count."""
+        low, high = _BURST_BLOCKS
+        return int(min(max(self.bytes_per_s * _BURST_S / block_length(data_bytes_of(0, 1 << 20)), low), high))
+
+    def limit(self, seconds: float) -> None:
+        """Let everything from now on end within `seconds`."""
+        self._deadline_s = time.monotonic() + seconds
+
+    def open(self) -> None:
+        """Connect and lock the bench; raises HardwareError when it stays away or belongs to another host."""
+        last: HardwareError = LinkLost(f"{self.name} cannot be reached; check the line")
+        give_up_s = min(time.monotonic() + OPEN_S, self._deadline_s)
+        while True:
+            try:
+                self._transport.open(REPLY_S)
+                self._receiver.clear()
+                self._open = True
+                self._lock()
+                return
+            except LineNoise as error:
+                last = error
+                self._drop()
+            if time.monotonic() > give_up_s:
+                raise HardwareError(str(last)) from None
+            time.sleep(0.1)
+
+    def close(self) -> None:
+        """Let the line go."""
+        self._drop()
+
+    def request(self, text: str, payload: bytes = b"", tries: int = TRIES) -> str:
+        """Return the answer to `text`; `payload` are the blocks it announces.
+
+        Raises BenchRefusal (or ConfigError, for what no bench like this can be asked) when the bench says no,
+        HardwareError when it does not answer.
+        """
+        for attempt in range(tries):
+            self._check_time(text)
+            if not self._open:
+                self.open()
+            try:
+                answer = self._exchange(text, payload)
+            except LinkLost:
+                self._drop()
+                continue
+            if answer is not None:
+                return _accepted(answer)
+            self.retries += 1
+            if attempt == tries // 2:  # perhaps the line, not the bench, has got stuck
+                self._drop()
+        raise HardwareError(
+            f"{self.name}: no answer to '{text.partition(' ')[0]}' in {tries} tries of {REPLY_S:g} s or more; "
+            "check bench and line"
+        )
+
+    def make_safe(self) -> None:
+        """Abort, and take the bench as it is from then on; raises HardwareError when it does not answer."""
+        self.boot = self.epoch = -1
+        self.boot, self.epoch = _pair(self.request("ABOR"))
+
+    def upload(self, command: str, run: int, image: bytes, start: int) -> None:
+        """Send the blocks of `image` from `start` on by `command`; raises HardwareError when they do not arrive."""
+        blocks, at, strikes = split(image, run), start, 0
+        while at < len(blocks):
+            burst = blocks[at : at + self.burst_blocks]
+            payload = b"".join(encode_block(block) for block in burst)
+            answer = self.request(f"{command} {run},{at},{len(burst)}", payload)
+            arrived = _whole_number(answer, "OK ")
+            strikes = 0 if arrived > at else strikes + 1
+            self._check_strikes(strikes, "upload")
+            at = arrived
+
+    def download(self, command: str, run: int, total_bytes: int, crc: int) -> bytes:
+        """Return what the bench sends by `command`; what is damaged or lost on the way is asked for again."""
+        parts: list[bytes] = []
+        strikes, count = 0, blocks_in(total_bytes)
+        prefix = f"{run}," if run else ""
+        while len(parts) < count:
+            at = len(parts)
+            answer = self.request(f"{command} {prefix}{at},{min(self.burst_blocks, count - at)}")
+            coming = _whole_number(answer, f"{at},")
+            try:
+                for i in range(at, min(at + coming, count)):
+                    parts.append(self._block(run, i, data_bytes_of(i, total_bytes)).data)
+            except LinkLost:
+                self._drop()
+            except LineNoise:
+                self.retries += 1
+            strikes = 0 if len(parts) > at else strikes + 1
+            self._check_strikes(strikes, "download")
+        image = b"".join(parts)
+        if crc32(image) != crc:
+            raise HardwareError(
+                f"{self.name}: what was downloaded fails its checksum {crc:08X} though every block passed; "
+                "repeat the segment"
+            )
+        return image
+
+    def beat(self) -> None:
+        """Tell the bench that the host lives, now and then; it does not answer. Raises LinkLost."""
+        now_s = time.monotonic()
+        if now_s - self._beaten_s > BEAT_S:
+            self._beaten_s = now_s
+            self._transport.write(encode_line("SYST:BEAT", self._next_tag()), REPLY_S)
+
+    def _lock(self) -> None:
+        """Lock the bench, and make sure that it is where this host left it."""
+        for _ in range(TRIES):
+            answer = self._exchange(f"SYST:LOCK {self._name}", b"")
+            if answer is None:
+                self._check_time("SYST:LOCK")
+                continue
+            boot, epoch = _pair(_accepted(answer))
+            if self.boot >= 0 and (boot, epoch) != (self.boot, self.epoch):
+                what = "restarted" if boot != self.boot else "went to its safe state"
+                was, self.boot, self.epoch = (self.boot, self.epoch), boot, epoch
+                raise HardwareError(
+                    f"{self.name}: the bench {what} while the line was down (boot, epoch {was} before, "
+                    f"{(boot, epoch)} now); begin the run anew"
+                )
+            self.boot, self.epoch = boot, epoch
+            return
+        raise LinkLost(f"{self.name}: the bench does not answer; check that it is on and speaks this protocol")
+
+    def _exchange(self, text: str, payload: bytes) -> str | None:
+        """Send a request once and return the answer with its tag, None when none comes in time."""
+        tag = self._next_tag()
+        line_s = (len(payload) + _IN_BUFFERS) / self.bytes_per_s
+        end_s = time.monotonic() + REPLY_S + line_s
+        self._transport.write(encode_line(text, tag) + payload, REPLY_S + line_s)
+        self._beaten_s = time.monotonic()
+        while (left_s := end_s - time.monotonic()) > 0:
+            self._receiver.feed(self._transport.read(left_s))
+            while (line := self._receiver.line()) is not None:
+                if line.tag == tag:
+                    return line.text
+        return None
+
+    def _block(self, run: int, sequence: int, data_bytes: int) -> Block:
+        """Return the next block off the line; raises LineNoise when it is another, damaged or late."""
+        while (block := self._receiver.block(data_bytes)) is None:
+            self.beat()
+            data = self._transport.read(REPLY_S)
+            if not data:
+                raise LineNoise(f"{self.name}: block {sequence} did not come; it is asked for again")
+            self._receiver.feed(data)
+        if (block.run, block.sequence) != (run, sequence):
+            raise LineNoise(f"{self.name}: block {block.sequence} came in place of {sequence}; it is asked for again")
+        return block
+
+    def _next_tag(self) -> int:
+        self._tag = (self._tag + 1) % (MAX_TAG + 1)
+        return self._tag
+
+    def _drop(self) -> None:
+        self._open = False
+        self._transport.close()
+        self._receiver.clear()
+
+    def _check_time(self, what: str) -> None:
+        if time.monotonic() > self._deadline_s:
+            raise HardwareError(f"{self.name}: time is up while waiting for '{what.partition(' ')[0]}'; check the line")
+
+    def _check_strikes(self, strikes: int, what: str) -> None:
+        self._check_time(what)
+        if strikes >= TRIES:
+            raise HardwareError(f"{self.name}: {what} made no progress in {TRIES} tries; check the line for noise")
+
+
+def _accepted(answer: str) -> str:
+    """Return the answer unless it is a refusal: ConfigError for what was asked, BenchRefusal for all else."""
+    if not answer.startswith("ERR "):
+        return answer
+    failure = parse_error(answer[4:]) or Failure(Code.HARDWARE, answer)
+    if failure.code in _REFUSALS_OF_WHAT_WAS_ASKED:
+        raise ConfigError(f"{failure.message} (the bench's error {failure.code})")
+    raise BenchRefusal(failure)
+
+
+def _whole_number(answer: str, prefix: str) -> int:
+    word = answer.removeprefix(prefix)
+    if not word.isdecimal():
+        raise HardwareError(f"the bench answers '{answer[:60]}' where a number belongs; update its firmware")
+    return int(word)
+
+
+def _pair(answer: str) -> tuple[int, int]:
+    words = answer.removeprefix("OK ").split(",")
+    if len(words) != 2 or not all(w.isdecimal() for w in words):
+        raise HardwareError(f"the bench answers '{answer[:60]}' where boot and epoch belong; update its firmware")
+    return int(words[0]), int(words[1])

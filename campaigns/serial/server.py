@@ -1,0 +1,226 @@
+"""The emulated bench as a process: the loop between a port and the firmware, with a throttle and seeded faults."""
+
+from __future__ import annotations
+
+import selectors
+import time
+from collections import deque
+
+import numpy as np
+
+from campaigns.serial.faults import Event, FaultSpec, FaultyLine
+from campaigns.serial.firmware import Firmware
+from campaigns.serial.ports import Channel, Port
+from campaigns.serial.session import Session
+
+BITS_PER_BYTE = 10
+"""On a serial line: start bit, eight data bits, stop bit."""
+
+MAX_SESSIONS = 4
+_PIECE_BYTES = 65536
+_BUSY_S, _IDLE_S = 0.001, 0.05
+_GONE_S = 0.2
+"""A dropped terminal stays away for so long, as an adapter that is pulled and put back."""
+
+
+class Throttle:
+    """How many bytes a line of `baud` lets pass by now; None is no limit."""
+
+    def __init__(self, baud: float | None, now_s: float) -> None:
+        self._rate = None if baud is None else baud / BITS_PER_BYTE
+        self._credit = 0.0
+        self._last_s = now_s
+
+    def allowance(self, now_s: float) -> int:
+        """Return how many bytes may pass now; what a line did not use within 20 ms is lost."""
+        if self._rate is None:
+            return _PIECE_BYTES
+        self._credit = min(self._credit + (now_s - self._last_s) * self._rate, max(self._rate * 0.02, 16.0))
+        self._last_s = now_s
+        return int(self._credit)
+
+    def spend(self, count: int) -> None:
+        """Note that so many bytes have passed."""
+        self._credit -= count
+
+
+class _Way:
+    """One direction of a connection: what is under way, and until when it is held."""
+
+    def __init__(self, faults: FaultyLine | None, throttle: Throttle) -> None:
+        self.faults = faults
+        self.throttle = throttle
+        self.pieces: deque[bytes | Event] = deque()
+        self.held_until_s = 0.0
+
+    def put(self, data: bytes) -> None:
+        self.pieces.extend([data] if self.faults is None else self.faults.pass_on(data))
+
+
+class Connection:
+    """A line to one host, between its channel and its session."""
+
+    def __init__(self, channel: Channel, firmware: Firmware, to_bench: _Way, to_host: _Way) -> None:
+        self.channel = channel
+        self._firmware = firmware
+        self._session = Session(firmware)
+        self._to_bench = to_bench
+        self._to_host = to_host
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is on its way in either direction."""
+        return bool(self._to_bench.pieces or self._to_host.pieces)
+
+    def pump(self, now_s: float) -> float:
+        """Move bytes both ways; return for how long the firmware stalls. EOFError or OSError: the line is gone."""
+        if allowed := self._to_bench.throttle.allowance(now_s):
+            if data := self.channel.read(allowed):
+                self._to_bench.throttle.spend(len(data))
+                self._to_bench.put(data)
+        stall_s = self._deliver(now_s)
+        self._session.tick(now_s)
+        return max(stall_s, self._send(now_s))
+
+    def close(self) -> None:
+        """Hang up."""
+        self.channel.close()
+
+    def _deliver(self, now_s: float) -> float:
+        way = self._to_bench
+        while way.pieces and now_s >= way.held_until_s:
+            piece = way.pieces.popleft()
+            if isinstance(piece, bytes):
+                self._session.feed(piece, now_s)
+            elif stall_s := self._happen(piece, way, now_s):
+                return stall_s
+        return 0.0
+
+    def _send(self, now_s: float) -> float:
+        way = self._to_host
+        while now_s >= way.held_until_s:
+            if not way.pieces:
+                data = self._session.next_bytes()
+                if not data:
+                    break
+                way.put(data)
+            piece = way.pieces.popleft()
+            if not isinstance(piece, bytes):
+                if stall_s := self._happen(piece, way, now_s):
+                    return stall_s
+                continue
+            sent = self.channel.write(piece[: way.throttle.allowance(now_s)]) if piece else 0
+            way.throttle.spend(sent)
+            if sent < len(piece):
+                way.pieces.appendleft(piece[sent:])
+                break
+        return 0.0
+
+    def _happen(self, event: Event, way: _Way, now_s: float) -> float:
+        """Let a fault happen; return for how long the firmware stalls."""
+        if event.kind == "drop":
+            raise EOFError
+        if event.kind == "reset":
+            self._firmware.restart()
+            self._session = Session(self._firmware)
+        elif event.kind == "delay":
+            way.held_until_s = now_s + event.duration_s
+        return event.duration_s if event.kind == "stall" else 0.0
+
+
+class Server:
+    """Serves one firmware at one port until it is told to stop; everything happens in `run`'s thread."""
+
+    def __init__(
+        self,
+        firmware: Firmware,
+        port: Port,
+        *,
+        baud: float | None = None,
+        faults: tuple[int, FaultSpec] | None = None,
+    ) -> None:
+        self._firmware = firmware
+        self._port = port
+        self._baud = baud
+        self._ways = [
+            None if faults is None else FaultyLine(faults[1], np.random.default_rng([faults[0], 2 + i]))
+            for i in range(2)
+        ]
+        self._connections: list[Connection] = []
+        self._selector = selectors.DefaultSelector()
+        self._stalled_until_s = 0.0
+        self._return_s = 0.0
+        self._stopping = False
+
+    @property
+    def address(self) -> str:
+        """How clients name it."""
+        return self._port.address
+
+    def stop(self, *_signal: object) -> None:
+        """End `run` soon; may be called from a signal handler."""
+        self._stopping = True
+
+    @property
+    def faults_struck(self) -> dict[str, int]:
+        """How often each kind of fault has struck."""
+        total: dict[str, int] = {}
+        for way in self._ways:
+            for kind, count in ({} if way is None else way.struck).items():
+                total[kind] = total.get(kind, 0) + count
+        return total
+
+    def run(self, lifeline: int | None = None) -> None:
+        """Serve until `stop`, or until the other end of the file number `lifeline` is closed; leave the bench safe."""
+        if (number := self._port.fileno()) is not None:
+            self._selector.register(number, selectors.EVENT_READ)
+        if lifeline is not None:
+            self._selector.register(lifeline, selectors.EVENT_READ, "lifeline")
+        try:
+            while not self._stopping:
+                self._turn()
+        finally:
+            self._firmware.shut_down()
+            for connection in self._connections:
+                connection.close()
+            self._port.close()
+            self._selector.close()
+
+    def _turn(self) -> None:
+        for key, _ in self._selector.select(self._patience_s()):
+            if key.data == "lifeline":
+                self._stopping = True
+        now_s = time.monotonic()
+        self._firmware.tick(now_s)
+        if now_s < self._stalled_until_s:
+            return
+        if now_s >= self._return_s and len(self._connections) < MAX_SESSIONS:
+            if (channel := self._port.accept()) is not None:
+                self._open(channel, now_s)
+        for connection in list(self._connections):
+            try:
+                stall_s = connection.pump(now_s)
+            except (EOFError, OSError):
+                self._hang_up(connection, now_s)
+                continue
+            if stall_s:
+                self._stalled_until_s = now_s + stall_s
+                return
+
+    def _patience_s(self) -> float:
+        """How long to wait for bytes: hardly, while something else than they can make it necessary to act."""
+        if self._baud is not None or time.monotonic() < self._stalled_until_s:
+            time.sleep(_BUSY_S)  # the line may be readable all the while
+        busy = self._firmware.busy or any(c.busy for c in self._connections)
+        return _BUSY_S if busy else _IDLE_S
+
+    def _open(self, channel: Channel, now_s: float) -> None:
+        ways = [_Way(faults, Throttle(self._baud, now_s)) for faults in self._ways]
+        self._connections.append(Connection(channel, self._firmware, *ways))
+        self._selector.register(channel.fileno(), selectors.EVENT_READ)
+
+    def _hang_up(self, connection: Connection, now_s: float) -> None:
+        self._selector.unregister(connection.channel.fileno())
+        connection.close()
+        self._connections.remove(connection)
+        self._return_s = now_s + _GONE_S
