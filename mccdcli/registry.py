@@ -45,6 +45,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "identify": Entry(
             "mccdcli.commands.identify:identify", "Identify a linear model, from a sweep or from any logs."
         ),
+        "report": Entry(
+            "mccdcli.commands.report:report",
+            "Run what is missing of a campaign and build its report beside the paper's numbers.",
+        ),
         "settle": Entry(
             "mccdcli.commands.settle:settle", "Chop at 5 Hz under a control strategy: settling, power, current."
         ),

@@ -1,0 +1,119 @@
+"""Build the report of a campaign's folder: every table and figure as files, the page, and `report.json`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from analysis.paper.canvas import Canvas
+from analysis.paper.evidence import EVIDENCE, Evidence
+from analysis.paper.figures import FIGURES, make_figure
+from analysis.paper.measured import Measured
+from analysis.paper.rows import Row, Table
+from analysis.paper.tables import TABLES, make_table
+from analysis.report.page import FigurePart, render_page, render_table
+from analysis.report.tables import write_table
+from campaigns.version import tool_commit, tool_version
+
+Progress = Callable[[float, float, str], None]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A finished report: its `folder`, `tables` and `figures` (paths of the SVG files) by number, `page` and `json`."""
+
+    folder: Path
+    tables: dict[str, Table]
+    figures: dict[str, Path]
+    page: Path
+    json: Path
+
+    def content(self, relative: bool = False) -> dict[str, Any]:
+        """Return {"tables": {number: rows}, "figures": {number: path}}; paths absolute, or relative to the folder."""
+        figures = {
+            key: path.relative_to(self.folder).as_posix() if relative else str(path.resolve())
+            for key, path in self.figures.items()
+        }
+        return {"tables": {key: table.as_json() for key, table in self.tables.items()}, "figures": figures}
+
+    def failures(self) -> list[tuple[str, Row]]:
+        """Return every prediction outside its stated tolerance, with its table's number."""
+        return [(key, row) for key, table in self.tables.items() for row in table.rows if row.failed]
+
+    def unmeasured(self) -> list[tuple[str, Row]]:
+        """Return every prediction that the campaign did not measure, with its table's number."""
+        return [
+            (key, row)
+            for key, table in self.tables.items()
+            for row in table.rows
+            if row.number.label == "predicted" and row.ours is None
+        ]
+
+
+def build_report(logs: Path, out: Path, progress: Progress | None = None) -> Report:
+    """Build the report of the logs in `logs` into `out`, whose files of the same names are replaced.
+
+    Raises ConfigError when there is no complete log, DataError for a log that cannot be read.
+    """
+    tell = progress or _silent
+    total = float(len(TABLES) + len(FIGURES) + 1)
+    with Measured(logs) as measured:
+        for name in ("tables", "figures"):
+            (out / name).mkdir(parents=True, exist_ok=True)
+        tables: dict[str, Table] = {}
+        for key in TABLES:
+            tell(float(len(tables)), total, f"table {key}")
+            tables[key] = make_table(key, measured)
+            write_table(tables[key], out / "tables", render_table(tables[key]))
+        figures: dict[str, FigurePart] = {}
+        for i, key in enumerate(FIGURES):
+            tell(float(len(TABLES) + i), total, f"figure {key}")
+            canvas = make_figure(key, measured)
+            if canvas is not None:
+                figures[key] = _write_figure(key, canvas, measured, out / "figures")
+        tell(total - 1.0, total, "page")
+        evidence = [make() for make in EVIDENCE]
+        _write_evidence(evidence, out / "tables")
+        page = out / "index.html"
+        page.write_text(render_page(measured.runs, tables, figures, evidence), encoding="utf-8")
+    report = Report(out, tables, {key: part.path for key, part in figures.items()}, page, out / "report.json")
+    text = json.dumps(report.content(relative=True), indent=2, ensure_ascii=False, allow_nan=False)
+    report.json.write_text(text + "\n", encoding="utf-8")
+    return report
+
+
+def _write_figure(key: str, canvas: Canvas, measured: Measured, folder: Path) -> FigurePart:
+    path = folder / f"figure-{key}.svg"
+    svg = canvas.svg(_stamp(canvas, measured))
+    path.write_text(svg, encoding="utf-8")
+    canvas.numbers().to_csv(path.with_suffix(".csv"), index=False, lineterminator="\n", float_format="%.9g")
+    return FigurePart(key, canvas.title, canvas.caption, svg, path, canvas.run_uids)
+
+
+def _stamp(canvas: Canvas, measured: Measured) -> str:
+    """What a figure rests on: runs, bench, seeds and code."""
+    runs = [run for run in measured.runs if run.run_uid in canvas.run_uids]
+    if not runs:
+        return f"computed from design models · mccd {tool_version()} ({tool_commit()})"
+    uids = ", ".join(run.run_uid[:8] for run in runs)
+    first = runs[0].header
+    seeds = ", ".join(sorted({str(run.header.seed) for run in runs}))
+    if len(runs) > 2:
+        seeds = f"of {len(runs)} runs"
+    bench = f"{first.bench.get('kind', '')} {first.bench.get('name', '')}".strip()
+    return f"runs {uids} · seed {seeds} · bench {bench} · mccd {first.tool_version} ({first.tool_commit})"
+
+
+def _write_evidence(evidence: list[Evidence], folder: Path) -> None:
+    import pandas as pd
+
+    for i, item in enumerate(evidence, start=1):
+        frame = pd.DataFrame(item.rows, columns=list(item.heads))
+        frame.to_csv(folder / f"evidence-{i}.csv", index=False, lineterminator="\n")
+
+
+def _silent(done: float, total: float, what: str) -> None:
+    """Say nothing."""

@@ -1,0 +1,69 @@
+"""Numbers as a reader wants them: as many digits as their uncertainty or the paper's number carries, no more."""
+
+from __future__ import annotations
+
+import math
+
+NONE = "—"
+"""What stands where there is no number."""
+
+
+def shown(value: float | None, like: float | None = None, std: float | None = None) -> str:
+    """Return a number as text, to two digits of its standard deviation or else to one digit more than `like`.
+
+    Neither given: four significant digits. None becomes a dash, infinity the word never.
+    """
+    if value is None or math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "never"
+    if value == 0.0:
+        return "0"
+    last = math.floor(math.log10(abs(value))) - 3
+    if std is not None and 0.0 < std < math.inf:
+        last = max(math.floor(math.log10(std)) - 1, last - 6)
+    elif like is not None:
+        last = _last_digit(like) - 1
+        last = min(last, math.floor(math.log10(abs(value))) - 1)
+    return rounded(value, last)
+
+
+def exact(value: float | None) -> str:
+    """Return a printed number with the digits it was printed with."""
+    if value is None:
+        return NONE
+    if value == 0.0:
+        return "0"
+    return _signed(f"{value:.10g}") if 1e-3 <= abs(value) < 1e5 else _power(f"{value:.7g}", value)
+
+
+def rounded(value: float, last: int) -> str:
+    """Return a number rounded to the power of ten `last`, in powers of ten where it is very large or small."""
+    size = math.floor(math.log10(abs(value))) if value else 0
+    if -4 <= size < 5:
+        return _signed(f"{round(value, -last):.{max(-last, 0)}f}")
+    return _power(f"{value:.{max(size - last, 0)}e}", value)
+
+
+def _power(text: str, value: float) -> str:
+    mantissa, _, exponent = f"{float(text):e}".partition("e")
+    digits = text.partition("e")[0] if "e" in text else mantissa.rstrip("0").rstrip(".")
+    return _signed(f"{digits}·10") + "".join(_SUPER[c] for c in str(int(exponent)))
+
+
+_SUPER = dict(zip("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", strict=True))
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _last_digit(value: float) -> int:
+    """Power of ten of the last significant digit that a number was written with."""
+    text = f"{abs(value):.10g}"
+    mantissa, _, exponent = text.partition("e")
+    whole, _, fraction = mantissa.partition(".")
+    power = int(exponent) if exponent else 0
+    if fraction:
+        return power - len(fraction)
+    return power + len(whole) - len(whole.rstrip("0")) if value else 0

@@ -1,0 +1,104 @@
+"""The page: what the tables and figures say first, then all of them, in one self-contained file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup, escape
+
+from analysis.paper.evidence import Evidence
+from analysis.paper.rows import Row, Table, label_counts
+from analysis.report.formats import exact, shown
+from analysis.report.svg import inlined
+from analysis.report.tables import display_frame
+from campaigns.log import Run
+from campaigns.version import tool_commit, tool_version
+
+
+@dataclass(frozen=True)
+class FigurePart:
+    """A figure as the page needs it: its SVG text, the file it was written to, and the runs that it rests on."""
+
+    key: str
+    title: str
+    caption: str
+    svg: str
+    path: Path
+    run_uids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the page says first: requirements met of those measured, missed ones by name, predictions in tolerance."""
+
+    met: int
+    measured: int
+    missed: tuple[str, ...]
+    agreeing: int
+    predictions: int
+    failures: tuple[tuple[str, Row], ...]
+
+
+def verdict_of(tables: dict[str, Table]) -> Verdict:
+    """Return the verdict over all tables; the requirements are those of Table 6.6."""
+    required = [row for row in tables["6.6"].rows if row.met is not None] if "6.6" in tables else []
+    predicted = [(key, row) for key, table in tables.items() for row in table.rows if row.number.label == "predicted"]
+    known = [row for _, row in predicted if row.ok is not None]
+    return Verdict(
+        met=sum(bool(row.met) for row in required),
+        measured=len(required),
+        missed=tuple(row.number.row for row in required if not row.met),
+        agreeing=sum(bool(row.ok) for row in known),
+        predictions=len(known),
+        failures=tuple((key, row) for key, row in predicted if row.failed),
+    )
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("analysis.report", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["shown"] = shown
+    environment.filters["exact"] = exact
+    environment.globals["frame_of"] = display_frame
+    return environment
+
+
+def render_table(table: Table) -> str:
+    """Return one table as an HTML fragment, the same that stands on the page."""
+    return str(_environment().get_template("table.html.j2").render(table=table))
+
+
+def render_page(
+    runs: Sequence[Run], tables: dict[str, Table], figures: dict[str, FigurePart], evidence: Sequence[Evidence]
+) -> str:
+    """Return the whole page. It holds no time of its own, so identical logs give identical bytes."""
+    environment = _environment()
+    drawings = {key: inlined(part.svg, f"f{key.replace('.', '-')}", _quoted(part)) for key, part in figures.items()}
+    page = environment.get_template("index.html.j2").render(
+        runs=runs,
+        bench=_bench(runs),
+        tables=tables,
+        figures=figures,
+        drawings={key: Markup(svg) for key, svg in drawings.items()},
+        evidence=evidence,
+        verdict=verdict_of(tables),
+        counts=label_counts(list(tables.values())),
+        version=f"{tool_version()} ({tool_commit()})",
+    )
+    return str(page)
+
+
+def _quoted(part: FigurePart) -> str:
+    return str(escape(f"Figure {part.key}: {part.title}"))
+
+
+def _bench(runs: Sequence[Run]) -> str:
+    return ", ".join(sorted({f"{r.header.bench.get('name', '')} ({r.header.bench.get('kind', '')})" for r in runs}))

@@ -1,0 +1,69 @@
+"""One table in all its forms: CSV with every digit, LaTeX and HTML for reading, all from one DataFrame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.paper.rows import Row, Table
+from analysis.report.formats import NONE, exact, shown
+
+_MARKS = {True: "yes", False: "no", None: NONE}
+
+
+def display_frame(table: Table) -> pd.DataFrame:
+    """Return the table as text: rounded numbers, the deviation, the tolerance, and whether ours agrees."""
+    columns: dict[str, list[str]] = {"row": [r.number.row for r in table.rows]}
+    if any(r.number.requirement is not None for r in table.rows):
+        columns["required"] = [_bound(exact(r.number.requirement), r.number.requirement) for r in table.rows]
+    columns["paper"] = [_paper(r) for r in table.rows]
+    columns["ours"] = [_ours(r) for r in table.rows]
+    columns["deviation"] = [
+        shown(r.deviation, like=r.number.value) if r.number.value is not None else NONE for r in table.rows
+    ]
+    columns["tolerance"] = [f"{'≤ +' if r.number.bound else '±'}{shown(r.number.tolerance)}" for r in table.rows]
+    columns["unit"] = [r.number.unit for r in table.rows]
+    columns["label"] = [r.number.label for r in table.rows]
+    columns["agrees"] = [_MARKS[r.ok] for r in table.rows]
+    return pd.DataFrame(columns)
+
+
+def _bound(text: str, value: float | None) -> str:
+    return text if value is None else f"≤ {text}"
+
+
+def _paper(row: Row) -> str:
+    text = exact(row.number.value)
+    return f"≤ {text}" if row.number.bound else text
+
+
+def _ours(row: Row) -> str:
+    text = shown(row.ours, like=row.number.value, std=row.std)
+    if row.std is not None and row.ours is not None and row.std > 0.0:
+        return f"{text} ± {shown(row.std, std=row.std)}"
+    return text
+
+
+def write_table(table: Table, folder: Path, html: str) -> dict[str, Path]:
+    """Write a table into `folder` as CSV, LaTeX and HTML; return the paths by form."""
+    stem = f"table-{table.key}"
+    paths = {form: folder / f"{stem}.{form}" for form in ("csv", "tex", "html")}
+    table.frame().to_csv(paths["csv"], index=False, lineterminator="\n")
+    paths["tex"].write_text(latex(table), encoding="utf-8")
+    paths["html"].write_text(html, encoding="utf-8")
+    return paths
+
+
+def latex(table: Table) -> str:
+    """Return the table as a LaTeX table (booktabs; UTF-8, as XeLaTeX and LuaLaTeX read it)."""
+    frame = display_frame(table)
+    return str(
+        frame.to_latex(
+            index=False,
+            escape=True,
+            caption=f"Table {table.key}: {table.paper.title}" if table.key != "text" else table.paper.title,
+            label=f"tab:{table.key}",
+            column_format="l" + "r" * (frame.shape[1] - 4) + "lll",
+        )
+    )

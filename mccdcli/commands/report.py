@@ -1,0 +1,81 @@
+"""`mccd report`: the paper's tables and figures beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.output import emit, say, table
+from mccdcli.progress import progress
+from mccdcli.trials import play_campaign, show_estimates
+
+if TYPE_CHECKING:
+    from analysis.report import Report
+
+
+@click.command()
+@click.option(
+    "--campaign",
+    default="paper",
+    show_default=True,
+    metavar="CAMPAIGN",
+    help="The campaign to report: a bundled one or a file.",
+)
+@click.option("--check", is_flag=True, help="Exit with 1 if a predicted number leaves its stated tolerance.")
+@common_options()
+def report(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, campaign: str, check: bool) -> int:
+    r"""Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
+
+    The report is written to the folder --out (default: report), its logs to OUT/campaign. With --check, each predicted
+    number outside its tolerance is named.
+
+    \b
+    Examples:
+      mccd report --out report
+      mccd report --out report --check
+      mccd report --out report --json > numbers.json
+    """
+    from campaigns.campaign import load_campaign
+    from campaigns.campaign_run import STATE_FILE, estimate_campaign
+
+    loaded = load_campaign(campaign)
+    if dry_run:
+        show_estimates(estimate_campaign(loaded, bench, seed), as_json=as_json)
+        return 0
+    folder = out or Path("report")
+    logs = folder / "campaign"
+    played = play_campaign(loaded, logs, bench, seed, resume=(logs / STATE_FILE).exists())
+    if played.exit_code:
+        return played.exit_code
+
+    from analysis.report import build_report
+
+    with progress("report") as advance:
+        built = build_report(logs, folder, advance)
+    emit(built.content(), as_json=as_json, text=_text(built))
+    return _checked(built) if check else 0
+
+
+def _text(built: Report) -> str:
+    rows = []
+    for key, one in built.tables.items():
+        oks = [row.ok for row in one.rows]
+        rows.append((key, str(oks.count(True)), str(oks.count(False)), str(oks.count(None)), one.paper.title))
+    return f"{table(rows, heads=('table', 'agree', 'differ', 'unknown', ''))}\n\n{built.page}"
+
+
+def _checked(built: Report) -> int:
+    """Name every prediction outside its tolerance; 1 if there is one."""
+    failures = built.failures()
+    for key, row in failures:
+        number = row.number
+        ours = "none" if row.ours is None else f"{row.ours:.6g}"
+        allowed = f"at most {number.tolerance:g} above" if number.bound else f"within {number.tolerance:g} of"
+        where = "text" if key == "text" else f"table {key}"
+        say(f"mccd: check: {where}, {number.row}: {ours} {number.unit}, not {allowed} {number.value:g} {number.unit}")
+    for key, row in built.unmeasured():
+        say(f"mccd: check: table {key}, {row.number.row}: not measured by this campaign")
+    return 1 if failures else 0
