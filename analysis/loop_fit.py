@@ -7,8 +7,8 @@ Quasi-statically the drive torque M and the angle x balance,
 with J the magnetisation along the measured path. All of it is linear but for the shapes of J, so these alone are
 searched and the rest is solved for (variable projection).
 
-Far from saturation (6.4) becomes dJ/dx = (chi x - J)/((1 + c) pinning) + chi c/(1 + c) with chi = ms/(3 a), whose loops
-are J = chi x ± chi pinning (1 - 2 exp(-x/((1 + c) pinning)) …). A record so tells the remanent torque
+Far from saturation (6.4) becomes dJ/dx = (chi x - J)/((1 + c) pinning) + chi c/(1 + c) with chi = ms/(3 a), and behind
+a turning point dJ/dx = chi c/(1 + c) until J meets chi x. A record so tells the remanent torque
 size · chi · pinning and the bend (1 + c) pinning, and no more: size · chi alone is a spring, as is the linear
 coefficient of the polynomial. All but two of (size, a, ms, c, alpha, pinning) must be held.
 """

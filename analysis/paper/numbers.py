@@ -51,7 +51,9 @@ class PaperNumber(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     why: str
     value: float | None = None
     bound: bool = False
+    printed: str = ""
     requirement: float | None = None
+    at_least: bool = False
     place: str = ""
     target: str = ""
 

@@ -50,7 +50,8 @@ class Row:
         """Whether ours meets the paper's requirement; None where there is none or nothing was measured."""
         if self.number.requirement is None or self.ours is None:
             return None
-        return self.ours <= self.number.requirement
+        required = self.number.requirement
+        return self.ours >= required if self.number.at_least else self.ours <= required
 
     @property
     def failed(self) -> bool:

@@ -39,21 +39,23 @@ class Verdict:
     missed: tuple[str, ...]
     agreeing: int
     predictions: int
-    failures: tuple[tuple[str, Row], ...]
+    failures: dict[str, tuple[Row, ...]]
 
 
 def verdict_of(tables: dict[str, Table]) -> Verdict:
     """Return the verdict over all tables; the requirements are those of Table 6.6."""
     required = [row for row in tables["6.6"].rows if row.met is not None] if "6.6" in tables else []
-    predicted = [(key, row) for key, table in tables.items() for row in table.rows if row.number.label == "predicted"]
-    known = [row for _, row in predicted if row.ok is not None]
+    rows = [row for table in tables.values() for row in table.rows]
+    known = [row for row in rows if row.number.label == "predicted" and row.ok is not None]
     return Verdict(
         met=sum(bool(row.met) for row in required),
         measured=len(required),
         missed=tuple(row.number.row for row in required if not row.met),
         agreeing=sum(bool(row.ok) for row in known),
         predictions=len(known),
-        failures=tuple((key, row) for key, row in predicted if row.failed),
+        failures={
+            key: failed for key, table in tables.items() if (failed := tuple(row for row in table.rows if row.failed))
+        },
     )
 
 

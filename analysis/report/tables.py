@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -16,26 +17,42 @@ def display_frame(table: Table) -> pd.DataFrame:
     """Return the table as text: rounded numbers, the deviation, the tolerance, and whether ours agrees."""
     columns: dict[str, list[str]] = {"row": [r.number.row for r in table.rows]}
     if any(r.number.requirement is not None for r in table.rows):
-        columns["required"] = [_bound(exact(r.number.requirement), r.number.requirement) for r in table.rows]
+        columns["required"] = [_required(r) for r in table.rows]
     columns["paper"] = [_paper(r) for r in table.rows]
     columns["ours"] = [_ours(r) for r in table.rows]
-    columns["deviation"] = [
-        shown(r.deviation, like=r.number.value) if r.number.value is not None else NONE for r in table.rows
-    ]
-    columns["tolerance"] = [f"{'≤ +' if r.number.bound else '±'}{shown(r.number.tolerance)}" for r in table.rows]
-    columns["unit"] = [r.number.unit for r in table.rows]
+    columns["deviation"] = [_deviation(r) for r in table.rows]
+    columns["tolerance"] = [f"{'+' if r.number.bound else '±'}{exact(r.number.tolerance)}" for r in table.rows]
+    columns["unit"] = [_unit(r.number.unit) for r in table.rows]
     columns["label"] = [r.number.label for r in table.rows]
     columns["agrees"] = [_MARKS[r.ok] for r in table.rows]
     return pd.DataFrame(columns)
 
 
-def _bound(text: str, value: float | None) -> str:
-    return text if value is None else f"≤ {text}"
+def _required(row: Row) -> str:
+    text = exact(row.number.requirement)
+    return text if row.number.requirement is None else f"{'≥' if row.number.at_least else '≤'} {text}"
 
 
 def _paper(row: Row) -> str:
-    text = exact(row.number.value)
+    text = row.number.printed or exact(row.number.value)
     return f"≤ {text}" if row.number.bound else text
+
+
+def _deviation(row: Row) -> str:
+    deviation, paper = row.deviation, row.number.value
+    if deviation is None or paper is None:
+        return NONE
+    if abs(deviation) <= 1e-9 * abs(paper):  # the rounding of floating-point numbers
+        return "0"
+    digits = f"{deviation:.2g}" if row.std is None and abs(deviation) < math.inf else None
+    text = shown(deviation, std=row.std) if digits is None else shown(float(digits), like=float(digits) or 1.0)
+    return text if text.startswith("−") or math.isinf(deviation) else f"+{text}"
+
+
+def _unit(unit: str) -> str:
+    for power in "2345":
+        unit = unit.replace(f"^{power}", "²³⁴⁵"[int(power) - 2])
+    return unit
 
 
 def _ours(row: Row) -> str:

@@ -72,10 +72,10 @@ def _checked(built: Report) -> int:
     failures = built.failures()
     for key, row in failures:
         number = row.number
-        ours = "none" if row.ours is None else f"{row.ours:.6g}"
+        ours = "never" if row.ours == float("inf") else f"{row.ours:.6g} {number.unit}".rstrip()
         allowed = f"at most {number.tolerance:g} above" if number.bound else f"within {number.tolerance:g} of"
         where = "text" if key == "text" else f"table {key}"
-        say(f"mccd: check: {where}, {number.row}: {ours} {number.unit}, not {allowed} {number.value:g} {number.unit}")
+        say(f"mccd: check: {where}, {number.row}: {ours}, not {allowed} {number.value:g} {number.unit}".rstrip())
     for key, row in built.unmeasured():
         say(f"mccd: check: table {key}, {row.number.row}: not measured by this campaign")
     return 1 if failures else 0
