@@ -17,6 +17,7 @@ class Entry(NamedTuple):
 # A name of two words ("log show") is a command in a group; the group needs a line in GROUPS.
 GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
+        "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List benches.",
         "campaign": "Run, list and show whole campaigns.",
         "log": "Show, verify and recover logs.",
@@ -58,6 +59,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "thermal": Entry(
             "mccdcli.commands.thermal:thermal", "Chop for five minutes and sweep at two temperatures: drift."
+        ),
+        "challenge make": Entry(
+            "mccdcli.commands.challenge_make:make",
+            "Make blind cases: logs of benches with hidden effects, their truth sealed apart.",
         ),
         "completion": Entry(
             "mccdcli.commands.completion:completion", "Print the script that completes mccd in your shell."

@@ -1,0 +1,1 @@
+"""Blind challenges: benches with hidden effects, their logs, the sealed truth, and the score of a diagnosis."""

@@ -1,0 +1,192 @@
+"""The hidden bench: a simulator of the challenge's own, on a grid eight times finer than the samples.
+
+It shares no code with the bench that a diagnosis fits: modes are stepped exactly (their closed form), torques that
+depend on the motion are taken in the middle of each fine step from a half step ahead, which makes it of second order in
+the fine step. Commands, torques from outside and readings are whole arrays, which each effect changes in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from campaigns.challenge.laws import MEMORY, torque
+from campaigns.challenge.plant import Plant
+
+if TYPE_CHECKING:
+    from campaigns.challenge.families.base import Hidden
+
+Array = NDArray[np.float64]
+
+SUBSTEPS = 8
+"""Fine steps per sample."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What one run plays: `command` (n, axes), `temperature_k` (n,); `reference_k` is that of the campaign's start."""
+
+    command: Array
+    temperature_k: Array
+    rate_hz: float
+    reference_k: float
+    substeps: int = SUBSTEPS
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.command.shape[0])
+
+    @property
+    def fine_s(self) -> float:
+        """The fine time step."""
+        return 1.0 / (self.rate_hz * self.substeps)
+
+    def fine(self, values: Array) -> Array:
+        """Return `values` (n, …) held on the fine grid."""
+        return np.asarray(np.repeat(values, self.substeps, axis=0))
+
+    def fine_time_s(self) -> Array:
+        """Return the middle of every fine step, shape (n · substeps,)."""
+        return np.asarray((np.arange(self.n * self.substeps) + 0.5) * self.fine_s, dtype=float)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The true motion: `position` and `rate` (n · substeps, axes) at the beginning of each fine step."""
+
+    position: Array
+    rate: Array
+    substeps: int
+
+    def sampled(self) -> Array:
+        """Return the positions at the samples, shape (n, axes)."""
+        return np.ascontiguousarray(self.position[:: self.substeps])
+
+
+@njit(cache=True, nogil=True)
+def _run(whole, half, b, c, drive, kelvin, laws, axes, p, memory, dt_s, q, position, rate):  # type: ignore[no-untyped-def]
+    """Fill `position` and `rate` step by step; `whole` and `half` are (transition, response) of those steps."""
+    step, push = whole
+    step_half, push_half = half
+    n_modes, n_axes = b.shape
+    added, last, total = np.zeros(n_axes), np.zeros(laws.size), np.zeros(n_axes)
+    for k in range(drive.shape[0]):
+        for a in range(n_axes):
+            x, v = 0.0, 0.0
+            for m in range(n_modes):
+                x += c[a, m] * q[m, 0]
+                v += c[a, m] * q[m, 1]
+            position[k, a], rate[k, a] = x, v
+        if laws.size:
+            if k == 0:
+                for i in range(laws.size):
+                    last[i] = position[0, axes[i]]
+            for a in range(n_axes):
+                total[a] = 0.0
+            for i in range(laws.size):
+                x, v = 0.0, 0.0
+                for m in range(n_modes):
+                    f = 0.0
+                    for a in range(n_axes):
+                        f += b[m, a] * (drive[k, a] + added[a])
+                    x += c[axes[i], m] * (
+                        step_half[m, 0, 0] * q[m, 0] + step_half[m, 0, 1] * q[m, 1] + push_half[m, 0] * f
+                    )
+                    v += c[axes[i], m] * (
+                        step_half[m, 1, 0] * q[m, 0] + step_half[m, 1, 1] * q[m, 1] + push_half[m, 1] * f
+                    )
+                u = drive[k, axes[i]]
+                total[axes[i]] += torque(laws[i], x, v, x - last[i], u, kelvin[k], dt_s, p[i], memory[i])
+                last[i] = x
+            for a in range(n_axes):
+                added[a] = total[a]
+        for m in range(n_modes):
+            f = 0.0
+            for a in range(n_axes):
+                f += b[m, a] * (drive[k, a] + added[a])
+            x, v = q[m, 0], q[m, 1]
+            q[m, 0] = step[m, 0, 0] * x + step[m, 0, 1] * v + push[m, 0] * f
+            q[m, 1] = step[m, 1, 0] * x + step[m, 1, 1] * v + push[m, 1] * f
+
+
+def exact_step(plant: Plant, dt_s: float) -> tuple[Array, Array]:
+    """Return each mode's closed-form transition (m, 2, 2) over `dt_s` and its response (m, 2) to a held unit force."""
+    omega, sigma = plant.omega_rad_s, plant.sigma_1_s
+    damped = np.sqrt((omega**2 - sigma**2).astype(complex))
+    decay = np.exp(-sigma * dt_s)
+    cos = (decay * np.cos(damped * dt_s)).real
+    sin = (decay * np.sin(damped * dt_s) / damped).real
+    step = np.empty((omega.size, 2, 2))
+    step[:, 0, 0], step[:, 0, 1] = cos + sigma * sin, sin
+    step[:, 1, 0], step[:, 1, 1] = -(omega**2) * sin, cos - sigma * sin
+    push = np.stack([(1.0 - cos - sigma * sin) / omega**2, sin], axis=1)
+    return step, push
+
+
+def move(
+    plant: Plant, hidden: Sequence[Hidden], excitation: Excitation, start: Array, rng: np.random.Generator
+) -> Motion:
+    """Return the true motion under `hidden` effects from modal states `start` (modes of the case's plant, 2)."""
+    for effect in hidden:
+        plant = effect.on_plant(plant)
+    drive = excitation.fine(excitation.command)
+    for effect in hidden:
+        drive = effect.on_command(drive, excitation)
+    drive = _delayed(drive, plant.delay_s / excitation.fine_s)
+    for effect in hidden:
+        drive = effect.on_torque(drive, excitation, rng)
+    laws = [effect.law() for effect in hidden]
+    found = [law for law in laws if law is not None]
+    parameters, memory = np.zeros((len(found), 8)), np.zeros((len(found), MEMORY))
+    for i, law in enumerate(found):
+        parameters[i, : len(law.parameters)] = law.parameters
+    q = np.zeros((plant.n_modes, 2))
+    q[: start.shape[0]] = start
+    position, rate = np.empty_like(drive), np.empty_like(drive)
+    dt_s = excitation.fine_s
+    _run(
+        exact_step(plant, dt_s),
+        exact_step(plant, 0.5 * dt_s),
+        plant.b,
+        plant.c,
+        drive,
+        excitation.fine(excitation.temperature_k - excitation.reference_k),
+        np.array([law.code for law in found], dtype=np.int64),
+        np.array([law.axis for law in found], dtype=np.int64),
+        parameters,
+        memory,
+        dt_s,
+        q,
+        position,
+        rate,
+    )
+    return Motion(position, rate, excitation.substeps)
+
+
+def read(
+    motion: Motion, hidden: Sequence[Hidden], excitation: Excitation, noise: Array, rng: np.random.Generator
+) -> Array:
+    """Return the readings (n, axes): the motion, the sensors' effects, `noise` (n, axes), the recorder's effects."""
+    reading = motion.sampled()
+    for effect in hidden:
+        reading = effect.on_reading(reading, motion, excitation, rng)
+    reading = reading + noise
+    for effect in hidden:
+        reading = effect.on_record(reading, rng)
+    return reading
+
+
+def _delayed(drive: Array, steps: Array) -> Array:
+    """Return `drive` later by `steps` (axes,) fine steps; a part of a step shares it between two, as its mean does."""
+    out = np.empty_like(drive)
+    for a, late in enumerate(steps):
+        whole, part = int(late), float(late) % 1.0
+        padded = np.concatenate([np.zeros(whole + 1), drive[:, a]])
+        out[:, a] = (1.0 - part) * padded[1 : drive.shape[0] + 1] + part * padded[: drive.shape[0]]
+    return out

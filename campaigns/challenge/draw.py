@@ -1,0 +1,91 @@
+"""What a case hides: by stratum, effects at sizes in proportion to their limits in the case's own campaign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.challenge.campaign import Campaign, draw_campaign
+from campaigns.challenge.experiment import SHAPES
+from campaigns.challenge.families import Hidden, Scene, members
+from campaigns.challenge.families.base import log_uniform
+from campaigns.challenge.limits import Limits, Metric, limits_of
+from campaigns.challenge.truth import Stratum
+from sim_backend.errors import ConfigError
+
+CLEAR = (2.0, 6.0)
+"""Sizes in naming limits of effects that must be named."""
+
+FAINT = (0.4, 4.0)
+"""Sizes in detection limits of effects that measure where detection begins."""
+
+_TRIES = 30
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one case is to be: its stratum and the causes it hides."""
+
+    stratum: Stratum
+    slugs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A case ready to be recorded."""
+
+    plan: Plan
+    shape: str
+    campaign: Campaign
+    hidden: tuple[Hidden, ...]
+    limits: tuple[Limits, ...]
+
+
+def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
+    """Return a random case of this plan.
+
+    The public face (shape, axes) is drawn first; bench and places are drawn again until the effects fit below the
+    largest plausible sizes. Raises ConfigError when that never happens.
+    """
+    needs = max((f.needs_axes for slug in plan.slugs for f in members(slug)), default=1)
+    shape = str(rng.choice(list(SHAPES), p=list(SHAPES.values())))
+    n_axes = max(needs, 1 + int(rng.random() < 0.5))
+    for _ in range(_TRIES):
+        campaign = draw_campaign(rng, shape, n_axes)
+        if not plan.slugs:
+            return Drawn(plan, shape, campaign, (), ())
+        found = _effects(plan, campaign, rng)
+        if found is not None:
+            return Drawn(plan, shape, campaign, *found)
+    raise ConfigError(
+        f"no bench in {_TRIES} shows {' and '.join(plan.slugs)} in a campaign of shape '{shape}' at a plausible size; "
+        "leave the family out or make the campaigns longer"
+    )
+
+
+def _effects(
+    plan: Plan, campaign: Campaign, rng: np.random.Generator
+) -> tuple[tuple[Hidden, ...], tuple[Limits, ...]] | None:
+    scene, metric = campaign.scene(), Metric.of(campaign)
+    effects: list[Hidden] = []
+    limits: list[Limits] = []
+    for slug in plan.slugs:
+        family = members(slug)[int(rng.integers(len(members(slug))))]
+        effect = family.draw(rng, scene)
+        found = limits_of(effect, metric, scene, rng, effects)
+        size = _size(plan.stratum, effect, found, scene, rng)
+        if size is None:
+            return None
+        effects.append(effect.resized(size))
+        limits.append(found)
+    return tuple(effects), tuple(limits)
+
+
+def _size(stratum: Stratum, effect: Hidden, limits: Limits, scene: Scene, rng: np.random.Generator) -> float | None:
+    low, high = FAINT if stratum == "faint" else CLEAR
+    unit = limits.detection if stratum == "faint" else limits.naming
+    cap = effect.cap(scene)
+    if not low * unit < cap or (stratum in ("two", "outside") and limits.twins):
+        return None
+    return log_uniform(rng, low * unit, min(high * unit, cap))

@@ -1,0 +1,89 @@
+"""The sealed truth of a challenge: what was hidden where, how large against its limits; its hash is written first."""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from sim_backend.errors import ConfigError, DataError
+
+Stratum = Literal["one", "faint", "two", "none", "outside"]
+
+SEAL, TRUTH = "seal.txt", "truth/truth.bin"
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all tables: unknown fields are errors."""
+
+
+class Number(_Strict, frozen=True, kw_only=True):
+    """A parameter by the library's name: its value, and the least standard deviation that any estimate can have."""
+
+    value: float
+    bound_std: float | None = None
+
+
+class Buried(_Strict, frozen=True, kw_only=True):
+    """One hidden effect: cause, place, parameters, size, and the limits of its size in this campaign."""
+
+    effect: str
+    where: str
+    parameters: dict[str, Number]
+    size: float
+    detection_limit: float
+    naming_limit: float
+    rival: str
+    twins: list[tuple[str, str]] = []
+
+
+class Case(_Strict, frozen=True, kw_only=True):
+    """One case: its stratum, what is hidden, and the held-out rms error that the true structure leaves."""
+
+    stratum: Stratum
+    effects: list[Buried]
+    held_out_floor: float
+    shape: str
+    axes: int
+
+
+class Truth(_Strict, frozen=True, kw_only=True):
+    """The truth of all cases by name; `salt` keeps the seal from being guessed."""
+
+    schema: Literal["mccd-challenge-truth/1"] = "mccd-challenge-truth/1"
+    seed: int
+    salt: str
+    cases: dict[str, Case]
+
+
+def seal(folder: Path, truth: Truth) -> str:
+    """Write the hash, then the truth; return the hash."""
+    data = zlib.compress(msgspec.json.encode(truth), 9)
+    digest = hashlib.sha256(data).hexdigest()
+    (folder / SEAL).write_text(f"sha256 {digest}  {TRUTH}\n", encoding="utf-8")
+    path = folder / TRUTH
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    return digest
+
+
+def reveal(folder: Path) -> Truth:
+    """Return the truth; raises ConfigError when there is none, DataError when it is not what was sealed."""
+    path, seal_path = folder / TRUTH, folder / SEAL
+    if not path.is_file() or not seal_path.is_file():
+        raise ConfigError(f"{folder} holds no sealed truth ({SEAL} and {TRUTH}): make a challenge there first")
+    data = path.read_bytes()
+    words = seal_path.read_text(encoding="utf-8", errors="replace").split()
+    digest = hashlib.sha256(data).hexdigest()
+    if len(words) < 2 or words[1] != digest:
+        raise DataError(
+            f"{path} has the hash {digest[:12]}…, the seal says {words[1][:12] if len(words) > 1 else 'nothing'}…: "
+            "the truth was changed after it was sealed; make the challenge again"
+        )
+    try:
+        return msgspec.json.decode(zlib.decompress(data), type=Truth)
+    except (zlib.error, msgspec.DecodeError) as error:
+        raise DataError(f"{path} does not hold a truth of this version ({error}): make the challenge again") from None
