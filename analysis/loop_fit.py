@@ -75,6 +75,7 @@ def fit_loops(
 ) -> LoopFit:
     """Return the best fit over all `starts` of the shapes to a slow record (n,) that begins at rest, unmagnetised.
 
+    Noise of the angle drives small loops of its own along the path: its sum of steps must stay far below the path's.
     `starts` name the shapes to search, above zero; `held` are the other parameters of the effect. `use` (n,) marks the
     samples that count; the path before them still magnetises. Raises DataError when lengths differ or fewer than 100
     count.
