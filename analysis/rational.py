@@ -26,6 +26,7 @@ def fit_rational(
     hold_rate_hz: float | None = None,
     structure: Structure | None = None,
     rigid_bodies: int | None = 0,
+    start: ModalModel | None = None,
     iterations: int = 200,
 ) -> RationalFit:
     """Return the ModalModel that fits a complex frequency response best.
@@ -34,14 +35,18 @@ def fit_rational(
     entry, or None for equal weights. `blocks` is the number of second-order blocks, or several to choose from by the
     Bayesian information criterion. `hold_rate_hz` is the rate of the zero-order hold before the plant, None for a
     band-limited measurement. `rigid_bodies` blocks get their poles at zero; None lets the criterion decide.
-    Raises ConfigError or DataError when the arguments do not fit together.
+    `start`, a nominal model with no more blocks than wanted, takes the place of vector fitting. Raises ConfigError or
+    DataError when the arguments do not fit together.
     """
     target = make_target(frequency_hz, response, variance, hold_rate_hz)
     wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
     if not wanted or wanted[0] < 1 or 2 * wanted[-1] >= target.frequency_hz.size:
         limit = (target.frequency_hz.size - 1) // 2
         raise ConfigError(f"blocks is {blocks}; choose 1 to {limit} for {target.frequency_hz.size} frequency lines")
-    search = _Search(target, structure or Structure(), variance is None, iterations)
+    if start is not None and (start.d.shape != target.response.shape[1:] or start.n_blocks > wanted[0]):
+        shape = f"{start.n_blocks} blocks, {start.n_outputs} outputs and {start.n_inputs} inputs"
+        raise ConfigError(f"start has {shape}; needs at most {wanted[0]} blocks and the response's outputs and inputs")
+    search = _Search(target, structure or Structure(), variance is None, iterations, start)
     best: RationalFit | None = None
     fit: RationalFit | None = None
     tried: list[tuple[int, float]] = []
@@ -57,9 +62,11 @@ def fit_rational(
 class _Search:
     """Local fits from several starts of one order, under one target and one structure."""
 
-    def __init__(self, target: Target, structure: Structure, scaled: bool, iterations: int) -> None:
+    def __init__(
+        self, target: Target, structure: Structure, scaled: bool, iterations: int, nominal: ModalModel | None
+    ) -> None:
         self._target, self._structure = target, structure
-        self._scaled, self._iterations = scaled, iterations
+        self._scaled, self._iterations, self._nominal = scaled, iterations, nominal
 
     def _fit(self, start: ModalModel, iterations: int) -> RationalFit:
         return refine(self._target, start, self._structure, self._scaled, iterations)
@@ -83,9 +90,11 @@ class _Search:
         return self._fit(best.model, self._iterations)
 
     def _starts(self, count: int, smaller: RationalFit | None) -> Iterator[ModalModel]:
-        yield from starting_models(self._target, count, self._structure)
-        if smaller is not None:
-            model = smaller.model
+        if self._nominal is None:
+            yield from starting_models(self._target, count, self._structure)
+        for model in [self._nominal] if smaller is None else [smaller.model]:
+            if model is None:
+                continue
             while model.n_blocks < count:
                 model = with_new_block(self._target, model, self._structure)
             yield model

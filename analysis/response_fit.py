@@ -71,7 +71,7 @@ def make_target(
         raise DataError(f"frequency response has {f.size} lines; a fit needs at least 4, positive and rising")
     if hold_rate_hz is not None and not f[-1] <= 0.5 * hold_rate_hz:
         raise ConfigError(
-            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or mend the rate"
+            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or mend it"
         )
     if not np.all(np.isfinite(g)):
         raise DataError("frequency response holds a number that is not finite; leave out the lines without excitation")
