@@ -26,39 +26,60 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
 
 COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
     {
-        "bench list": Entry("mccdcli.commands.bench_list:list_benches", "List the benches that a test can run on."),
+        "bench list": Entry(
+            "mccdcli.commands.bench_list:list_benches",
+            "List the benches that --bench can name, and the models that a simulated one can run.",
+        ),
         "campaign list": Entry(
             "mccdcli.commands.campaign_list:list_campaigns",
-            "List the bundled campaigns, or the plans they are made of.",
+            "List the campaigns that come with mccd, or the plans that campaigns are made of.",
         ),
-        "campaign run": Entry("mccdcli.commands.campaign_run:run", "Play a whole campaign into a folder; resumable."),
+        "campaign run": Entry(
+            "mccdcli.commands.campaign_run:run",
+            "Play every run of CAMPAIGN, a file or the name of a bundled one, each into a log of its own.",
+        ),
         "campaign show": Entry(
-            "mccdcli.commands.campaign_show:show", "Show a campaign's runs, or how far one in a folder has come."
+            "mccdcli.commands.campaign_show:show",
+            "Show the runs of CAMPAIGN with their settings, or how far the campaign in FOLDER has come.",
         ),
-        "chop": Entry("mccdcli.commands.chop:chop", "Chop between two positions: stability, repeatability, accuracy."),
+        "chop": Entry(
+            "mccdcli.commands.chop:chop",
+            "Chop between two positions and measure stability, repeatability and accuracy in both directions.",
+        ),
         "diagnose": Entry(
             "mccdcli.commands.diagnose:diagnose", "Show what a model gets wrong, why, and what correcting it gains."
         ),
-        "endstops": Entry("mccdcli.commands.endstops:endstops", "Measure the sensors' noise against the end stops."),
+        "endstops": Entry(
+            "mccdcli.commands.endstops:endstops",
+            "Pull the mechanism against its end stops, eight ways, and measure the noise of the sensors there.",
+        ),
         "hysteresis": Entry(
-            "mccdcli.commands.hysteresis:hysteresis", "Drive slow loops and steps at offsets: hysteresis."
+            "mccdcli.commands.hysteresis:hysteresis",
+            "Drive slow sine loops and fed-forward steps at offsets, open loop, and measure the hysteresis.",
         ),
         "identify": Entry(
-            "mccdcli.commands.identify:identify", "Identify a linear model, from a sweep or from any logs."
+            "mccdcli.commands.identify:identify",
+            "Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.",
         ),
         "report": Entry(
             "mccdcli.commands.report:report",
             "Run what is missing of a campaign and build its report beside the paper's numbers.",
         ),
         "settle": Entry(
-            "mccdcli.commands.settle:settle", "Chop at 5 Hz under a control strategy: settling, power, current."
+            "mccdcli.commands.settle:settle",
+            "Chop at 5 Hz and measure how fast each move settles to ±1.7 µrad, with power and peak current.",
         ),
-        "simulate": Entry("mccdcli.commands.simulate:simulate", "Play a plan or a waveform on a model and log it."),
+        "simulate": Entry(
+            "mccdcli.commands.simulate:simulate",
+            "Play a plan, or a waveform of your own, on any model, and log what its bench measures.",
+        ),
         "theodolite": Entry(
-            "mccdcli.commands.theodolite:theodolite", "Compare the angle sensors with a theodolite: gain corrections."
+            "mccdcli.commands.theodolite:theodolite",
+            "Hold a grid of angles and compare the sensors with a theodolite: gain corrections of both axes.",
         ),
         "thermal": Entry(
-            "mccdcli.commands.thermal:thermal", "Chop for five minutes and sweep at two temperatures: drift."
+            "mccdcli.commands.thermal:thermal",
+            "Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.",
         ),
         "challenge make": Entry(
             "mccdcli.commands.challenge_make:make",

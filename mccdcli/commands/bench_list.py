@@ -11,7 +11,7 @@ from mccdcli.output import emit, table
 @click.command("list")
 @common_options("json")
 def list_benches(as_json: bool) -> None:
-    r"""List the benches that --bench can name, and the models that a simulated one can run.
+    """List the benches that --bench can name, and the models that a simulated one can run.
 
     \b
     Examples:

@@ -12,7 +12,7 @@ from mccdcli.output import emit, table
 @click.option("--plans", is_flag=True, help="List the plans with their settings instead.")
 @common_options("json")
 def list_campaigns(plans: bool, as_json: bool) -> None:
-    r"""List the campaigns that come with mccd, or the plans that campaigns are made of.
+    """List the campaigns that come with mccd, or the plans that campaigns are made of.
 
     \b
     Examples:

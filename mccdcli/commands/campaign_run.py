@@ -16,7 +16,7 @@ from mccdcli.trials import play_campaign, show_estimates
 @click.option("--resume", is_flag=True, help="Continue in a folder that holds part of this campaign.")
 @common_options()
 def run(campaign: str, bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, resume: bool) -> int:
-    r"""Play every run of CAMPAIGN, a file or the name of a bundled one, each into a log of its own.
+    """Play every run of CAMPAIGN, a file or the name of a bundled one, each into a log of its own.
 
     Runs whose logs are complete are never repeated, and nothing is overwritten. The folder is the campaign's name
     unless --out names another.

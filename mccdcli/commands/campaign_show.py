@@ -14,7 +14,7 @@ from mccdcli.output import emit, table
 @click.argument("campaign", metavar="CAMPAIGN|FOLDER")
 @common_options("json")
 def show(campaign: str, as_json: bool) -> None:
-    r"""Show the runs of CAMPAIGN with their settings, or how far the campaign in FOLDER has come.
+    """Show the runs of CAMPAIGN with their settings, or how far the campaign in FOLDER has come.
 
     \b
     Examples:

@@ -34,7 +34,7 @@ def chop(
     frequency: float,
     model: str,
 ) -> int:
-    r"""Chop between two positions and measure stability, repeatability and accuracy in both directions.
+    """Chop between two positions and measure stability, repeatability and accuracy in both directions.
 
     The log is chop.h5 unless --out names another. Exit code 1 if a requirement of Table 6.6 is missed.
 

@@ -15,7 +15,7 @@ from mccdcli.trials import conclude, count, play, settings_option
 @settings_option
 @common_options()
 def endstops(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, settings: dict[str, Any]) -> int:
-    r"""Pull the mechanism against its end stops, eight ways, and measure the noise of the sensors there.
+    """Pull the mechanism against its end stops, eight ways, and measure the noise of the sensors there.
 
     The log is endstops.h5 unless --out names another. Exit code 1 if a 3σ exceeds 30 nm.
 

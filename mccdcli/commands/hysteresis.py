@@ -26,7 +26,7 @@ def hysteresis(
     axis: str,
     fit: bool,
 ) -> int:
-    r"""Drive slow sine loops and fed-forward steps at offsets, open loop, and measure the hysteresis.
+    """Drive slow sine loops and fed-forward steps at offsets, open loop, and measure the hysteresis.
 
     The log is hysteresis.h5 unless --out names another.
 

@@ -46,7 +46,7 @@ def identify(
     only: str,
     force: bool,
 ) -> int:
-    r"""Sweep every axis with a stepped sine, 5 Hz to 2 kHz, and fit a linear model; or fit one to logs of any bench.
+    """Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.
 
     The model is nominal.toml unless --out names another; the sweeps' logs go into a folder beside it.
 

@@ -33,7 +33,7 @@ def simulate(
     plan: str,
     waveform: Path | None,
 ) -> int:
-    r"""Play a plan, or a waveform of your own, on any model, and log what its bench measures.
+    """Play a plan, or a waveform of your own, on any model, and log what its bench measures.
 
     The log is simulate.h5 unless --out names another.
 

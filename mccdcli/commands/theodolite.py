@@ -29,7 +29,7 @@ def theodolite(
     settings: dict[str, Any],
     readings: Path | None,
 ) -> int:
-    r"""Hold a grid of angles and compare the sensors with a theodolite: gain corrections of both axes.
+    """Hold a grid of angles and compare the sensors with a theodolite: gain corrections of both axes.
 
     Without --readings the bench's own instrument is read. The log is theodolite.h5 unless --out names another. Exit
     code 1 if an uncorrected gain misses the accuracy at 8.5 mrad.

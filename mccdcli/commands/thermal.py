@@ -24,7 +24,7 @@ def thermal(
     settings: dict[str, Any],
     sweeps: bool,
 ) -> int:
-    r"""Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.
+    """Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.
 
     The logs go into the folder thermal unless --out names another. --set changes the chop. Exit code 1 if a position
     drifts by more than 1.7 µrad.
