@@ -1,0 +1,128 @@
+"""Rows sorted into bins, spectra into bands, and the test whether a mean follows the bins under coloured noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import f as f_distribution
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ROWS_PER_BIN = 100
+
+
+@dataclass(frozen=True)
+class Binned:
+    """Rows by bin: `index` (n,) (-1: none), and per bin `count`, `mean_square` and `centre`; `edges` (bins + 1,)."""
+
+    index: Indices
+    count: Indices
+    mean_square: Array
+    centre: Array
+    edges: Array
+
+
+def binned(values: Array, w: Array, most: int) -> Binned:
+    """Return `w` (n,) in bins of about equal numbers of rows along `values` (n,), at most `most` bins."""
+    wanted = int(np.clip(values.size // ROWS_PER_BIN, 2, most))
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, wanted + 1)))
+    inner = edges[1:-1]
+    index = np.searchsorted(inner, values, side="right").astype(np.int64)
+    count = np.bincount(index, minlength=inner.size + 1)
+    # a value that half of all rows share can leave a bin empty
+    full = count > 0
+    index = (np.cumsum(full) - 1)[index]
+    count = count[full]
+    square = np.bincount(index, weights=w**2, minlength=count.size) / count
+    centre = np.bincount(index, weights=values, minlength=count.size) / count
+    lower = np.concatenate([edges[:1], inner])[full]
+    return Binned(index.astype(np.int64), count, square, centre, np.concatenate([lower, edges[-1:]]))
+
+
+def moving_rms(x: Array, length: int) -> Array:
+    """Return the rms of `x` (n,) about its mean over `length` rows around each row, shape (n,)."""
+    return np.asarray(np.sqrt(uniform_filter1d((x - x.mean()) ** 2, min(length, x.size), mode="nearest")))
+
+
+def bands(w: Array, parts: Sequence[int], rate_hz: float, per_decade: int = 16) -> tuple[Array, Array, Array, Array]:
+    """Return (centre in Hz, mean ordinate, number of ordinates, edges (bands, 2)) of the spectrum of `w` in pieces.
+
+    Ordinates are |FFT|²/n, which for white noise of unit variance are exponential with mean 1; those at 0 Hz and half
+    the rate are left out.
+    """
+    low = rate_hz / max(parts)
+    number = max(int(np.ceil(per_decade * np.log10(rate_hz / 2.0 / low))), 1)
+    edges = np.geomspace(low * 0.999, rate_hz / 2.0, number + 1)
+    total, count = np.zeros(number), np.zeros(number)
+    at = 0
+    for n in parts:
+        power = np.abs(np.fft.rfft(w[at : at + n])) ** 2 / n
+        at += n
+        lines = np.arange(1, (n + 1) // 2)
+        band = np.clip(np.searchsorted(edges, lines * rate_hz / n, side="right") - 1, 0, number - 1)
+        total += np.bincount(band, weights=power[lines], minlength=number)
+        count += np.bincount(band, minlength=number)
+    full = count > 0
+    pairs = np.stack([edges[:-1], edges[1:]], axis=1)[full]
+    return np.sqrt(pairs[:, 0] * pairs[:, 1]), total[full] / count[full], count[full], pairs
+
+
+@njit(cache=True, nogil=True)
+def accumulate(taps, index, w, parts, n_bins):  # type: ignore[no-untyped-def]
+    """Return the normal equations (gram, cross) of `w` (n,) on the bins' indicators, whitened by `taps`.
+
+    Only the few bins that a filter's memory touches are visited, so the cost does not grow with their number.
+    """
+    gram, cross = np.zeros((n_bins, n_bins)), np.zeros(n_bins)
+    value, touched = np.zeros(n_bins), np.zeros(n_bins, dtype=np.int64)
+    for p in range(parts.size - 1):
+        for t in range(parts[p], parts[p + 1]):
+            k = 0
+            for lag in range(min(taps.size, t - parts[p] + 1)):
+                b = index[t - lag]
+                if b < 0:
+                    continue
+                known = False
+                for j in range(k):
+                    if touched[j] == b:
+                        known = True
+                        break
+                if not known:
+                    touched[k] = b
+                    value[b] = 0.0
+                    k += 1
+                value[b] += taps[lag]
+            for i in range(k):
+                a = touched[i]
+                cross[a] += value[a] * w[t]
+                for j in range(k):
+                    gram[a, touched[j]] += value[a] * value[touched[j]]
+    return gram, cross
+
+
+def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: int, *, free_mean: bool) -> float:
+    """Return the p-value of "the mean is the same in all bins" (or zero, with `free_mean`) by an F test.
+
+    The noise's variance is 1, known from `noise_rows` rows; without any it is what the bins leave of `total`.
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    keep = values > 1e-9 * values[-1]
+    part = vectors[:, keep].T @ (cross / scale)
+    explained, rank = float(np.sum(part**2 / values[keep])), int(keep.sum())
+    rest, dof = total - explained, rows - rank
+    if not free_mean:
+        # a constant is the sum of all indicators
+        size = float(gram.sum())
+        explained -= float(cross.sum()) ** 2 / size if size > 0.0 else 0.0
+        rank -= 1
+    if rank < 1 or dof < 1:
+        return 1.0
+    noise = 1.0 if noise_rows else rest / dof
+    return float(f_distribution.sf(max(explained, 0.0) / rank / noise, rank, noise_rows or dof))

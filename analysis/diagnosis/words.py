@@ -1,0 +1,32 @@
+"""Numbers as people read them: two or three digits, the prefix that fits, the unit behind."""
+
+from __future__ import annotations
+
+import math
+
+PREFIXED = ("rad", "m", "N m", "N", "V", "A", "rad/s", "m/s", "s")
+"""Units that carry a prefix."""
+
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+
+
+def scaled(largest: float, unit: str) -> tuple[float, str]:
+    """Return (factor, unit) such that `largest` · factor reads between 1 and 1000 where prefixes allow."""
+    if unit not in PREFIXED or not math.isfinite(largest) or largest == 0.0:
+        return 1.0, unit
+    for size, prefix in _PREFIXES:
+        if abs(largest) >= 0.9995 * size:
+            return 1.0 / size, f"{prefix}{unit}"
+    return 1e12, f"p{unit}"
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a number with three digits and its unit."""
+    factor, shown = scaled(value, unit)
+    return f"{value * factor:.3g} {shown}".strip()
+
+
+def span(low: float, high: float, unit: str) -> str:
+    """Return "low to high unit" with one prefix for both."""
+    factor, shown = scaled(max(abs(low), abs(high)), unit)
+    return f"{low * factor:.3g} to {high * factor:.3g} {shown}".strip()
