@@ -7,9 +7,9 @@ import dataclasses
 import time
 from zlib import crc32
 
-from campaigns.serial.commands import PROTOCOL, State, Status, parse_status
+from campaigns.serial.commands import PROTOCOL, Code, State, Status, parse_status
 from campaigns.serial.description import Description, decode_description
-from campaigns.serial.link import Link
+from campaigns.serial.link import BenchRefusal, Link
 from campaigns.serial.program import decode_record, encode_segment, record_channels
 from campaigns.serial.transport import Transport
 from sim_backend.bench import Identity, Limits, Record, Segment, Signal, check_segment
@@ -21,7 +21,7 @@ WATCHDOG_S = 5.0
 SETTLE_S = 6 * 3600.0
 """How long a bench may take to reach another temperature."""
 
-_CALL_S = 30.0
+_CALL_S = 15.0
 """What everything that is no transfer may take together, retries included."""
 
 _POLL_S = (0.002, 0.1)
@@ -112,7 +112,7 @@ class SerialBench:
             self._watch(segment, run)
             return self._fetch(segment, run, names)
         except HardwareError as error:
-            raise HardwareError(f"segment '{segment.label}': {error}") from None
+            raise HardwareError(f"segment '{segment.label}': {self._explained(error)}") from None
 
     def safe(self) -> None:
         """Zero all drives and open all loops; never raises. What does not reach the bench, its watchdog does."""
@@ -130,13 +130,21 @@ class SerialBench:
                 self._link.request("SYST:UNL")
         self._link.close()
 
+    def _explained(self, error: HardwareError) -> HardwareError:
+        """Return the reason behind a refusal: a bench that restarted knows nothing of what it is asked."""
+        if isinstance(error, BenchRefusal) and error.failure.code in (Code.STALE, Code.CONFLICT):
+            with contextlib.suppress(MccdError):
+                status = self.status()
+                if (status.boot, status.epoch) != (self._link.boot, self._link.epoch):
+                    return self._link.gone_on(status.boot, status.epoch)
+        return error
+
     def _start(self, image: bytes) -> int:
         """Upload, arm and start; return the number of the run."""
         self._run += 1
         run = self._run
         self._limit_transfer(len(image))
-        begun = self._link.request(f"SEGM:BEG {run},{len(image)},{crc32(image)}")
-        self._link.upload("SEGM:DATA", run, image, int(begun.removeprefix("OK ")))
+        self._link.upload(f"SEGM:BEG {run},{len(image)},{crc32(image)}", "SEGM:DATA", run, image)
         self._link.request(f"ARM {run},{self._link.boot},{self._link.epoch}")
         self._link.request(f"INIT {run}")
         return run
@@ -151,8 +159,11 @@ class SerialBench:
             status = self.status()
             if status.state is State.DONE and status.run == run:
                 return
-            if (status.boot, status.epoch) != (self._link.boot, self._link.epoch) or status.state is not State.RUNNING:
-                self._link.request(f"REC? {run}")  # is refused with the fault's own message
+            if status.state is State.FAULT:
+                self._link.request(f"ARM {run},{status.boot},{status.epoch}")  # is refused with the fault's own message
+            if (status.boot, status.epoch) != (self._link.boot, self._link.epoch):
+                raise self._link.gone_on(status.boot, status.epoch)
+            if status.state is not State.RUNNING:
                 raise HardwareError(f"the bench left the run for its state {status.state.value}; begin the run anew")
             time.sleep(pause_s)
             pause_s = min(2.0 * pause_s, longest_s)

@@ -57,16 +57,16 @@ def parse_faults(text: str) -> tuple[int, FaultSpec]:
 
 
 def drawn_spec(seed: int) -> FaultSpec:
-    """Return rates from a seed: one to three kinds; those of the line from 1 in 30,000 bytes to 1 in 300.
+    """Return rates from a seed: one to three kinds; those of the line from 1 in 100,000 bytes to 1 in 1,000.
 
-    What ends a conversation (drop, reset, stall) strikes from once in 300,000 bytes to once in 3,000.
+    What ends a conversation (drop, reset, stall) strikes from once in a million bytes to once in 10,000.
     """
     rng = np.random.default_rng([seed, 1])
     kinds = rng.choice(len(KINDS), size=int(rng.integers(1, 4)), replace=False)
     rates: dict[str, float] = {}
     for i in sorted(kinds.tolist()):
         kind = KINDS[i]
-        low, high = (-5.5, -3.5) if kind in ("drop", "reset", "stall") else (-4.5, -2.5)
+        low, high = (-6.0, -4.0) if kind in ("drop", "reset", "stall") else (-5.0, -3.0)
         rates[kind] = float(10.0 ** rng.uniform(low, high))
     return FaultSpec(**rates)
 

@@ -27,8 +27,14 @@ from campaigns.serial.transport import LinkLost, Transport
 from sim_backend.errors import ConfigError, HardwareError
 
 TRIES = 6
+STRIKES = 20
+"""How often one block may fail: each costs hardly more than its own time on the line."""
+
 REPLY_S = 1.0
 """How long an answer may take beyond the time of its bytes; longer than the bench waits for a broken upload."""
+
+QUIET_S = 0.3
+"""A pause in the middle of a download after which bytes have been lost."""
 
 OPEN_S = 5.0
 """How long a lost line may stay away."""
@@ -111,6 +117,10 @@ class Link:
         """Let the line go."""
         self._drop()
 
+    def send(self, raw: bytes) -> None:
+        """Send bytes as they are; raises LinkLost."""
+        self._transport.write(raw, REPLY_S)
+
     def request(self, text: str, payload: bytes = b"", tries: int = TRIES) -> str:
         """Return the answer to `text`; `payload` are the blocks it announces.
 
@@ -118,17 +128,9 @@ class Link:
         HardwareError when it does not answer.
         """
         for attempt in range(tries):
-            self._check_time(text)
-            if not self._open:
-                self.open()
-            try:
-                answer = self._exchange(text, payload)
-            except LinkLost:
-                self._drop()
-                continue
+            answer = self._attempt(text, payload)
             if answer is not None:
-                return _accepted(answer)
-            self.retries += 1
+                return answer
             if attempt == tries // 2:  # perhaps the line, not the bench, has got stuck
                 self._drop()
         raise HardwareError(
@@ -141,35 +143,41 @@ class Link:
         self.boot = self.epoch = -1
         self.boot, self.epoch = _pair(self.request("ABOR"))
 
-    def upload(self, command: str, run: int, image: bytes, start: int) -> None:
-        """Send the blocks of `image` from `start` on by `command`; raises HardwareError when they do not arrive."""
-        blocks, at, strikes = split(image, run), start, 0
+    def upload(self, begin: str, command: str, run: int, image: bytes) -> None:
+        """Announce `image` by `begin`, which answers with the first block that is missing, and send it by `command`.
+
+        Raises HardwareError when it does not arrive.
+        """
+        blocks, burst, strikes = split(image, run), self.burst_blocks, 0
+        at = _whole_number(self.request(begin), "OK ")
         while at < len(blocks):
-            burst = blocks[at : at + self.burst_blocks]
-            payload = b"".join(encode_block(block) for block in burst)
-            answer = self.request(f"{command} {run},{at},{len(burst)}", payload)
-            arrived = _whole_number(answer, "OK ")
+            sent = blocks[at : at + burst]
+            answer = self._attempt(f"{command} {run},{at},{len(sent)}", b"".join(map(encode_block, sent)))
+            arrived = _whole_number(self.request(begin) if answer is None else answer, "OK ")
             strikes = 0 if arrived > at else strikes + 1
+            burst = min(2 * burst, self.burst_blocks) if arrived == at + len(sent) else max(burst // 2, 1)
             self._check_strikes(strikes, "upload")
             at = arrived
 
     def download(self, command: str, run: int, total_bytes: int, crc: int) -> bytes:
         """Return what the bench sends by `command`; what is damaged or lost on the way is asked for again."""
         parts: list[bytes] = []
-        strikes, count = 0, blocks_in(total_bytes)
+        burst, strikes, count = self.burst_blocks, 0, blocks_in(total_bytes)
         prefix = f"{run}," if run else ""
         while len(parts) < count:
             at = len(parts)
-            answer = self.request(f"{command} {prefix}{at},{min(self.burst_blocks, count - at)}")
+            answer = self.request(f"{command} {prefix}{at},{min(burst, count - at)}")
             coming = _whole_number(answer, f"{at},")
             try:
                 for i in range(at, min(at + coming, count)):
-                    parts.append(self._block(run, i, data_bytes_of(i, total_bytes)).data)
+                    wait_s = REPLY_S if i == at else QUIET_S
+                    parts.append(self._block(run, i, data_bytes_of(i, total_bytes), wait_s).data)
             except LinkLost:
                 self._drop()
             except LineNoise:
                 self.retries += 1
             strikes = 0 if len(parts) > at else strikes + 1
+            burst = min(2 * burst, self.burst_blocks) if len(parts) == at + coming else max(burst // 2, 1)
             self._check_strikes(strikes, "download")
         image = b"".join(parts)
         if crc32(image) != crc:
@@ -178,6 +186,15 @@ class Link:
                 "repeat the segment"
             )
         return image
+
+    def gone_on(self, boot: int, epoch: int) -> HardwareError:
+        """Return the error for a bench that is no longer where this host left it, and take it as it is now."""
+        what = "restarted" if boot != self.boot else "went to its safe state"
+        was, self.boot, self.epoch = (self.boot, self.epoch), boot, epoch
+        return HardwareError(
+            f"{self.name}: the bench {what} (boot, epoch {was} before, {(boot, epoch)} now) and has forgotten the run; "
+            "begin it anew"
+        )
 
     def beat(self) -> None:
         """Tell the bench that the host lives, now and then; it does not answer. Raises LinkLost."""
@@ -189,23 +206,36 @@ class Link:
     def _lock(self) -> None:
         """Lock the bench, and make sure that it is where this host left it."""
         for _ in range(TRIES):
-            answer = self._exchange(f"SYST:LOCK {self._name}", b"")
+            answer = self.exchange(f"SYST:LOCK {self._name}")
             if answer is None:
                 self._check_time("SYST:LOCK")
                 continue
             boot, epoch = _pair(_accepted(answer))
             if self.boot >= 0 and (boot, epoch) != (self.boot, self.epoch):
-                what = "restarted" if boot != self.boot else "went to its safe state"
-                was, self.boot, self.epoch = (self.boot, self.epoch), boot, epoch
-                raise HardwareError(
-                    f"{self.name}: the bench {what} while the line was down (boot, epoch {was} before, "
-                    f"{(boot, epoch)} now); begin the run anew"
-                )
+                raise self.gone_on(boot, epoch)
             self.boot, self.epoch = boot, epoch
             return
         raise LinkLost(f"{self.name}: the bench does not answer; check that it is on and speaks this protocol")
 
-    def _exchange(self, text: str, payload: bytes) -> str | None:
+    def _attempt(self, text: str, payload: bytes = b"") -> str | None:
+        """Ask once, over a new connection or under a new lock where the old one is lost; None without an answer."""
+        self._check_time(text)
+        if not self._open:
+            self.open()
+        try:
+            answer = self.exchange(text, payload)
+            if answer is None:
+                self.retries += 1
+            return None if answer is None else _accepted(answer)
+        except LinkLost:
+            self._drop()
+        except BenchRefusal as refusal:
+            if refusal.failure.code != Code.LOCKED:
+                raise
+            self._lock()
+        return None
+
+    def exchange(self, text: str, payload: bytes = b"") -> str | None:
         """Send a request once and return the answer with its tag, None when none comes in time."""
         tag = self._next_tag()
         line_s = (len(payload) + _IN_BUFFERS) / self.bytes_per_s
@@ -219,11 +249,11 @@ class Link:
                     return line.text
         return None
 
-    def _block(self, run: int, sequence: int, data_bytes: int) -> Block:
+    def _block(self, run: int, sequence: int, data_bytes: int, wait_s: float) -> Block:
         """Return the next block off the line; raises LineNoise when it is another, damaged or late."""
         while (block := self._receiver.block(data_bytes)) is None:
             self.beat()
-            data = self._transport.read(REPLY_S)
+            data = self._transport.read(wait_s)
             if not data:
                 raise LineNoise(f"{self.name}: block {sequence} did not come; it is asked for again")
             self._receiver.feed(data)
@@ -246,8 +276,8 @@ class Link:
 
     def _check_strikes(self, strikes: int, what: str) -> None:
         self._check_time(what)
-        if strikes >= TRIES:
-            raise HardwareError(f"{self.name}: {what} made no progress in {TRIES} tries; check the line for noise")
+        if strikes >= STRIKES:
+            raise HardwareError(f"{self.name}: {what} made no progress in {STRIKES} tries; check the line for noise")
 
 
 def _accepted(answer: str) -> str:

@@ -1,0 +1,72 @@
+"""`mccd bench serve`: the emulated bench as a process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.output import emit, say
+
+
+@click.command()
+@click.option(
+    "--transport", type=click.Choice(["pty", "tcp"]), default="pty", show_default=True, help="How to reach it."
+)
+@click.option("--model", default="as-built", show_default=True, metavar="MODEL", help="The bench behind the firmware.")
+@click.option("--link", type=click.Path(path_type=Path), metavar="PATH", help="Name of the pseudo-terminal.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on with tcp.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one."
+)
+@click.option("--baud", type=click.FloatRange(min=300), metavar="N", help="Let no more pass than such a line does.")
+@click.option("--speed", type=click.FloatRange(min=1e-3), metavar="X", help="Pace of the bench; 1 is real time.")
+@click.option(
+    "--faults", metavar="SEED[/KIND=RATE,…]", help="Damage the line: kinds and rates, or drawn from the seed."
+)
+@common_options("seed", "json")
+def serve(
+    transport: str,
+    model: str,
+    link: Path | None,
+    host: str,
+    port: int,
+    baud: float | None,
+    speed: float | None,
+    faults: str | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Serve an emulated bench at a pseudo-terminal or a TCP port.
+
+    Its address is printed first; what the bench does goes to standard error. It runs until Ctrl-C or SIGTERM and
+    leaves the bench safe. The kinds of faults are flip, lose, repeat, garbage, delay, drop, reset and stall, their
+    rates per byte on the line.
+
+    \b
+    Examples:
+      mccd bench serve
+      mccd bench serve --transport tcp --port 5025 --speed 1
+      mccd bench serve --link ./bench --baud 115200 --faults 7/flip=1e-4,drop=1e-5
+    """
+    from campaigns.benches import open_bench
+    from campaigns.serial.serve import ServeOptions
+    from campaigns.serial.serve import serve as run
+
+    options = ServeOptions(
+        bench=f"sim:{model}",
+        seed=seed,
+        transport="tcp" if transport == "tcp" else "pty",
+        host=host,
+        port=port,
+        link=None if link is None else str(link),
+        baud=baud,
+        speed=speed,
+        faults=faults,
+    )
+
+    def tell(address: str) -> None:
+        emit({"address": address}, as_json=as_json, text=address)
+
+    run(options, open_bench, tell, say)
