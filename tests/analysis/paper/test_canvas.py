@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+
+from analysis.paper.canvas import MAX_POINTS, Canvas, thinned
+
+
+def test_what_is_drawn_is_what_stands_in_the_numbers():
+    canvas = Canvas("T", "C", columns=2)
+    canvas.panel(0, "left", "x (s)", "y (m)")
+    canvas.line(0, "curve", [0.0, 1.0, 2.0], [3.0, 4.0, 5.0])
+    canvas.points(1, "dots", [7.0], [8.0])
+    canvas.bars(1, "bars", [1.0, 2.0], [5.0, 6.0], 0.5)
+    numbers = canvas.numbers()
+    drawn = canvas.axes[0].lines[0]
+    of_curve = numbers[numbers.series == "curve"]
+    np.testing.assert_array_equal(drawn.get_xdata(), of_curve.x)
+    np.testing.assert_array_equal(drawn.get_ydata(), of_curve.y)
+    assert of_curve.panel.tolist() == ["left"] * 3
+    assert of_curve.x_quantity.iloc[0] == "x (s)"
+    assert numbers[numbers.series == "bars"].y.tolist() == [p.get_height() for p in canvas.axes[1].patches]
+    assert numbers.panel.iloc[3] == "panel 2"
+
+
+def test_long_curves_keep_their_extremes_and_their_order():
+    x = np.arange(100_000.0)
+    y = np.sin(x / 500.0)
+    y[[31_234, 77_777]] = 5.0, -5.0
+    xs, ys = thinned(x, y)
+    assert xs.size <= MAX_POINTS + 2
+    assert np.all(np.diff(xs) > 0)
+    assert (ys.max(), ys.min()) == (5.0, -5.0)
+    assert np.all(np.isin(xs, x))
+    np.testing.assert_array_equal(ys, y[xs.astype(int)])
+    short = np.arange(10.0)
+    assert thinned(short, short)[0] is short
+
+
+def figure():
+    canvas = Canvas("T", "C")
+    canvas.panel(0, "p", "x", "y")
+    rng = np.random.default_rng(1)
+    canvas.points(0, "dots", rng.normal(size=200), rng.normal(size=200))
+    canvas.circle(0, 1.0, "limit")
+    canvas.band(0, -1.0, 1.0, "band")
+    canvas.legend(0)
+    return canvas
+
+
+def test_identical_data_gives_identical_bytes():
+    first, second = figure().svg("runs a"), figure().svg("runs a")
+    assert first == second
+    assert "runs a" in first
+    assert "<dc:date>" not in first
+
+
+def test_the_stamp_and_the_data_change_the_bytes():
+    assert figure().svg("runs a") != figure().svg("runs b")
+
+
+def test_png_is_one():
+    assert figure().png()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize("i", [1, 5])
+def test_a_panel_that_is_not_there_is_an_error(i):
+    with pytest.raises(IndexError):
+        figure().line(i, "s", [0.0], [0.0])

@@ -1,0 +1,95 @@
+import math
+
+import pytest
+
+from analysis.paper.numbers import PaperNumber, PaperTable
+from analysis.paper.rows import Ours, build_table, label_counts
+
+
+def number(key="a", **changes):
+    given = {
+        "key": key,
+        "row": key.upper(),
+        "unit": "µrad",
+        "label": "predicted",
+        "tolerance": 0.5,
+        "why": "rounding",
+        "value": 2.0,
+    }
+    return PaperNumber(**{**given, **changes})
+
+
+def table(*numbers, **ours):
+    return build_table("x", PaperTable(title="T", note="", rows=numbers), ours)
+
+
+@pytest.mark.parametrize(
+    ("ours", "bound", "ok"),
+    [
+        (2.5e-6, False, True),  # on the edge of the tolerance, in floating-point numbers
+        (2.51e-6, False, False),
+        (1.4e-6, False, False),
+        (1.4e-6, True, True),
+        (2.51e-6, True, False),
+        (math.inf, False, False),
+        (math.inf, True, False),
+        (math.nan, False, None),
+    ],
+)
+def test_agreement_is_within_the_tolerance_or_below_the_bound(ours, bound, ok):
+    row = table(number(bound=bound), a=Ours(ours)).rows[0]
+    assert row.ok is ok
+    assert row.failed is (ok is False)
+
+
+def test_numbers_come_in_the_papers_unit():
+    row = table(number(), a=Ours(3e-6, std=1e-7, note="n")).rows[0]
+    assert (row.ours, row.std, row.deviation, row.note) == (
+        pytest.approx(3.0),
+        pytest.approx(0.1),
+        pytest.approx(1.0),
+        "n",
+    )
+
+
+def test_what_was_not_measured_stays_visible_and_fails_nothing():
+    made = table(number("a"), number("b", value=None), a=None, b=Ours(1e-6))
+    assert [row.ok for row in made.rows] == [None, None]
+    assert not any(row.failed for row in made.rows)
+    assert [row["ours"] for row in made.as_json()] == [None, pytest.approx(1.0)]
+
+
+def test_only_predictions_can_fail():
+    made = table(number("a", label="input"), number("b", label="calibrated"), a=Ours(9e-6), b=Ours(9e-6))
+    assert [row.ok for row in made.rows] == [False, False]
+    assert not any(row.failed for row in made.rows)
+    assert label_counts([made]) == {"input": (0, 1, 0), "calibrated": (0, 1, 0), "predicted": (0, 0, 0)}
+
+
+def test_requirements_are_upper_or_lower_limits():
+    upper = table(number(requirement=1.7), a=Ours(1.6e-6)).rows[0]
+    lower = table(number(requirement=1.7, at_least=True), a=Ours(1.6e-6)).rows[0]
+    assert (upper.met, lower.met, table(number(), a=Ours(0.0)).rows[0].met) == (True, False, None)
+
+
+def test_json_has_no_infinity_and_the_contracts_keys():
+    (row,) = table(number(), a=Ours(math.inf)).as_json()
+    assert row == {
+        "row": "A",
+        "paper": 2.0,
+        "ours": None,
+        "unit": "µrad",
+        "label": "predicted",
+        "tolerance": 0.5,
+        "ok": False,
+    }
+
+
+def test_a_value_without_a_row_is_a_mistake():
+    with pytest.raises(KeyError, match="no rows"):
+        table(number(), b=Ours(1.0))
+
+
+def test_the_frame_drops_requirements_where_there_are_none():
+    assert "requirement" not in table(number(), a=Ours(1e-6)).frame().columns
+    assert table(number(requirement=1.0), a=Ours(1e-6)).frame()["requirement"].tolist() == [1.0]

@@ -1,0 +1,93 @@
+import math
+from html.parser import HTMLParser
+from pathlib import Path
+
+from analysis.paper.numbers import PaperNumber, PaperTable
+from analysis.paper.rows import Ours, build_table
+from analysis.report.page import render_page, render_table, verdict_of
+from analysis.report.tables import display_frame, latex, write_table
+
+
+def number(key, **changes):
+    given = {
+        "key": key,
+        "row": f"row {key}",
+        "unit": "ms",
+        "label": "predicted",
+        "tolerance": 0.4,
+        "why": "half a period",
+        "value": 5.6,
+        "requirement": 5.0,
+    }
+    return PaperNumber(**{**given, **changes})
+
+
+def performance(**ours):
+    rows = (
+        number("a"),
+        number("b", value=32.0),
+        number("c", unit="A", requirement=10.0, label="calibrated", value=2.75, tolerance=0.005),
+        number("d", row="<script>alert(1)</script> & more", value=None, requirement=None, label="input"),
+    )
+    paper = PaperTable(title="Performance", note="A note.", rows=rows)
+    return build_table("6.6", paper, {k: Ours(v) for k, v in ours.items()}, ("0123456789abcdef",))
+
+
+def test_the_verdict_counts_requirements_and_predictions():
+    found = verdict_of({"6.6": performance(a=4.5e-3, b=math.inf, c=2.751)})
+    assert (found.met, found.measured, found.missed) == (2, 3, ("row b",))
+    assert (found.agreeing, found.predictions) == (0, 2)
+    assert [row.number.key for row in found.failures["6.6"]] == ["a", "b"]
+
+
+def test_a_campaign_without_requirements_says_so():
+    page = render_page([], {}, {}, [])
+    assert "measured none of the requirements" in page
+
+
+class Reader(HTMLParser):
+    """Collects tags, ids and the text of cells."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags, self.ids, self.sources, self.text = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.tags.append(tag)
+        self.ids += [given["id"]] if "id" in given else []
+        self.sources += [given[k] for k in ("src", "href") if k in given]
+
+    def handle_data(self, data):
+        self.text.append(data.strip())
+
+
+def test_the_page_escapes_what_it_shows_and_asks_for_nothing_outside():
+    table = performance(a=4.5e-3, b=math.inf, c=2.751)
+    page = render_page([], {"6.6": table}, {}, [])
+    reader = Reader()
+    reader.feed(page)
+    assert "script" not in reader.tags and "link" not in reader.tags and "img" not in reader.tags
+    assert "<script>alert(1)</script> & more" in " ".join(reader.text)
+    assert len(reader.ids) == len(set(reader.ids))
+    assert not any(s.startswith(("http:", "https:", "//")) for s in reader.sources)
+    assert "url(" not in page.split("</style>")[0]
+    for cell in ("4.50", "never", "2.751", "✗ no", "✓ yes"):
+        assert cell in " ".join(reader.text)
+    assert render_page([], {"6.6": table}, {}, []) == page
+
+
+def test_one_frame_gives_csv_latex_and_html(tmp_path: Path):
+    table = performance(a=4.5e-3, c=2.751)
+    paths = write_table(table, tmp_path, render_table(table))
+    lines = paths["csv"].read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("row,requirement,paper,ours,std,deviation,unit,label,tolerance,ok")
+    assert "row a,5.0,5.6,4.5," in lines[1]
+    tex = paths["tex"].read_text(encoding="utf-8")
+    assert tex == latex(table)
+    assert r"\begin{tabular}" in tex and "Table 6.6: Performance" in tex and r"\&" in tex
+    html = paths["html"].read_text(encoding="utf-8")
+    frame = display_frame(table)
+    for column in ("paper", "ours", "deviation", "tolerance"):
+        assert all(cell in html and cell.replace("%", r"\%") in tex for cell in frame[column])
+    assert "half a period" in html
