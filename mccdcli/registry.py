@@ -18,7 +18,7 @@ class Entry(NamedTuple):
 GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
-        "bench": "List benches.",
+        "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
         "log": "Show, verify and recover logs.",
     }
@@ -84,6 +84,14 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "challenge make": Entry(
             "mccdcli.commands.challenge_make:make",
             "Make blind cases: logs of benches with hidden effects, their truth sealed apart.",
+        ),
+        "bench check": Entry(
+            "mccdcli.commands.bench_check:check",
+            "Check that a bench keeps to the serial protocol; exit code 1 if it does not.",
+        ),
+        "bench serve": Entry(
+            "mccdcli.commands.bench_serve:serve",
+            "Serve an emulated bench at a pseudo-terminal or a TCP port.",
         ),
         "completion": Entry(
             "mccdcli.commands.completion:completion", "Print the script that completes mccd in your shell."
