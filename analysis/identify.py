@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.frf import FrequencyResponse, frequency_response_periodic
+from analysis.frf import FrequencyResponse, frequency_response_periodic, smoothed
 from analysis.modal_parameters import Layout, Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
@@ -32,6 +32,14 @@ Array = NDArray[np.float64]
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given; with several inputs, one, two and three for each."""
+
+SEARCH_LINES = 1000
+"""Lines on which a start is searched: modes are far wider than a thousandth of the band."""
+
+POOLED_LINES = 20
+"""Lines to either side over which a variance is pooled."""
+
+ITERATIONS = 60
 
 SIGNIFICANT = 3.0
 """Standard deviations by which a mode's decay rate must differ from zero."""
@@ -192,11 +200,10 @@ def _from_periods(
     data: _Periods, parts: Sequence[tuple[Run, LogSegment]], orders: tuple[int, ...], name: str
 ) -> Identification:
     measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
-    variance = _variance(measured)
-    usable = tuple(n for n in orders if 2 * n < measured.frequency_hz.size)
-    fit = fit_rational(
-        measured.frequency_hz, measured.response, usable or orders[:1], variance=variance, hold_rate_hz=data.rate_hz
-    )
+    # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
+    fits = {hold: _fit_lines(measured, hold, orders) for hold in (data.rate_hz, None)}
+    hold = min(fits, key=lambda key: fits[key].criterion)
+    fit = fits[hold]
     std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
@@ -204,17 +211,43 @@ def _from_periods(
         _Fitted(fit.model, std, fit.chi2, fit.dof),
         _runs_of(parts),
         *_ports(parts[0][0]),
-        method="periodic",
+        method="periodic, zero-order hold" if hold else "periodic, band-limited",
         name=name,
         levels=(ratios[0], ratios[1]),
-        held_out=_tried(fit.model, parts, data.rate_hz),
+        held_out=_tried(fit.model, parts, data.rate_hz, hold),
     )
 
 
+def _fit_lines(measured: FrequencyResponse, hold: float | None, orders: tuple[int, ...]) -> RationalFit:
+    """Fit all lines, from a start that is searched on about a thousand of them."""
+    f, variance = measured.frequency_hz, _variance(measured)
+    usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
+    structure = Structure(delay=hold is None)
+
+    def fitted(every: int, choice: tuple[int, ...], start: ModalModel | None) -> RationalFit:
+        return fit_rational(
+            f[::every],
+            measured.response[::every],
+            choice,
+            variance=None if variance is None else variance[::every],
+            hold_rate_hz=hold,
+            structure=structure,
+            start=start,
+            iterations=ITERATIONS,
+        )
+
+    every = max(f.size // SEARCH_LINES, 1)
+    found = fitted(every, usable, None)
+    return found if every == 1 else fitted(1, (found.model.n_blocks,), found.model)
+
+
 def _variance(measured: FrequencyResponse) -> Array | None:
-    """The known variance, or None: a record of one period and no spare realisation has none."""
+    """The variance to weight by, or None: a record of one period and no spare realisation has none.
+
+    Pooled over neighbouring lines, for one line's own has too few degrees of freedom to divide by.
+    """
     try:
-        return measured.variance
+        return smoothed(measured.variance, POOLED_LINES)
     except DataError:
         return None
 
@@ -246,11 +279,13 @@ def _from_records(
         *_ports(parts[0][0]),
         method="free",
         name=name,
-        held_out=_tried(fit.model, parts, rate),
+        held_out=_tried(fit.model, parts, rate, rate),
     )
 
 
-def _tried(model: ModalModel, parts: Sequence[tuple[Run, LogSegment]], rate_hz: float) -> tuple[HeldOut, ...]:
+def _tried(
+    model: ModalModel, parts: Sequence[tuple[Run, LogSegment]], rate_hz: float, hold: float | None
+) -> tuple[HeldOut, ...]:
     """The model on every held-out segment: in steady state where it is periodic, else from rest."""
     discrete, results = discretise(model, rate_hz), []
     for run, segment in parts:
@@ -261,7 +296,7 @@ def _tried(model: ModalModel, parts: Sequence[tuple[Run, LogSegment]], rate_hz: 
         if period:
             u, y = u[-period:], y[-period:]
             frequency = np.arange(period // 2 + 1) * rate_hz / period
-            modelled = periodic_response(model.frequency_response(frequency, rate_hz), u)
+            modelled = periodic_response(model.frequency_response(frequency, hold), u)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
         else:
             modelled = simulate_linear(discrete, u)

@@ -59,7 +59,7 @@ def test_one_sweep_per_axis_gives_all_axes(tmp_path):
 def test_multisines_give_all_axes_at_once_with_noise_and_held_out_error(tmp_path):
     settings = {"period_s": 1.0, "start_hz": 2.0, "stop_hz": 100.0, "realisations": 2, "transient_periods": 3}
     found = identify(record(tmp_path, "multisine", settings), modes=3)
-    assert found.method == "periodic"
+    assert found.method == "periodic, zero-order hold"
     assert_true_modes(found, [m[0] for m in SORTED], [m[1] for m in SORTED])
     assert 0.0 < found.noise < 1e-2
     assert len(found.held_out) == 3 and all(h.total < 0.01 for h in found.held_out)
