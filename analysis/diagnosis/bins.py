@@ -1,8 +1,7 @@
-"""Rows sorted into bins, spectra into bands, and the test whether a mean follows the bins under coloured noise."""
+"""Rows sorted into bins, and the tests of bins: larger than the noise, or of a mean that follows them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,29 +47,6 @@ def binned(values: Array, w: Array, most: int) -> Binned:
 def moving_rms(x: Array, length: int) -> Array:
     """Return the rms of `x` (n,) about its mean over `length` rows around each row, shape (n,)."""
     return np.asarray(np.sqrt(uniform_filter1d((x - x.mean()) ** 2, min(length, x.size), mode="nearest")))
-
-
-def bands(w: Array, parts: Sequence[int], rate_hz: float, per_decade: int = 16) -> tuple[Array, Array, Array, Array]:
-    """Return (centre in Hz, mean ordinate, number of ordinates, edges (bands, 2)) of the spectrum of `w` in pieces.
-
-    Ordinates are |FFT|²/n, which for white noise of unit variance are exponential with mean 1; those at 0 Hz and half
-    the rate are left out.
-    """
-    low = rate_hz / max(parts)
-    number = max(int(np.ceil(per_decade * np.log10(rate_hz / 2.0 / low))), 1)
-    edges = np.geomspace(low * 0.999, rate_hz / 2.0, number + 1)
-    total, count = np.zeros(number), np.zeros(number)
-    at = 0
-    for n in parts:
-        power = np.abs(np.fft.rfft(w[at : at + n])) ** 2 / n
-        at += n
-        lines = np.arange(1, (n + 1) // 2)
-        band = np.clip(np.searchsorted(edges, lines * rate_hz / n, side="right") - 1, 0, number - 1)
-        total += np.bincount(band, weights=power[lines], minlength=number)
-        count += np.bincount(band, minlength=number)
-    full = count > 0
-    pairs = np.stack([edges[:-1], edges[1:]], axis=1)[full]
-    return np.sqrt(pairs[:, 0] * pairs[:, 1]), total[full] / count[full], count[full], pairs
 
 
 @njit(cache=True, nogil=True)
@@ -126,3 +102,9 @@ def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: in
         return 1.0
     noise = 1.0 if noise_rows else rest / dof
     return float(f_distribution.sf(max(explained, 0.0) / rank / noise, rank, noise_rows or dof))
+
+
+def largest_test(ratio: Array, dof: Array, other_dof: Array) -> float:
+    """Return the p-value of the largest of several independent variance ratios, F with `dof` over `other_dof` (n,)."""
+    least = float(np.min(f_distribution.sf(ratio, dof, other_dof)))
+    return float(-np.expm1(ratio.size * np.log1p(-min(least, 1.0 - 1e-16))))

@@ -1,25 +1,26 @@
 """Where the residual stands above the noise: frequency, amplitude, position, direction, rate, time, temperature, axis.
 
 All of it is judged on whitened residuals, which noise alone makes independent numbers of unit variance. A curve shows
-the residual's rms in units of that noise, so 1 is the floor in every domain. Two questions are asked of every curve:
-is the residual larger in some bin than noise makes it (F test of the largest ratio, corrected for the number of bins),
-and does its mean follow the bins (generalised least squares on their indicators, F test)? The p-value is twice the
-smaller one.
+the residual's rms in units of that noise, so 1 is the floor in every domain. Of frequency see `spectra`; elsewhere
+two questions are asked: is the residual larger in some bin than noise makes it (F test of the largest ratio, corrected
+for the number of bins), and does its mean follow the bins (generalised least squares on their indicators, F test)? The
+p-value is twice the smaller one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from analysis.diagnosis.bins import Binned, accumulate, bands, binned, mean_test, moving_rms
+from analysis.diagnosis.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms
 from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.result import Domain
+from analysis.diagnosis.spectra import Repeat, bands, coherence_test, repeat_test
 from analysis.diagnosis.words import quantity, span
 from sim_backend.model import Model, Port
 
@@ -41,7 +42,9 @@ class _Series:
     run: str
     port: Port
     w: Array
+    u: Array
     parts: tuple[int, ...]
+    repeats: tuple[Repeat, ...]
     position: Array
     rate: Array
     amplitude: Array
@@ -114,7 +117,9 @@ def _series(
         run=run,
         port=port,
         w=np.concatenate(w),
+        u=np.concatenate([r.u[cut] for r, _ in pairs]),
         parts=tuple(x.size for x in w),
+        repeats=tuple(_repeats(pairs, whitener.order)),
         position=np.concatenate([x[cut] for x in moved]),
         rate=np.concatenate([np.gradient(x, 1.0 / rate_hz)[cut] for x in moved]),
         amplitude=np.concatenate([moving_rms(x, length)[cut] for x in moved]),
@@ -128,16 +133,27 @@ def _series(
     )
 
 
+def _repeats(pairs: Sequence[tuple[Record, Array]], lost: int) -> Iterator[Repeat]:
+    """Yield the repeated periods of the joined rows, of which `lost` are missing at the start of each record."""
+    at = 0
+    for record, _ in pairs:
+        for w in record.windows:
+            whole = (w.stop - w.start) // w.period if w.period else 0
+            # the first of several holds what is left of the transient, and perhaps the rows that are lost
+            first = 1 if whole >= 3 or w.start < lost else 0
+            if whole - first >= 2:
+                yield Repeat(at + w.start - lost + first * w.period, w.period, whole - first)
+        at += record.n - lost
+
+
 def _energy_test(mean_square: Array, dof: Array, noise_rows: int) -> float:
     """Return the p-value of the largest bin: F against the noise's own rows, or against the other bins."""
     total, all_dof = float(mean_square @ dof), float(dof.sum())
     if noise_rows:
-        ratio, other = mean_square, np.full(dof.size, float(noise_rows))
-    else:
-        other = np.maximum(all_dof - dof, 1.0)
-        ratio = mean_square / np.maximum((total - mean_square * dof) / other, np.finfo(float).tiny)
-    least = float(np.min(f_distribution.sf(ratio, dof, other)))
-    return float(-np.expm1(dof.size * np.log1p(-min(least, 1.0 - 1e-16))))
+        return largest_test(mean_square, dof, np.full(dof.size, float(noise_rows)))
+    other = np.maximum(all_dof - dof, 1.0)
+    ratio = mean_square / np.maximum((total - mean_square * dof) / other, np.finfo(float).tiny)
+    return largest_test(ratio, dof, other)
 
 
 def _both(energy: float, mean: float) -> float:
@@ -180,17 +196,12 @@ def _direction(s: _Series) -> Domain:
 
 
 def _frequency(s: _Series) -> Domain:
-    """Return the whitened spectrum in logarithmic bands; each ordinate of white noise is exponential with mean 1.
-
-    The autoregression that whitens was estimated too: p parameters from n rows leave its spectrum uncertain by 2 p/n
-    (relative variance; Berk 1974), which joins that of the band's mean.
-    """
-    centre, power, count, edges = bands(s.w, s.parts, s.rate_hz)
-    known = 1.0 / count + 2.0 * (s.taps.size - 1) / (s.noise_rows or s.w.size)
-    p = _energy_test(power, 2.0 / known, s.noise_rows)
-    i = int(np.argmax(power))
-    where = f"{s.port.dof} between {span(edges[i, 0], edges[i, 1], 'Hz')}"
-    return _domain(s, centre, "Hz", np.sqrt(power), p, where)
+    """Return the whitened spectrum in logarithmic bands, judged by what repeats or else by what follows the inputs."""
+    found = bands(s.w, s.parts, s.rate_hz)
+    p = repeat_test(s.w, s.repeats, s.rate_hz) if s.repeats else coherence_test(s.w, s.u, s.parts, s.rate_hz)
+    i = int(np.argmax(found.power))
+    where = f"{s.port.dof} between {span(found.edges[i, 0], found.edges[i, 1], 'Hz')}"
+    return _domain(s, found.centre, "Hz", np.sqrt(found.power), p, where)
 
 
 def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:

@@ -124,11 +124,11 @@ def _noise_rms(
     if rows:
         return np.sqrt(square / rows)
     longest = max(w.stop - w.start for _, w in windows)
-    return np.array([_model_rms(taps, longest) for taps in whitener.taps])
+    return np.array([model_rms(taps, longest) for taps in whitener.taps])
 
 
-def _model_rms(taps: Array, rows: int) -> float:
-    """Return the rms about its mean, over `rows`, of the noise that `taps` whiten: its spectrum, summed but for 0 Hz."""
+def model_rms(taps: Array, rows: int) -> float:
+    """Return the rms about its mean, over `rows`, of the noise that `taps` whiten, from its spectrum."""
     lines = max(rows, 4 * taps.size)
     power = 1.0 / np.maximum(np.abs(np.fft.fft(taps, lines)[1:]) ** 2, np.finfo(float).tiny)
     return float(np.sqrt(power.sum() / lines))
