@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
+import termios
 from typing import Protocol
 
 import serial
@@ -70,7 +71,7 @@ class SerialTransport:
                 self._device, self._baud, timeout=0, write_timeout=timeout_s, exclusive=True, rtscts=False
             )
             self._port.reset_input_buffer()
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
             self.close()
             raise LinkLost(
                 f"{self._device} cannot be opened ({_reason(error)}); check cable, name and rights"
@@ -83,7 +84,7 @@ class SerialTransport:
             if not select.select([port.fileno()], [], [], timeout_s)[0]:
                 return b""
             data: bytes = port.read(_PIECE_BYTES)
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
             raise LinkLost(f"{self._device} was lost ({_reason(error)}); check the cable") from None
         return data
 
@@ -93,12 +94,14 @@ class SerialTransport:
         try:
             port.write_timeout = timeout_s
             port.write(data)
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
             raise LinkLost(f"{self._device} takes no data ({_reason(error)}); check cable and bench") from None
 
     def close(self) -> None:
         """Close the device without waiting for what was not sent."""
         if self._port is not None:
+            with contextlib.suppress(serial.SerialException, OSError, ValueError, termios.error):
+                self._port.reset_output_buffer()  # else the system may wait half a minute for a bench that takes nothing
             with contextlib.suppress(serial.SerialException, OSError, ValueError):
                 self._port.close()
             self._port = None
