@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.frf import FrequencyResponse, frequency_response_periodic, smoothed
-from analysis.modal_parameters import Layout, Structure
+from analysis.identified import Fitted, HeldOut, Identification, deviations, identification, side_by_side
+from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_fit import RationalFit
@@ -26,7 +27,7 @@ from analysis.validation import relative_error
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel, discretise
-from sim_backend.model import Model, Port, from_linear
+from sim_backend.model import Port
 
 Array = NDArray[np.float64]
 
@@ -46,43 +47,6 @@ SIGNIFICANT = 3.0
 
 RELATIVE_START = 1e-3
 """Relative error of the first fit of a sweep: only its size against the noise matters, and only for that fit."""
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """How the model did on one held-out segment: rms of the error over rms of the output, per output and over all."""
-
-    run_uid: str
-    segment: str
-    per_output: dict[str, float]
-    total: float
-
-
-@dataclass(frozen=True)
-class Identification:
-    """A model identified from logs; `modes` lists frequency and decay rate with standard deviations, per mode.
-
-    `chi2_per_dof` is near 1 when noise explains the misfit. `noise` and `distortion` are relative to the output (rms),
-    where the excitation tells them. `held_out` may be empty.
-    """
-
-    model: Model
-    method: str
-    modes: tuple[dict[str, float], ...]
-    chi2_per_dof: float
-    noise: float | None
-    distortion: float | None
-    held_out: tuple[HeldOut, ...]
-
-
-@dataclass(frozen=True)
-class _Fitted:
-    """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit."""
-
-    linear: ModalModel
-    std: ModalModel
-    chi2: float
-    dof: int
 
 
 def identify_runs(
@@ -120,7 +84,7 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
 
 def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Identification:
     """One axis per run: the modes of all axes side by side, without coupling."""
-    fits: dict[str, _Fitted] = {}
+    fits: dict[str, Fitted] = {}
     inputs, outputs = [], []
     for run in runs:
         sweep = sweep_of(run)
@@ -129,14 +93,14 @@ def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Ide
         fits[sweep.axis] = _fit_sweep(sweep, run.sample_rate_hz, orders)
         inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
         outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
-    linear = _side_by_side([fit.linear for fit in fits.values()])
-    std = _side_by_side([fit.std for fit in fits.values()])
-    whole = _Fitted(linear, std, sum(f.chi2 for f in fits.values()), sum(f.dof for f in fits.values()))
+    linear = side_by_side([fit.linear for fit in fits.values()])
+    std = side_by_side([fit.std for fit in fits.values()])
+    whole = Fitted(linear, std, sum(f.chi2 for f in fits.values()), sum(f.dof for f in fits.values()))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
-    return _result(whole, runs, *ports, method="stepped sine", name=name)
+    return identification(whole, runs, *ports, method="stepped sine", name=name)
 
 
-def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> _Fitted:
+def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
     """Fit one axis, with what no number of modes explains counted as a relative error beside the noise.
 
     Sines tell their noise to parts in 1e5, hysteresis and a last trace of the transient are larger: weighted by the
@@ -164,8 +128,8 @@ def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> _Fitted
     fit = fitted(usable, relative2)
     while fit.model.n_blocks > usable[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
         fit = fitted((fit.model.n_blocks - 1,), relative2)
-    std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
-    return _Fitted(fit.model, std, fit.chi2, fit.dof)
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    return Fitted(fit.model, std, fit.chi2, fit.dof)
 
 
 @dataclass(frozen=True)
@@ -204,11 +168,11 @@ def _from_periods(
     fits = {hold: _fit_lines(measured, hold, orders) for hold in (data.rate_hz, None)}
     hold = min(fits, key=lambda key: fits[key].criterion)
     fit = fits[hold]
-    std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
-    return _result(
-        _Fitted(fit.model, std, fit.chi2, fit.dof),
+    return identification(
+        Fitted(fit.model, std, fit.chi2, fit.dof),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="periodic, zero-order hold" if hold else "periodic, band-limited",
@@ -219,7 +183,7 @@ def _from_periods(
 
 
 def _fit_lines(measured: FrequencyResponse, hold: float | None, orders: tuple[int, ...]) -> RationalFit:
-    """Fit all lines, from a start that is searched on about a thousand of them."""
+    """Fit all lines, from starts searched on about a thousand of them, twice: a search may end in a poorer minimum."""
     f, variance = measured.frequency_hz, _variance(measured)
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
     structure = Structure(delay=hold is None)
@@ -236,9 +200,11 @@ def _fit_lines(measured: FrequencyResponse, hold: float | None, orders: tuple[in
             iterations=ITERATIONS,
         )
 
-    every = max(f.size // SEARCH_LINES, 1)
-    found = fitted(every, usable, None)
-    return found if every == 1 else fitted(1, (found.model.n_blocks,), found.model)
+    every = f.size // SEARCH_LINES + 1
+    found = [fitted(step, usable, None) for step in ({1} if every == 1 else {every, every + 1})]
+    if every > 1:
+        found = [fitted(1, (one.model.n_blocks,), one.model) for one in found]
+    return min(found, key=lambda one: one.criterion)
 
 
 def _variance(measured: FrequencyResponse) -> Array | None:
@@ -272,9 +238,9 @@ def _from_records(
         orders,
         rigid_bodies=None,
     )
-    std = _deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
-    return _result(
-        _Fitted(fit.model, std, fit.chi2, fit.dof),
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    return identification(
+        Fitted(fit.model, std, fit.chi2, fit.dof),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="free",
@@ -335,64 +301,3 @@ def _ports(run: Run) -> tuple[list[Port], list[Port]]:
 
 def _runs_of(parts: Sequence[tuple[Run, LogSegment]]) -> list[Run]:
     return list({id(run): run for run, _ in parts}.values())
-
-
-def _deviations(model: ModalModel, layout: Layout, covariance: Array, omega_std: Array, sigma_std: Array) -> ModalModel:
-    """Standard deviations in the shapes of the model."""
-    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    names = ("b", "b_direct", "c", "c_rate", "d", "delay_s")
-    arrays = {key: spread[layout.index(key)] for key in names}
-    return ModalModel(omega_rad_s=omega_std, sigma_1_s=sigma_std, **arrays)
-
-
-def _side_by_side(models: Sequence[ModalModel]) -> ModalModel:
-    """One model of all axes, block-diagonal from inputs to outputs."""
-
-    def diagonal(key: str) -> Array:
-        blocks = [getattr(model, key) for model in models]
-        out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
-        row = column = 0
-        for block in blocks:
-            out[row : row + block.shape[0], column : column + block.shape[1]] = block
-            row, column = row + block.shape[0], column + block.shape[1]
-        return out
-
-    flat = {key: np.concatenate([getattr(m, key) for m in models]) for key in ("omega_rad_s", "sigma_1_s", "delay_s")}
-    return ModalModel(**flat, **{key: diagonal(key) for key in ("b", "b_direct", "c", "c_rate", "d")})
-
-
-def _result(
-    fitted: _Fitted,
-    runs: Sequence[Run],
-    inputs: list[Port],
-    outputs: list[Port],
-    *,
-    method: str,
-    name: str,
-    levels: tuple[float | None, float | None] = (None, None),
-    held_out: tuple[HeldOut, ...] = (),
-) -> Identification:
-    linear, std = fitted.linear, fitted.std
-    source = f"{method} fit to run {', '.join(run.run_uid for run in runs)}"
-    model = from_linear(
-        linear,
-        name=name,
-        title=f"identified from {len(runs)} run{'s' if len(runs) > 1 else ''} ({method})",
-        sample_rate_hz=runs[0].sample_rate_hz,
-        inputs=inputs,
-        outputs=outputs,
-        origin="fitted",
-        source=source,
-        std=std,
-    )
-    per_hz = 1.0 / (2.0 * np.pi)
-    modes = tuple(
-        {
-            "frequency_hz": float(linear.omega_rad_s[i] * per_hz),
-            "frequency_std_hz": float(std.omega_rad_s[i] * per_hz),
-            "decay_rate_1_s": float(linear.sigma_1_s[i]),
-            "decay_rate_std_1_s": float(std.sigma_1_s[i]),
-        }
-        for i in np.argsort(linear.omega_rad_s)
-    )
-    return Identification(model, method, modes, fitted.chi2 / max(fitted.dof, 1), *levels, held_out)

@@ -13,7 +13,7 @@ from mccdcli.output import emit, table
 from mccdcli.trials import play_campaign, settings_option, show_estimates
 
 if TYPE_CHECKING:
-    from analysis.identify import Identification
+    from analysis.identified import Identification
 
 
 @click.command()
