@@ -19,8 +19,9 @@ SETTLED = 0.10
 class LearningCurve:
     """`rms` (p,) of the error of every period; `floor`, its mean over the last quarter; `converged_at`, an iteration.
 
-    `converged_at` counts periods from 1: from it on every rms stays within 10 % of the floor. It is None when the
-    floor is none, the second half of the last quarter being more than 10 % below the first.
+    `converged_at` counts periods from 1: from it on every rms stays within 10 % of the floor, or within three standard
+    deviations of the last quarter where those, being noise, are more. It is None when the floor is none: more than 10 %
+    below anything that was reached before the last quarter.
     """
 
     rms: Array
@@ -29,13 +30,12 @@ class LearningCurve:
 
 
 def learning_curve(error: ArrayLike) -> LearningCurve:
-    """Return the learning curve of errors (periods, samples); raises DataError for fewer than eight periods."""
-    e = finite("learning curve", error, 2, least=8)
+    """Return the learning curve of errors (periods, samples); raises DataError for fewer than twelve periods."""
+    e = finite("learning curve", error, 2, least=12)
     rms = np.sqrt(np.mean(e**2, axis=1))
-    last = rms[-(rms.size // 4) :]
+    before, last = rms[: -(rms.size // 4)], rms[-(rms.size // 4) :]
     floor = float(last.mean())
-    early, late = last[: last.size // 2].mean(), last[last.size // 2 :].mean()
-    above = np.flatnonzero(rms > (1.0 + SETTLED) * floor)
+    above = np.flatnonzero(rms > floor + max(SETTLED * floor, 3.0 * float(last.std(ddof=1))))
     first = int(above[-1]) + 1 if above.size else 0
-    falling = late < (1.0 - SETTLED) * early or first >= rms.size - 1
+    falling = floor < (1.0 - SETTLED) * before.min() or first >= rms.size - 1
     return LearningCurve(rms, floor, None if falling else first + 1)

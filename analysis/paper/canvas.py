@@ -44,6 +44,7 @@ class Canvas:
     axes: list[Axes] = field(init=False)
     _parts: list[pd.DataFrame] = field(init=False, default_factory=list)
     _style: Any = field(init=False)
+    _finished: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         path = resources.files("analysis.paper") / "mccd.mplstyle"
@@ -104,21 +105,19 @@ class Canvas:
         return pd.concat(self._parts, ignore_index=True)
 
     def svg(self, stamp: str = "") -> str:
-        """Return the figure as SVG text with `stamp` below it; identical data gives identical text."""
-        return self._saved("svg", stamp, {"Date": None, "Creator": "mccd"}).decode("utf-8")
+        """Return the figure as SVG text with `stamp` below it; identical data gives identical text.
 
-    def png(self, stamp: str = "") -> bytes:
-        """Return the figure as PNG on white."""
-        return self._saved("png", stamp, {"Software": "mccd"}, facecolor="white", transparent=False, dpi=150)
-
-    def _saved(self, form: str, stamp: str, metadata: dict[str, str | None], **options: Any) -> bytes:
+        Raises ValueError when called twice: laying out a figure again moves it by parts of a pixel.
+        """
+        if self._finished:
+            raise ValueError("a canvas is laid out once; keep the text of its first svg()")
+        self._finished = True
         buffer = io.BytesIO()
         with mpl.rc_context(self._style):
-            note = self.figure.supxlabel(stamp, x=0.005, ha="left", fontsize=6, color=QUIET) if stamp else None
-            self.figure.savefig(buffer, format=form, metadata=metadata, **options)
-            if note is not None:
-                note.set_text("")
-        return buffer.getvalue()
+            if stamp:
+                self.figure.supxlabel(stamp, x=0.005, ha="left", fontsize=6, color=QUIET, parse_math=False)
+            self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "mccd"})
+        return buffer.getvalue().decode("utf-8")
 
     def _keep(self, i: int, series: str, x: Array, y: Array) -> None:
         axes = self.axes[i]

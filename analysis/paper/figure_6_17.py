@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.paper.canvas import COLOURS, OURS, PAPER, Canvas
-from analysis.paper.measured import Measured
-from analysis.thermal import compare_sweeps
-
-WARM_K, COLD_K = 77.0, 63.5
+from analysis.paper.measured import COLD_K, WARM_K, Measured
+from analysis.recorded.sweep import difference_of
 
 
 def figure_6_17(measured: Measured) -> Canvas | None:
@@ -23,10 +21,11 @@ def figure_6_17(measured: Measured) -> Canvas | None:
         share_x=True,
     )
     for row, (axis, name) in enumerate((("theta_x", "θx"), ("theta_y", "θy"))):
-        warm, cold = measured.sweep(axis, WARM_K), measured.sweep(axis, COLD_K)
-        if warm is None or cold is None or warm.frequency_hz.shape != cold.frequency_hz.shape:
+        both = measured.temperatures(axis)
+        if both is None:
             return None
-        found = compare_sweeps(warm.frequency_hz, warm.response, cold.response, warm.relative_std, cold.relative_std)
+        warm, cold = both
+        found = difference_of(warm, cold)
         last = "frequency (Hz)" if row else ""
         left, right = 2 * row, 2 * row + 1
         canvas.panel(left, name, last, "magnitude (dB re 1 mrad/N m)")

@@ -25,7 +25,7 @@ from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_fit import RationalFit
 from campaigns.design import Design
 from campaigns.log import Run, read_run
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
 
 T = TypeVar("T")
@@ -35,6 +35,9 @@ MODES = {"theta_x": 4, "theta_y": 2, "z": 1}
 
 RATE_HZ = 10_000.0
 """The bench's sample rate, at which the paper's controllers are designed."""
+
+WARM_K, COLD_K = 77.0, 63.5
+"""Temperatures of the two sweeps of section 6.4.3."""
 
 RELATIVE_FLOOR = 0.005
 """How far hysteresis moves a response with amplitude, about: weights beyond this would fit the iron, not the modes."""
@@ -104,7 +107,7 @@ class Measured:
         if run is None:
             return None
         if key not in self._done:
-            self._done[key] = (measure(run), (run.run_uid,))
+            self._done[key] = (_of(run, measure), (run.run_uid,))
         value, uids = self._done[key]
         for traced in self._traced:
             traced.update(uids)
@@ -116,11 +119,24 @@ class Measured:
         run = self.find("sinesweep", axis=axis, cold_finger_k=cold_finger_k)
         return self._once(("sweep", axis, cold_finger_k), run, sweep_of)
 
+    def temperatures(self, axis: str) -> tuple[Sweep, Sweep] | None:
+        """Return the sweeps of an axis at 77 K and at 63.5 K, over the same frequencies; Fig. 6.17."""
+        warm, cold = self.sweep(axis, WARM_K), self.sweep(axis, COLD_K)
+        if warm is None or cold is None or not np.array_equal(warm.frequency_hz, cold.frequency_hz):
+            return None
+        return warm, cold
+
     def fit(self, axis: str) -> RationalFit | None:
-        """Return the modal fit to the whole sweep of an axis, behind the bench's zero-order hold; Table 6.2."""
+        """Return the modal fit to the whole sweep of an axis, behind the bench's zero-order hold; Table 6.2.
+
+        None also where the sweep does not reach every mode of the design model: what it did not see it cannot fit.
+        """
+        sweep = self.sweep(axis)
+        modes_hz = self.design_axis(axis).omega_rad_s / (2.0 * np.pi)
+        if sweep is None or not sweep.frequency_hz[0] < modes_hz.min() <= modes_hz.max() < sweep.frequency_hz[-1]:
+            return None
 
         def fitted(run: Run) -> RationalFit:
-            sweep = sweep_of(run)
             variance = sweep.variance + 2.0 * (RELATIVE_FLOOR * np.abs(sweep.response)) ** 2
             return fit_rational(
                 sweep.frequency_hz,
@@ -181,6 +197,15 @@ class Measured:
         model = self.design_axis(axis)
         f = 1e-3
         return float(-np.angle(model.frequency_response(np.array([f]))[0, 0, 0]) / (2.0 * np.pi * f))
+
+
+def _of(run: Run, measure: Callable[[Run], T]) -> T:
+    """Measure a run; an error about its data says which file they are in."""
+    try:
+        return measure(run)
+    except DataError as error:
+        named = str(run.path) in str(error)
+        raise DataError(str(error) if named else f"{run.path}: {error}") from None
 
 
 def _settings(run: Run) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from analysis.learning import learning_curve
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
+from analysis.recorded.sweep import difference_of
 from analysis.reproducibility import reproducibility
 
 FORCE_CONSTANT_N_A = 5.7
@@ -21,6 +22,7 @@ def table_text(measured: Measured) -> dict[str, Ours]:
         **_sensors(measured),
         **_hysteresis(measured),
         **_margins(measured),
+        **_temperature(measured),
         **_learning(measured),
         "peak force": Ours(FORCE_CONSTANT_N_A * PEAK_CURRENT_A, note="5.7 N/A times 9 A: the printed numbers disagree"),
     }
@@ -57,6 +59,18 @@ def _margins(measured: Measured) -> dict[str, Ours]:
         "sensitivity peak": Ours(margins.sensitivity_peak_db),
         "sensitivity frequency": Ours(margins.sensitivity_peak_hz),
     }
+
+
+def _temperature(measured: Measured) -> dict[str, Ours]:
+    ours: dict[str, Ours] = {}
+    for axis in ("theta_x", "theta_y"):
+        both = measured.temperatures(axis)
+        if both is not None:
+            found = difference_of(*both)
+            at = int(np.argmax(np.abs(found.difference_db)))
+            note = f"at {found.largest_hz:g} Hz, {found.chi2_per_point:.1f} times the noise's variance"
+            ours[f"temperature {axis}"] = Ours(found.largest_db, float(found.std_db[at]), note)
+    return ours
 
 
 def _learning(measured: Measured) -> dict[str, Ours]:

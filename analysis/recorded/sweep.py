@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.sinefit import fit_sines, sine_response
+from analysis.thermal import SweepDifference, compare_sweeps
 from campaigns.log import Run
 from sim_backend.errors import DataError
 
@@ -37,6 +38,19 @@ class Sweep:
     def magnitude_db(self) -> Array:
         """Magnitude in dB of one output unit per input unit."""
         return np.asarray(20.0 * np.log10(np.abs(self.response)))
+
+
+def difference_of(first: Sweep, second: Sweep) -> SweepDifference:
+    """Return by how much the second sweep's magnitude differs from the first's; Fig. 6.17.
+
+    Raises DataError when they are not over the same frequencies.
+    """
+    if not np.array_equal(first.frequency_hz, second.frequency_hz):
+        raise DataError(
+            f"sweeps over {first.frequency_hz.size} and {second.frequency_hz.size} frequencies that differ; "
+            "record both with the same bands"
+        )
+    return compare_sweeps(first.frequency_hz, first.response, second.response, first.relative_std, second.relative_std)
 
 
 def sweep_of(run: Run) -> Sweep:

@@ -102,7 +102,7 @@ def _stamp(canvas: Canvas, measured: Measured) -> str:
     first = runs[0].header
     seeds = ", ".join(sorted({str(run.header.seed) for run in runs}))
     if len(runs) > 2:
-        seeds = f"of {len(runs)} runs"
+        seeds = f"as listed with the {len(runs)} runs"
     bench = f"{first.bench.get('kind', '')} {first.bench.get('name', '')}".strip()
     return f"runs {uids} · seed {seeds} · bench {bench} · mccd {first.tool_version} ({first.tool_commit})"
 

@@ -57,8 +57,15 @@ def test_the_stamp_and_the_data_change_the_bytes():
     assert figure().svg("runs a") != figure().svg("runs b")
 
 
-def test_png_is_one():
-    assert figure().png()[:8] == b"\x89PNG\r\n\x1a\n"
+def test_a_name_that_looks_like_mathematics_is_only_a_name():
+    assert r"bench $\frac{$ _x^" in figure().svg(r"bench $\frac{$ _x^")
+
+
+def test_a_figure_is_laid_out_once():
+    canvas = figure()
+    canvas.svg()
+    with pytest.raises(ValueError, match="laid out once"):
+        canvas.svg()
 
 
 @pytest.mark.parametrize("i", [1, 5])

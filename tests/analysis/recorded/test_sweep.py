@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.recorded.sweep import sweep_of
+from analysis.recorded.sweep import difference_of, sweep_of
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel, discretise
 
@@ -56,6 +56,15 @@ def test_its_uncertainty_is_that_of_the_noise(write_log):
     pull = (np.abs(found.response) / np.abs(exact) - 1.0) / found.relative_std
     # 60 pulls of deviation one, with deviations estimated from 8 lines each: 1.0 to 1.2, ± 3/sqrt(120)
     assert 0.75 < np.sqrt(np.mean(pull**2)) < 1.45
+
+
+def test_two_sweeps_are_compared_frequency_by_frequency(write_log):
+    rng = np.random.default_rng(3)
+    one = sweep_of(write_log("sinesweep", CHANNELS, parts([5.0, 30.0], 0.0, rng)))
+    other = sweep_of(write_log("sinesweep", CHANNELS, parts([5.0, 40.0], 0.0, rng), name="other.h5"))
+    assert abs(difference_of(one, one).largest_db) == 0.0
+    with pytest.raises(DataError, match="same bands"):
+        difference_of(one, other)
 
 
 def test_other_logs_are_refused(write_log):
