@@ -20,8 +20,8 @@ from analysis.diagnosis.bins import Binned, accumulate, binned, largest_test, me
 from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.result import Domain
-from analysis.diagnosis.spectra import Repeat, bands, coherence_test, repeat_test
-from analysis.diagnosis.words import quantity, span
+from analysis.diagnosis.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
+from analysis.diagnosis.words import span
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
@@ -30,6 +30,9 @@ AT_REST = 1e-2
 """Rates below this part of their rms have no direction."""
 
 TIME_BINS = 40
+
+WARMING_K = 0.02
+"""Smallest range of temperatures that counts as one: below it a channel shows its own noise or the drive's warmth."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def evidence(
                     out[name].append(_along(s, values, f"{s.port.unit}{per}", name))
             if np.any(s.rate != 0.0):
                 out["direction"].append(_direction(s))
-            if s.temperature_k is not None and np.ptp(s.temperature_k) > 0.0:
+            if s.temperature_k is not None and np.ptp(s.temperature_k) > WARMING_K:
                 out["temperature"].append(_along(s, s.temperature_k, "K", "temperature"))
             if len(joined) > 1:
                 out["cross-axis"].append(_cross_axis(o, joined))
@@ -200,36 +203,41 @@ def _frequency(s: _Series) -> Domain:
     found = bands(s.w, s.parts, s.rate_hz)
     p = repeat_test(s.w, s.repeats, s.rate_hz) if s.repeats else coherence_test(s.w, s.u, s.parts, s.rate_hz)
     i = int(np.argmax(found.power))
-    where = f"{s.port.dof} between {span(found.edges[i, 0], found.edges[i, 1], 'Hz')}"
+    where = f"{s.port.dof} at {span(found.edges[i, 0], found.edges[i, 1], 'Hz')}"
     return _domain(s, found.centre, "Hz", np.sqrt(found.power), p, where)
 
 
 def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:
-    """Return how much of one output's residual follows position, rate and acceleration of each other axis."""
+    """Return how much of one output's residual follows position, rate and acceleration of each other axis.
+
+    Axes that are driven at the same time resemble each other, so an error of this axis's own may seem to follow
+    another. The p-value is therefore the larger of that against noise (F test) and the share of time shifts of the
+    other axis that explain as much.
+    """
     s = joined[o]
     others = [k for k in range(len(joined)) if k != o]
-    explained, p_values = np.zeros(len(others)), np.ones(len(others))
-    # what the output's own motion explains is told elsewhere, and axes often move together
+    # what the output's own motion explains is told elsewhere
     own, _ = np.linalg.qr(_motion_columns(s))
     left = s.w - own @ (own.T @ s.w)
+    explained, p_values = np.zeros(len(others)), np.ones(len(others))
     for i, k in enumerate(others):
         columns = _motion_columns(joined[k])
         columns, _ = np.linalg.qr(columns - own @ (own.T @ columns))
-        part = float(np.sum((columns.T @ left) ** 2))
+        shifted = explained_by_shifts(left, columns)
         dof = s.w.size - 6
-        noise = 1.0 if s.noise_rows else (float(left @ left) - part) / dof
-        explained[i] = np.sqrt(part / s.w.size)
-        p_values[i] = f_distribution.sf(part / 3.0 / noise, 3, s.noise_rows or dof)
-    i = int(np.argmax(explained))
+        noise = 1.0 if s.noise_rows else (float(left @ left) - shifted[0]) / dof
+        explained[i] = np.sqrt(shifted[0] / s.w.size)
+        against_noise = float(f_distribution.sf(shifted[0] / 3.0 / noise, 3, s.noise_rows or dof))
+        p_values[i] = max(against_noise, float(np.mean(shifted >= shifted[0])))
+    i = int(np.argmin(p_values))
     floor = np.full(len(others), np.sqrt(3.0 / s.w.size))
-    where = f"{s.port.dof} following {joined[others[i]].port.dof}: {quantity(100.0 * explained[i], '')} % of the noise"
+    where = f"{s.port.dof} following {joined[others[i]].port.dof}: {100.0 * explained[i]:.3g} % of the noise"
     p = min(1.0, float(np.min(p_values)) * len(others))
     return Domain(s.run, s.port.dof, np.array(others, dtype=float), "number of the axis", explained, floor, p, where)
 
 
 def _motion_columns(other: _Series) -> Array:
-    acceleration = np.gradient(other.rate)
-    columns = np.stack([other.position, other.rate, acceleration], axis=1)
+    columns = np.stack([other.position, other.rate, np.gradient(other.rate)], axis=1)
     parts = np.concatenate([[0], np.cumsum(other.parts)])
     out = np.empty_like(columns)
     for a, b in zip(parts[:-1], parts[1:], strict=True):

@@ -122,3 +122,12 @@ def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> 
         dof.append(2.0 * k)
         other.append(2.0 * free)
     return largest_test(np.array(ratio), np.array(dof), np.array(other)) if ratio else 1.0
+
+
+def explained_by_shifts(w: Array, columns: Array) -> Array:
+    """Return the sum of squares that orthonormal `columns` (n, k) explain of `w` (n,) at every circular shift, (n,)."""
+    spectrum = np.fft.rfft(w)
+    total = np.zeros(w.size)
+    for j in range(columns.shape[1]):
+        total += np.fft.irfft(spectrum * np.conj(np.fft.rfft(columns[:, j])), w.size) ** 2
+    return total

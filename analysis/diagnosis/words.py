@@ -27,6 +27,9 @@ def quantity(value: float, unit: str) -> str:
 
 
 def span(low: float, high: float, unit: str) -> str:
-    """Return "low to high unit" with one prefix for both."""
-    factor, shown = scaled(max(abs(low), abs(high)), unit)
-    return f"{low * factor:.3g} to {high * factor:.3g} {shown}".strip()
+    """Return "low to high unit" with one prefix for both, and digits enough to tell them apart."""
+    largest = max(abs(low), abs(high))
+    factor, shown = scaled(largest, unit)
+    apart = abs(high - low)
+    digits = 3 if apart == 0.0 else min(max(math.ceil(math.log10(largest / apart)) + 2, 3), 9)
+    return f"{low * factor:.{digits}g} to {high * factor:.{digits}g} {shown}".strip()

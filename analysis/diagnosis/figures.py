@@ -1,0 +1,141 @@
+"""The figures of a diagnosis: residual before and after in time, and in every domain against the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
+
+from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.result import Domain
+from analysis.diagnosis.words import scaled
+from analysis.paper.canvas import COLOURS, QUIET, Canvas
+from sim_backend.model import Model
+
+Array = NDArray[np.float64]
+
+BEFORE, AFTER = COLOURS[1], COLOURS[0]
+
+SIZE = (4.4, 2.7)
+"""Small enough to be read on a telephone, two beside each other on a desk."""
+
+QUANTITIES = {
+    "frequency": "frequency",
+    "amplitude": "amplitude of the motion (moving rms)",
+    "position": "position",
+    "direction": "direction of motion",
+    "rate": "rate",
+    "time": "time",
+    "temperature": "temperature",
+    "cross-axis": "other axis",
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One finished figure: its name in files, what it shows, and its canvas."""
+
+    name: str
+    title: str
+    caption: str
+    canvas: Canvas
+
+
+def residual_figures(
+    data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array, model: Model
+) -> list[Drawn]:
+    """Return, per output, the residual in time of the segment where it was largest, before and after."""
+    drawn = []
+    for o, port in enumerate(model.outputs):
+        i, w = max(
+            ((i, w) for i, r in enumerate(data.records) for w in r.windows),
+            key=lambda place: float(np.mean(before[place[0]][place[1].start : place[1].stop, o] ** 2)),
+        )
+        old, new = (x[i][w.start : w.stop, o] for x in (before, after))
+        factor, unit = scaled(float(np.max(np.abs(old))), port.unit)
+        canvas = Canvas(f"Residual of {port.dof}", "", size=SIZE)
+        canvas.panel(0, port.dof, "time in the segment (s)", f"measured − simulated ({unit})")
+        time_s = np.arange(w.stop - w.start) / data.rate_hz
+        canvas.line(0, "as given", time_s, old * factor, color=BEFORE, linewidth=0.9)
+        canvas.line(0, "extended", time_s, new * factor, color=AFTER, linewidth=0.9)
+        reach = 2.0 * float(noise_rms[o]) * factor
+        canvas.band(0, -reach, reach, "noise, ±2σ")
+        canvas.legend(0, loc="upper right", ncols=3)
+        held = ", which no fit has seen" if w.held_out else ""
+        caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most."
+        drawn.append(Drawn(f"residual-{port.dof}", f"Residual of {port.dof}", caption, canvas))
+    return drawn
+
+
+def evidence_figures(
+    before: dict[str, tuple[Domain, ...]], after: dict[str, tuple[Domain, ...]], model: Model
+) -> list[Drawn]:
+    """Return one figure per domain: the run and output with the strongest evidence, before and after."""
+    drawn = []
+    for name, curves in before.items():
+        if not curves:
+            continue
+        # p-values run into zero; then the higher peak decides
+        worst = min(curves, key=lambda d: (d.p_value, -float(np.max(d.level))))
+        same = [d for d in after.get(name, ()) if (d.record, d.output) == (worst.record, worst.output)]
+        canvas = _drawn(name, worst, same[0] if same else None, model)
+        drawn.append(Drawn(f"evidence-{name}", f"By {name}", f"{worst.where} ({chance(worst.p_value)}).", canvas))
+    return drawn
+
+
+def chance(p: float) -> str:
+    """Return a p-value in words."""
+    return "p < 1e-12" if p < 1e-12 else f"p = {p:.2g}"
+
+
+def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Canvas:
+    by_category = name in ("direction", "cross-axis")
+    factor, unit = (1.0, "") if by_category else scaled(float(np.max(np.abs(first.axis))), first.unit)
+    if name == "cross-axis":
+        level_label = "share that follows ÷ noise"
+    else:
+        level_label = "residual ÷ noise"
+    canvas = Canvas(name, "", size=SIZE)
+    canvas.panel(0, f"{first.output}", f"{QUANTITIES[name]}{f' ({unit})' if unit else ''}", level_label)
+    if by_category:
+        _as_bars(canvas, first, second, model, name)
+    else:
+        _as_curves(canvas, first, second, factor)
+        if name == "frequency":
+            canvas.axes[0].set_xscale("log")
+    _floor(canvas, first)
+    canvas.legend(0)
+    return canvas
+
+
+def _as_curves(canvas: Canvas, first: Domain, second: Domain | None, factor: float) -> None:
+    for label, curve, colour in (("as given", first, BEFORE), ("extended", second, AFTER)):
+        if curve is not None:
+            canvas.line(0, label, curve.axis * factor, curve.level, color=colour, marker="o", markersize=2.2)
+
+
+def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, model: Model, name: str) -> None:
+    at = np.arange(first.axis.size, dtype=float)
+    for label, curve, colour, shift in (("as given", first, BEFORE, -0.2), ("extended", second, AFTER, 0.2)):
+        if curve is not None:
+            canvas.bars(0, label, at + shift, curve.level, 0.38, color=colour)
+    names = ["down", "up"] if name == "direction" else [model.outputs[int(k)].dof for k in first.axis]
+    canvas.axes[0].set_xticks(at, names)
+    canvas.axes[0].grid(axis="x", visible=False)
+
+
+def _floor(canvas: Canvas, first: Domain) -> None:
+    axes: Axes = canvas.axes[0]
+    level = float(np.mean(first.floor))
+    top = max(line for line in (float(np.max(first.level)), level))
+    if top > 20.0 * level:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+        axes.set_ylim(bottom=0.4 * level)
+    else:
+        axes.set_ylim(0.0, 1.15 * max(top, 1.3 * level))
+    axes.axhline(level, color=QUIET, linewidth=1.0, linestyle=(0, (4, 3)), label="noise")
