@@ -33,7 +33,7 @@ from campaigns.serial.commands import (
     format_status,
     parse_command,
 )
-from campaigns.serial.description import describe, encode_description
+from campaigns.serial.description import Description, describe, encode_description
 from campaigns.serial.frames import Block, Line
 from campaigns.serial.play import Play, Recording
 from sim_backend.bench import Bench, Segment
@@ -97,6 +97,11 @@ class Firmware:
     def safe(self) -> bool:
         """Whether all drives are zero and all loops open."""
         return self._safe
+
+    @property
+    def description(self) -> Description:
+        """What the bench says of itself."""
+        return self._about
 
     @property
     def busy(self) -> bool:

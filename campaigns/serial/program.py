@@ -87,9 +87,14 @@ def decode_segment(image: bytes, channels: tuple[str, ...]) -> Segment:
     gates = []
     for _ in range(n_gates):
         at_sample, axis, closed, integrator = source.take(_GATE)
-        if axis >= n_axes:
-            raise ConfigError(f"segment '{label}': a gate for axis {axis + 1} of {n_axes}; the last is {n_axes}")
+        if axis >= n_axes or not np.isfinite(integrator):
+            raise ConfigError(
+                f"segment '{label}': a gate for axis {axis + 1} of {n_axes} that starts the integrator at "
+                f"{integrator}; name an axis there is and a finite number"
+            )
         gates.append(Gate(at_sample, axis, bool(closed), integrator))
+    if not np.isnan(finger) and not 0.0 < finger < np.inf:
+        raise ConfigError(f"segment '{label}': a cold finger of {finger} K; it must be a finite number above zero")
     segment = Segment(
         label=label,
         n_samples=n_samples,

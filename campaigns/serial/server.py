@@ -16,6 +16,9 @@ from campaigns.serial.session import Session
 BITS_PER_BYTE = 10
 """On a serial line: start bit, eight data bits, stop bit."""
 
+CREDIT_S = 0.1
+"""What a throttle lets catch up: a process waits so long for its turn on a busy machine, and buffers on a line do not."""
+
 MAX_SESSIONS = 4
 _PIECE_BYTES = 65536
 _BUSY_S, _IDLE_S = 0.001, 0.05
@@ -32,10 +35,10 @@ class Throttle:
         self._last_s = now_s
 
     def allowance(self, now_s: float) -> int:
-        """Return how many bytes may pass now; what a line did not use within 20 ms is lost."""
+        """Return how many bytes may pass now; what a line did not use within CREDIT_S is lost."""
         if self._rate is None:
             return _PIECE_BYTES
-        self._credit = min(self._credit + (now_s - self._last_s) * self._rate, max(self._rate * 0.02, 16.0))
+        self._credit = min(self._credit + (now_s - self._last_s) * self._rate, max(self._rate * CREDIT_S, 16.0))
         self._last_s = now_s
         return int(self._credit)
 

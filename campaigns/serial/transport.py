@@ -101,7 +101,7 @@ class SerialTransport:
         """Close the device without waiting for what was not sent."""
         if self._port is not None:
             with contextlib.suppress(serial.SerialException, OSError, ValueError, termios.error):
-                self._port.reset_output_buffer()  # else the system may wait half a minute for a bench that takes nothing
+                self._port.reset_output_buffer()  # a bench that takes nothing would hold up the close
             with contextlib.suppress(serial.SerialException, OSError, ValueError):
                 self._port.close()
             self._port = None
