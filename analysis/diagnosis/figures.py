@@ -60,11 +60,11 @@ def residual_figures(
         canvas = Canvas(f"Residual of {port.dof}", "", size=SIZE)
         canvas.panel(0, port.dof, "time in the segment (s)", f"measured − simulated ({unit})")
         time_s = np.arange(w.stop - w.start) / data.rate_hz
-        canvas.line(0, "as given", time_s, old * factor, color=BEFORE, linewidth=0.9)
+        canvas.line(0, "nominal", time_s, old * factor, color=BEFORE, linewidth=0.9)
         canvas.line(0, "extended", time_s, new * factor, color=AFTER, linewidth=0.9)
         reach = 2.0 * float(noise_rms[o]) * factor
         canvas.band(0, -reach, reach, "noise, ±2σ")
-        canvas.legend(0, loc="upper right", ncols=3)
+        _legend(canvas)
         held = ", which no fit has seen" if w.held_out else ""
         caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most."
         drawn.append(Drawn(f"residual-{port.dof}", f"Residual of {port.dof}", caption, canvas))
@@ -85,6 +85,11 @@ def evidence_figures(
         canvas = _drawn(name, worst, same[0] if same else None, model)
         drawn.append(Drawn(f"evidence-{name}", f"By {name}", f"{worst.where} ({chance(worst.p_value)}).", canvas))
     return drawn
+
+
+def _legend(canvas: Canvas) -> None:
+    """Put the legend above the axes, beside the title, where it covers no curve."""
+    canvas.legend(0, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, borderpad=0.0, columnspacing=1.0)
 
 
 def chance(p: float) -> str:
@@ -108,19 +113,19 @@ def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Can
         if name == "frequency":
             canvas.axes[0].set_xscale("log")
     _floor(canvas, first)
-    canvas.legend(0)
+    _legend(canvas)
     return canvas
 
 
 def _as_curves(canvas: Canvas, first: Domain, second: Domain | None, factor: float) -> None:
-    for label, curve, colour in (("as given", first, BEFORE), ("extended", second, AFTER)):
+    for label, curve, colour in (("nominal", first, BEFORE), ("extended", second, AFTER)):
         if curve is not None:
             canvas.line(0, label, curve.axis * factor, curve.level, color=colour, marker="o", markersize=2.2)
 
 
 def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, model: Model, name: str) -> None:
     at = np.arange(first.axis.size, dtype=float)
-    for label, curve, colour, shift in (("as given", first, BEFORE, -0.2), ("extended", second, AFTER, 0.2)):
+    for label, curve, colour, shift in (("nominal", first, BEFORE, -0.2), ("extended", second, AFTER, 0.2)):
         if curve is not None:
             canvas.bars(0, label, at + shift, curve.level, 0.38, color=colour)
     names = ["down", "up"] if name == "direction" else [model.outputs[int(k)].dof for k in first.axis]
@@ -131,7 +136,7 @@ def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, model: Model,
 def _floor(canvas: Canvas, first: Domain) -> None:
     axes: Axes = canvas.axes[0]
     level = float(np.mean(first.floor))
-    top = max(line for line in (float(np.max(first.level)), level))
+    top = max(float(np.max(first.level)), level)
     if top > 20.0 * level:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))

@@ -47,6 +47,7 @@ def diagnose(
 
     from analysis.diagnosis.loading import load_runs
     from analysis.diagnosis.output import document, prepare_folder, write_files
+    from analysis.diagnosis.page import write_page
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
     from sim_backend.model import load_model
@@ -62,7 +63,7 @@ def diagnose(
             progress=lambda what, part: report(part, 1.0, what),
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
-    files = write_files(found, model, loaded.sources, folder)
+    files = write_page(found, model, loaded.sources, folder) | write_files(found, model, loaded.sources, folder)
     content = document(found, loaded.sources)
     emit(content, as_json=as_json, text=_text(content, files))
     return 0 if found.verdict == "consistent" else 1
@@ -83,7 +84,7 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
         parts.append(table(causes, heads=("cause", "where", "probability", "parameters")))
     parts += ["tied: " + " or ".join(tied) for tied in found["ambiguous"]]
     parts += found["notes"]
-    parts.append(", ".join(str(path) for path in files.values()))
+    parts.append(", ".join(str(files[name]) for name in ("index.html", "diagnosis.json", "extended.toml")))
     return "\n\n".join(parts)
 
 

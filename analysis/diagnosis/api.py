@@ -1,0 +1,78 @@
+"""`analysis.diagnose`: a diagnosis of arrays, for scripts and notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis.diagnosis.dataset import Dataset, Record, Window
+from analysis.diagnosis.holding import with_held_out
+from analysis.diagnosis.pipeline import Options
+from analysis.diagnosis.pipeline import diagnose as _diagnose
+from analysis.diagnosis.result import Diagnosis
+from sim_backend.errors import ConfigError
+from sim_backend.model import Model
+
+Array = NDArray[np.float64]
+
+
+def diagnose(
+    inputs: ArrayLike | Sequence[ArrayLike],
+    outputs: ArrayLike | Sequence[ArrayLike],
+    rate_hz: float,
+    model: Model,
+    *,
+    held_out: Sequence[int] = (),
+    period: int = 0,
+    temperature_k: Sequence[ArrayLike] | None = None,
+    options: Options | None = None,
+) -> Diagnosis:
+    """Return what `model` gets wrong about records, why, and what correcting it gains.
+
+    Shapes: each record's input (n, n_u) and output (n, n_y), or (n,) for one channel, in the order and units of the
+    model's ports; one record or a list of them, each starting in an unknown state. `held_out` numbers the records that
+    no fit may see (without any, the last that differ, or the last fifth); `period` is that of the excitation in
+    samples, 0 when it does not repeat. `temperature_k` has one (n,) per record. Write the result with
+    `analysis.diagnosis.output.write_files` and `analysis.diagnosis.page.write_page`. Raises ConfigError when arrays and
+    model do not match, DataError when the data decide nothing.
+    """
+    us, ys = _records(inputs, len(model.inputs), "inputs"), _records(outputs, len(model.outputs), "outputs")
+    if len(us) != len(ys):
+        raise ConfigError(f"{len(us)} input and {len(ys)} output records; give one of each per record")
+    if not rate_hz > 0.0:
+        raise ConfigError(f"rate_hz is {rate_hz}; it must be above zero")
+    outside = [i for i in held_out if not 0 <= i < len(us)]
+    if outside:
+        raise ConfigError(f"held_out names record {outside[0]}; there are records 0 to {len(us) - 1}")
+    warm: list[Array | None] = [None] * len(us)
+    if temperature_k is not None:
+        warm = [np.ascontiguousarray(t, dtype=float) for t in temperature_k]
+    records = [
+        Record(f"record {i}", u, y, (Window(f"record {i}", 0, u.shape[0], i in held_out, _whole(period, u)),), t)
+        for i, (u, y, t) in enumerate(zip(us, ys, warm, strict=True))
+    ]
+    held, note = with_held_out(records)
+    found = _diagnose(Dataset(float(rate_hz), held), model, options or Options())
+    return replace(found, notes=(*([note] if note else []), *found.notes))
+
+
+def _whole(period: int, u: Array) -> int:
+    return period if 1 < period <= u.shape[0] else 0
+
+
+def _records(values: ArrayLike | Sequence[ArrayLike], channels: int, what: str) -> list[Array]:
+    """Return a list of (n, channels): a list of arrays is one record each, anything else one record."""
+    several = isinstance(values, list | tuple) and len(values) > 0 and np.ndim(values[0]) > 0
+    out = []
+    for i, one in enumerate(values if several else [values]):  # type: ignore[arg-type]
+        array = np.asarray(one, dtype=float)
+        array = array[:, None] if array.ndim == 1 else array
+        if array.ndim != 2 or array.shape[1] != channels:
+            raise ConfigError(
+                f"record {i} of the {what} has shape {np.shape(one)}; the model needs (n, {channels}), one column per port"
+            )
+        out.append(np.ascontiguousarray(array))
+    return out
