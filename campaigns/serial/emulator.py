@@ -18,8 +18,8 @@ from campaigns.serial.serve import ServeOptions
 from campaigns.serial.transport import Transport, transport_at
 from sim_backend.errors import ConfigError, HardwareError
 
-START_S = 60.0
-"""The first start ever compiles the simulated bench's loop."""
+START_S = 120.0
+"""The first start ever compiles the simulated bench's loop, for half a minute on a busy machine."""
 
 STOP_S = 30.0
 PTY_BAUD = 4_000_000

@@ -72,10 +72,7 @@ class PtyPort:
         """Return a new terminal, unless the last one is still open."""
         if self._line is not None and not self._line.closed:
             return None
-        self._line = PtyChannel()
-        fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
-        fresh.symlink_to(self._line.path)
-        fresh.replace(self._link)
+        self._line = PtyChannel(self._link)
         return self._line
 
     def close(self) -> None:
@@ -86,13 +83,16 @@ class PtyPort:
 
 
 class PtyChannel:
-    """A raw pseudo-terminal; its slave end is held open so that a client may come and go."""
+    """A raw pseudo-terminal named `link`; its slave end is held open so that a client may come and go."""
 
-    def __init__(self) -> None:
+    def __init__(self, link: Path) -> None:
+        self._link = link
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(link)
         self.closed = False
 
     def fileno(self) -> int:
@@ -112,8 +112,9 @@ class PtyChannel:
         return 0
 
     def close(self) -> None:
-        """Hang up."""
+        """Hang up; first the name, for the terminal's number may be another bench's in a moment."""
         self.closed = True
+        self._link.unlink(missing_ok=True)
         os.close(self._slave)
         os.close(self._master)
 

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Literal
 
 import msgspec
+import numpy as np
 
 from campaigns.serial.faults import parse_faults
 from campaigns.serial.firmware import Firmware
 from campaigns.serial.ports import Port, PtyPort, TcpPort
 from campaigns.serial.server import Server
-from sim_backend.bench import Bench
+from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
 LOOPBACK = "127.0.0.1"
@@ -28,7 +29,7 @@ Say = Callable[[str], None]
 class ServeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How an emulated bench is served.
 
-    `bench` is the address of the bench behind it. A pty gets the lasting name `link`. `baud` throttles the line,
+    `bench` is the address of the simulated bench behind it. A pty gets the lasting name `link`. `baud` throttles the line,
     `speed` paces the bench (1: real time; none: as fast as it computes). `lifeline`: end when standard input does.
     """
 
@@ -57,6 +58,7 @@ def serve(options: ServeOptions, open_bench: Callable[[str, int], Bench], say: S
     ConfigError for options that cannot be, HardwareError for a port that cannot be had.
     """
     faults = None if options.faults is None else parse_faults(options.faults)
+    _warm(open_bench(options.bench, options.seed))
     bench = open_bench(options.bench, options.seed)
     boots = (secrets.randbelow(2**31) for _ in itertools.count())
     started_s = time.monotonic()
@@ -75,6 +77,13 @@ def serve(options: ServeOptions, open_bench: Callable[[str, int], Bench], say: S
             signal.signal(number, handler)
     struck = ", ".join(f"{kind} {count}" for kind, count in server.faults_struck.items() if count)
     journal(f"{time.monotonic() - started_s:10.3f} s  ended    safe{f'; faults: {struck}' if struck else ''}")
+
+
+def _warm(bench: Bench) -> None:
+    """Let the first run ever compile before a client waits for it; on a bench apart, for playing draws noise."""
+    still = np.zeros((1, len(bench.axes)))
+    bench.play(Segment("warm", 1, still, still))
+    bench.close()
 
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -17,7 +17,7 @@ BITS_PER_BYTE = 10
 """On a serial line: start bit, eight data bits, stop bit."""
 
 CREDIT_S = 0.1
-"""What a throttle lets catch up: a process waits so long for its turn on a busy machine, and buffers on a line do not."""
+"""What a throttle lets catch up: on a busy machine a process waits so long for its turn, and a line does not."""
 
 MAX_SESSIONS = 4
 _PIECE_BYTES = 65536
