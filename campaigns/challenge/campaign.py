@@ -44,15 +44,17 @@ class Campaign:
             for i, (run, start) in enumerate(zip(self.runs, self.starts, strict=True))
         ]
 
-    def readings(self, hidden: Sequence[Hidden], *, noise: bool = True) -> list[Array]:
-        """Return what is recorded in every run, (n, axes), with or without the measurement noise."""
+    def noise(self) -> list[Array]:
+        """Return the measurement noise of every run, (n, axes)."""
         rng = np.random.default_rng([self.noise_seed, 0])
-        out = []
-        for i, (run, motion) in enumerate(zip(self.runs, self.motions(hidden), strict=True)):
-            n = run.excitation.n
-            drawn = np.stack([x.draw(n, rng) for x in self.noises], axis=1)
-            out.append(read(motion, hidden, run.excitation, drawn * float(noise), self._chance(100 + i)))
-        return out
+        return [np.stack([x.draw(run.excitation.n, rng) for x in self.noises], axis=1) for run in self.runs]
+
+    def readings(self, hidden: Sequence[Hidden], noise: Sequence[Array]) -> list[Array]:
+        """Return what is recorded in every run, (n, axes), under `hidden` effects and `noise`."""
+        return [
+            read(motion, hidden, run.excitation, added, self._chance(100 + i))
+            for i, (run, motion, added) in enumerate(zip(self.runs, self.motions(hidden), noise, strict=True))
+        ]
 
     def scene(self) -> Scene:
         """Return the sizes of the undisturbed motion, from which effects are drawn."""

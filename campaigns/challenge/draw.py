@@ -10,12 +10,17 @@ from campaigns.challenge.campaign import Campaign, draw_campaign
 from campaigns.challenge.experiment import SHAPES
 from campaigns.challenge.families import Hidden, Scene, members
 from campaigns.challenge.families.base import log_uniform
-from campaigns.challenge.limits import Limits, Metric, limits_of
+from campaigns.challenge.families.structure import ExtraResonance
+from campaigns.challenge.limits import Limits, detection_limit, limits_of
+from campaigns.challenge.metric import Metric
 from campaigns.challenge.truth import Stratum
 from sim_backend.errors import ConfigError
 
-CLEAR = (2.0, 6.0)
+CLEAR = (2.0, 30.0)
 """Sizes in naming limits of effects that must be named."""
+
+UNSEEN = (0.2, 0.6)
+"""Sizes in detection limits of the small modes that every hidden bench has besides."""
 
 FAINT = (0.4, 4.0)
 """Sizes in detection limits of effects that measure where detection begins."""
@@ -38,6 +43,7 @@ class Drawn:
     plan: Plan
     shape: str
     campaign: Campaign
+    parasites: tuple[Hidden, ...]
     hidden: tuple[Hidden, ...]
     limits: tuple[Limits, ...]
 
@@ -53,11 +59,10 @@ def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
     n_axes = max(needs, 1 + int(rng.random() < 0.5))
     for _ in range(_TRIES):
         campaign = draw_campaign(rng, shape, n_axes)
-        if not plan.slugs:
-            return Drawn(plan, shape, campaign, (), ())
-        found = _effects(plan, campaign, rng)
+        scene, metric = campaign.scene(), Metric.of(campaign)
+        found = _effects(plan, scene, metric, rng)
         if found is not None:
-            return Drawn(plan, shape, campaign, *found)
+            return Drawn(plan, shape, campaign, _parasites(scene, metric, rng), *found)
     raise ConfigError(
         f"no bench in {_TRIES} shows {' and '.join(plan.slugs)} in a campaign of shape '{shape}' at a plausible size; "
         "leave the family out or make the campaigns longer"
@@ -65,9 +70,8 @@ def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
 
 
 def _effects(
-    plan: Plan, campaign: Campaign, rng: np.random.Generator
+    plan: Plan, scene: Scene, metric: Metric, rng: np.random.Generator
 ) -> tuple[tuple[Hidden, ...], tuple[Limits, ...]] | None:
-    scene, metric = campaign.scene(), Metric.of(campaign)
     effects: list[Hidden] = []
     limits: list[Limits] = []
     for slug in plan.slugs:
@@ -80,6 +84,12 @@ def _effects(
         effects.append(effect.resized(size))
         limits.append(found)
     return tuple(effects), tuple(limits)
+
+
+def _parasites(scene: Scene, metric: Metric, rng: np.random.Generator) -> tuple[Hidden, ...]:
+    """Return small modes that no model has, one per axis, each too small to be found."""
+    modes = [ExtraResonance.draw(rng, scene.at(axis)) for axis in range(scene.n_axes)]
+    return tuple(m.resized(rng.uniform(*UNSEEN) * detection_limit(m, metric, scene)) for m in modes)
 
 
 def _size(stratum: Stratum, effect: Hidden, limits: Limits, scene: Scene, rng: np.random.Generator) -> float | None:

@@ -20,107 +20,30 @@ start. For a known signature the likelihood ratio is a normal number of mean d a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import norm
 
-from campaigns.challenge.campaign import Campaign
 from campaigns.challenge.families import FAMILIES, Hidden, Scene
-from campaigns.challenge.plant import NOMINAL_ERROR, Plant
+from campaigns.challenge.metric import Metric, Seen
 from campaigns.challenge.power import random_energy
 
 Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.01
 THRESHOLD = float(norm.isf(FALSE_ALARMS / 2.0))
-PRIOR_SD = NOMINAL_ERROR / np.sqrt(3.0)
-
-_COARSE = 2
-"""Fine steps per sample for limits: the signature of an effect needs less accuracy than the data that hold it."""
-
 _ROUNDS = 12
 _CLOSE = 0.02
 """Rounds of the search for a limit, and the relative accuracy at which it ends."""
 
-_RETUNES, _STILL, _STRIDE, _FARTHEST = 6, 0.05, 1.0, 5.0
+_RETUNES, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
 """Gauss–Newton steps at most; knobs (in deviations) that need no step; the longest step; the farthest start."""
 
-_DRAWS = 3
-"""Random draws per rival, besides the two that borrow the truth's shapes."""
-
-
-@dataclass(frozen=True)
-class Metric:
-    """Inner products of whitened signatures over all samples that may be fitted, nuisances projected out.
-
-    The nuisances are linearised about the plant turned by `knobs` (in prior standard deviations, per parameter).
-    `readings` are those without effects there, `blocks` per run and axis the whitened nuisances (rows, k), the starts
-    after the knobs; `factor` is the Cholesky factor of prior + N'N.
-    """
-
-    campaign: Campaign
-    knobs: Array
-    readings: list[Array]
-    blocks: list[Array]
-    factor: tuple[Array, bool]
-
-    @classmethod
-    def of(cls, campaign: Campaign, knobs: Array | None = None) -> Metric:
-        """Return the metric of a campaign, about its own plant or about one turned by `knobs`."""
-        coarse = campaign.coarse(_COARSE)
-        knobs = np.zeros(len(places_of(campaign.plant))) if knobs is None else knobs
-        plant = turned(campaign.plant, knobs)
-        readings = replace(coarse, plant=plant).readings(())
-        slopes = [_slope(coarse, readings, campaign.plant, knobs, i) for i in range(knobs.size)]
-        n_starts = 2 * plant.n_modes * len(campaign.runs)
-        blocks = []
-        for r, run in enumerate(campaign.runs):
-            rows = run.rows(held_out=False)
-            free = _free_responses(plant, run.excitation.n, run.excitation.rate_hz)
-            for a, noise in enumerate(campaign.noises):
-                starts = np.zeros((run.excitation.n, n_starts))
-                width = free.shape[2]
-                starts[:, r * width : (r + 1) * width] = free[:, a]
-                columns = np.column_stack([*(k[r][:, a] for k in slopes), starts])
-                blocks.append(noise.whiten(columns)[rows])
-        products = sum((b.T @ b for b in blocks), np.zeros((knobs.size + n_starts,) * 2))
-        # knobs are scaled to unit prior; a start is known no better than to a thousand times what the noise leaves of
-        # it
-        prior = np.concatenate([np.ones(knobs.size), 1e-6 * np.maximum(np.diag(products)[knobs.size :], 1e-300)])
-        return cls(coarse, knobs, readings, blocks, cho_factor(products + np.diag(prior), lower=True))
-
-    def signature(self, hidden: Sequence[Hidden]) -> Array:
-        """Return the whitened change of all fitted readings by `hidden`, one long vector (rows + knobs,).
-
-        After the readings stand the knobs at which the metric is taken, which their prior charges for.
-        """
-        change = [y - b for y, b in zip(self.campaign.readings(hidden), self.readings, strict=True)]
-        parts = [-self.knobs]
-        for run, values in zip(self.campaign.runs, change, strict=True):
-            rows = run.rows(held_out=False)
-            parts += [noise.whiten(values[:, [a]])[rows, 0] for a, noise in enumerate(self.campaign.noises)]
-        return np.concatenate(parts)
-
-    def reduced(self, vectors: Array) -> Array:
-        """Return the inner products (k, k) of signatures `vectors` (knobs + rows, k), nuisances projected out."""
-        onto = self._onto(vectors)
-        return np.asarray(vectors.T @ vectors - onto.T @ cho_solve(self.factor, onto))
-
-    def step(self, vector: Array) -> Array:
-        """Return the change of the knobs that explains most of one signature, shape (knobs,)."""
-        return np.asarray(cho_solve(self.factor, self._onto(vector[:, None]))[: self.knobs.size, 0])
-
-    def _onto(self, vectors: Array) -> Array:
-        onto, at = np.zeros((self.blocks[0].shape[1], vectors.shape[1])), self.knobs.size
-        onto[:at] = vectors[:at]
-        for block in self.blocks:
-            onto += block.T @ vectors[at : at + block.shape[0]]
-            at += block.shape[0]
-        return onto
+_DRAWS = 2
+"""Random draws per rival that has shapes, besides those that borrow the truth's."""
 
 
 @dataclass(frozen=True)
@@ -136,19 +59,58 @@ class Limits:
     twins: tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True)
-class _Rival:
-    slug: str
-    where: str
-    vectors: Array
+class Rivals:
+    """What every other cause could make of the same readings: signatures by cause and place, and their inner products.
+
+    `columns` are those of each rival in `vectors` (knobs + rows, k).
+    """
+
+    def __init__(self, found: dict[tuple[str, str], list[Array]]) -> None:
+        ends = np.cumsum([len(v) for v in found.values()])
+        self.columns = {key: np.arange(end - len(v), end) for (key, v), end in zip(found.items(), ends, strict=True)}
+        self.vectors = np.column_stack([v for vectors in found.values() for v in vectors])
+        self._known: list[tuple[Metric, Seen, Array]] = []
+
+    def seen(self, metric: Metric) -> tuple[Seen, Array]:
+        """Return all rivals as a metric sees them and their inner products, computed once per metric."""
+        for known, seen, products in self._known:
+            if known is metric:
+                return seen, products
+        seen = metric.seen(self.vectors)
+        self._known.append((metric, seen, seen.products()))
+        return self._known[-1][1:]
+
+    @classmethod
+    def of(cls, effect: Hidden, metric: Metric, scene: Scene, rng: np.random.Generator) -> Rivals:
+        """Return the rivals of `effect` at its axis."""
+        found: dict[tuple[str, str], list[Array]] = {}
+        for family in FAMILIES:
+            if family.slug == effect.slug or family.random or family.needs_axes > scene.n_axes:
+                continue
+            for draw in _relatives(family.draw(rng, scene.at(effect.axis)), effect, rng, scene):
+                vector = metric.signature([draw])
+                if np.all(np.isfinite(vector)):  # a borrowed shape may ask for what this bench would not survive
+                    found.setdefault((draw.slug, draw.where), []).append(vector)
+        return cls(found)
+
+
+def _relatives(first: Hidden, effect: Hidden, rng: np.random.Generator, scene: Scene) -> list[Hidden]:
+    """Return what a rival is represented by: draws of its shapes, if it has any, and those that `effect` has too."""
+    if not first.shapes():
+        return [first]
+    draws = [first, *(type(first).draw(rng, scene.at(effect.axis)) for _ in range(_DRAWS - 1))]
+    if set(first.shapes()) & set(effect.shapes()):
+        draws.append(first.borrowing(effect))
+        if "phase" in first.shapes():
+            draws.append(first.borrowing(effect, np.pi / 2.0))
+    return draws
 
 
 class Distances:
     """Distances of one effect from all that the nuisances, and a rival, can explain, at any size.
 
     Large effects that look like a wrong nominal parameter (a shift of stiffness, say) need the nuisances re-tuned and
-    not only linearised: Gauss–Newton steps, begun from the solution at the nearest size. Retuned metrics are kept by
-    size.
+    not only linearised: Gauss–Newton steps, begun from the solution at the nearest size.
     """
 
     def __init__(self, effect: Hidden, metric: Metric, beside: Sequence[Hidden]) -> None:
@@ -157,12 +119,27 @@ class Distances:
         self._others = [metric.signature([other]) for other in beside if not other.random]
         self._known: dict[float, tuple[Metric, Array]] = {}
 
-    def __call__(self, size: float, rival: Array | None = None) -> float:
-        """Return d at `size`, less what the span of `rival` (rows, k) explains."""
-        metric, vector = self._known.get(size) or self._retuned(size)
-        self._known[size] = (metric, vector)
-        columns = [vector, *self._others] if rival is None else [vector, *self._others, rival]
-        return _left(metric.reduced(np.column_stack(columns)))
+    def alone(self, size: float) -> float:
+        """Return d at `size`."""
+        metric, vector = self._at(size)
+        return _left(metric.seen(np.column_stack([vector, *self._others])).products())
+
+    def beyond(self, size: float, rivals: Rivals, keys: Sequence[tuple[str, str]]) -> list[float]:
+        """Return, per rival in `keys`, what it leaves of d at `size`."""
+        metric, vector = self._at(size)
+        own = metric.seen(np.column_stack([vector, *self._others]))
+        seen, among = rivals.seen(metric)
+        inner, cross = own.products(), own.products(seen)
+        return [_left(_bordered(inner, cross[:, c], among[np.ix_(c, c)])) for c in (rivals.columns[k] for k in keys)]
+
+    def beyond_one(self, rivals: Rivals, key: tuple[str, str], size: float) -> float:
+        """Return what one rival leaves of d at `size`."""
+        return self.beyond(size, rivals, [key])[0]
+
+    def _at(self, size: float) -> tuple[Metric, Array]:
+        if size not in self._known:
+            self._known[size] = self._retuned(size)
+        return self._known[size]
 
     def _retuned(self, size: float) -> tuple[Metric, Array]:
         hidden = [self._effect.resized(size)]
@@ -183,42 +160,37 @@ class Distances:
         return metric, vector
 
 
+def detection_limit(effect: Hidden, metric: Metric, scene: Scene) -> float:
+    """Return the detection limit of an effect by itself."""
+    return _crossing(Distances(effect, metric, ()).alone, 0.05 * effect.size, effect.cap(scene))
+
+
 def limits_of(
     effect: Hidden, metric: Metric, scene: Scene, rng: np.random.Generator, beside: Sequence[Hidden] = ()
 ) -> Limits:
     """Return the limits of `effect`; `beside` holds other effects that act at the same time and are to be found too."""
     cap = effect.cap(scene)
     if effect.random:
-        detection = _crossing(lambda size: _random_distance(effect.resized(size), metric), effect.size, cap)
+        detection = _crossing(partial(_random_distance, effect, metric), effect.size, cap)
         return Limits(detection, detection, "noise", ())
-    distance = Distances(effect, metric, beside)
-    detection = _crossing(distance, 0.05 * effect.size, cap)
+    distances = Distances(effect, metric, beside)
+    detection = _crossing(distances.alone, 0.05 * effect.size, cap)
     if not np.isfinite(detection):
         return Limits(np.inf, np.inf, "noise", ())
-    rivals = _rivals(effect, metric, scene, rng)
-    # what is left grows with the size at most in proportion, so five times the detection limit tells what the cap can
-    # show
+    rivals = Rivals.of(effect, metric, scene, rng)
+    # what is left grows with the size at most in proportion, so five times the detection limit tells what the cap shows
     near = min(5.0 * detection, cap)
-    left = sorted(((distance(near, r.vectors), r) for r in rivals), key=lambda pair: pair[0])
-    twins = tuple((r.slug, r.where) for d, r in left if d * cap / near < THRESHOLD)
-    closest = [r for d, r in left if d * cap / near >= THRESHOLD][:2]
-    crossings = [(_crossing(partial(distance, rival=r.vectors), near, cap), r.slug) for r in closest]
+    keys = list(rivals.columns)
+    left = sorted(zip(distances.beyond(near, rivals, keys), keys, strict=True))
+    twins = tuple(key for d, key in left if d * cap / near < THRESHOLD)
+    closest = [key for d, key in left if d * cap / near >= THRESHOLD][:2]
+    crossings = [(_crossing(partial(distances.beyond_one, rivals, key), near, cap), key[0]) for key in closest]
     naming, rival = max(crossings, default=(detection, "noise"))
     return Limits(detection, max(naming, detection), rival, twins)
 
 
-def _rivals(effect: Hidden, metric: Metric, scene: Scene, rng: np.random.Generator) -> list[_Rival]:
-    found: dict[tuple[str, str], list[Array]] = {}
-    for family in FAMILIES:
-        if family.slug == effect.slug or family.random or family.needs_axes > scene.n_axes:
-            continue
-        draws = [family.draw(rng, scene.at(effect.axis)) for _ in range(_DRAWS)]
-        draws += [draws[0].borrowing(effect), draws[0].borrowing(effect, np.pi / 2.0)]
-        for draw in draws:
-            vector = metric.signature([draw])
-            if np.all(np.isfinite(vector)):  # a borrowed shape may ask for what this bench would not survive
-                found.setdefault((draw.slug, draw.where), []).append(vector)
-    return [_Rival(slug, where, np.column_stack(vectors)) for (slug, where), vectors in found.items()]
+def _bordered(inner: Array, cross: Array, among: Array) -> Array:
+    return np.block([[inner, cross], [cross.T, among]])
 
 
 def _left(products: Array) -> float:
@@ -257,36 +229,5 @@ def _crossing(distance: Callable[[float], float], start: float, cap: float) -> f
     return float(high if np.isfinite(high) else np.inf)
 
 
-def _random_distance(effect: Hidden, metric: Metric) -> float:
-    return float(np.sqrt(random_energy(effect, metric.campaign)))
-
-
-def places_of(plant: Plant) -> list[tuple[str, tuple[int, ...]]]:
-    """Return which numbers of a plant the nominal model states: field and index."""
-    names = ("omega_rad_s", "sigma_1_s", "b", "c")
-    return [(name, tuple(int(i) for i in at)) for name in names for at in np.argwhere(getattr(plant, name) != 0.0)]
-
-
-def turned(plant: Plant, knobs: Array) -> Plant:
-    """Return the plant with every number that the nominal model states changed by `knobs` prior standard deviations."""
-    values = {name: getattr(plant, name).copy() for name in ("omega_rad_s", "sigma_1_s", "b", "c")}
-    for (name, at), knob in zip(places_of(plant), knobs, strict=True):
-        values[name][at] *= np.exp(PRIOR_SD * knob)
-    return plant.with_(**values)
-
-
-def _slope(campaign: Campaign, readings: list[Array], plant: Plant, knobs: Array, i: int) -> list[Array]:
-    """Return the change of all readings per standard deviation of one knob: a hundredth of it is still linear."""
-    there = knobs.copy()
-    there[i] += 0.01
-    moved = replace(campaign, plant=turned(plant, there)).readings(())
-    return [100.0 * (y - b) for y, b in zip(moved, readings, strict=True)]
-
-
-def _free_responses(plant: Plant, n: int, rate_hz: float) -> Array:
-    """Return what each axis reads of each mode's ring-down, shape (n, axes, 2 modes): its sine and its cosine."""
-    time_s = np.arange(n)[:, None] / rate_hz
-    damped = np.sqrt(np.maximum(plant.omega_rad_s**2 - plant.sigma_1_s**2, 0.0))
-    decay = np.exp(-plant.sigma_1_s * time_s)
-    ring = np.stack([decay * np.cos(damped * time_s), decay * np.sin(damped * time_s)], axis=2)
-    return np.asarray((plant.c[None, :, :, None] * ring[:, None]).reshape(n, plant.n_axes, -1))
+def _random_distance(effect: Hidden, metric: Metric, size: float) -> float:
+    return float(np.sqrt(random_energy(effect.resized(size), metric.campaign)))

@@ -18,6 +18,7 @@ from campaigns.challenge.bounds import bound_deviations, held_out_floor
 from campaigns.challenge.draw import Drawn, Plan, draw_case
 from campaigns.challenge.experiment import Run
 from campaigns.challenge.families import slugs
+from campaigns.challenge.metric import Metric
 from campaigns.challenge.plant import AXES, nominal_model
 from campaigns.challenge.truth import Buried, Case, Number, Truth, seal
 from campaigns.log import Channel, LogWriter
@@ -107,7 +108,7 @@ def make_case(folder: Path, plan: Plan, seed: int, index: int) -> Case:
     rng = np.random.default_rng([seed, 2, index])
     drawn = draw_case(plan, rng)
     campaign = drawn.campaign
-    readings = campaign.readings(drawn.hidden)
+    readings = campaign.readings((*drawn.parasites, *drawn.hidden), campaign.noise())
     for run, reading in zip(campaign.runs, readings, strict=True):
         write_run(folder / f"{run.name}.h5", folder.name, run, reading, rng)
     model = nominal_model(campaign.plant, rng, campaign.runs[0].excitation.rate_hz)
@@ -157,7 +158,7 @@ def write_run(path: Path, case: str, run: Run, reading: Array, rng: np.random.Ge
 
 def _truth(drawn: Drawn, readings: list[Array]) -> Case:
     campaign, hidden = drawn.campaign, drawn.hidden
-    deviations = bound_deviations(campaign, hidden)
+    deviations = bound_deviations(Metric.of(campaign, beside=hidden), hidden)
     buried = [
         Buried(
             effect=effect.slug,

@@ -43,7 +43,7 @@ def _of_apex(effect: ApexNoise, campaign: Campaign) -> float:
         added = effect.deviation(motion.sampled()[:, effect.axis]) ** 2
         parts.append(np.convolve(added, taps)[: added.size][run.rows(held_out=False)])
     r = np.concatenate(parts)
-    r = r / (1.0 + np.mean(r))
+    r = r / (1.0 + r)
     return float(0.5 * np.sum((r - np.mean(r)) ** 2))
 
 

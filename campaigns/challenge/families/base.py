@@ -68,6 +68,7 @@ class Hidden:
     needs_axes: ClassVar[int] = 1
     random: ClassVar[bool] = False  # known only by its statistics: detected by power, see `power.py`
     smooth: ClassVar[bool] = True  # the reading can be differentiated by the parameters
+    predictable: ClassVar[bool] = True  # knowing it tells the next reading; chance and rounding do not
     given: ClassVar[tuple[str, ...]] = ("way",)  # fields that no data have to tell
 
     @classmethod
@@ -96,10 +97,13 @@ class Hidden:
         """Return the fields that data have to tell: all numbers but the `given` ones."""
         return tuple(f.name for f in fields(self) if f.type == "float" and f.name not in self.given)
 
+    def shapes(self) -> tuple[str, ...]:
+        """Return the free fields apart from the size."""
+        return tuple(name for name in self.free() if name != "size")
+
     def borrowing(self, other: Hidden, turn: float = 0.0) -> Self:
         """Return this effect with every shape that `other` has too, a phase turned by `turn`: its closest relative."""
-        mine, theirs = {f.name for f in fields(self)}, {f.name for f in fields(other)}
-        shared = {name: getattr(other, name) for name in (mine & theirs) - {"axis", "source", "size", *self.given}}
+        shared = {name: getattr(other, name) for name in set(self.shapes()) & set(other.shapes())}
         if "phase" in shared:
             shared["phase"] += turn
         return replace(self, **shared)

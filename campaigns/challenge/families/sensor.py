@@ -109,6 +109,7 @@ class SensorQuantisation(Hidden):
     """The noisy reading is recorded in whole steps of `size`."""
 
     slug: ClassVar[str] = "sensor-quantisation"
+    predictable: ClassVar[bool] = False
     smooth: ClassVar[bool] = False
 
     @classmethod
@@ -180,6 +181,7 @@ class ApexNoise(Hidden):
     """White noise that grows with the distance from the centre, by `size` per distance."""
 
     slug: ClassVar[str] = "apex-noise"
+    predictable: ClassVar[bool] = False
     random: ClassVar[bool] = True
 
     @classmethod

@@ -54,6 +54,7 @@ class BroadbandVibration(Hidden):
     bandwidth_hz: float
 
     slug: ClassVar[str] = "broadband-vibration"
+    predictable: ClassVar[bool] = False
     random: ClassVar[bool] = True
 
     @classmethod
@@ -150,6 +151,7 @@ class DroppedSamples(Hidden):
     """A part `size` of the readings of one axis does not arrive; the last one that did stands in."""
 
     slug: ClassVar[str] = "dropped-samples"
+    predictable: ClassVar[bool] = False
     smooth: ClassVar[bool] = False
 
     @classmethod
