@@ -72,7 +72,7 @@ def _records(values: ArrayLike | Sequence[ArrayLike], channels: int, what: str) 
         array = array[:, None] if array.ndim == 1 else array
         if array.ndim != 2 or array.shape[1] != channels:
             raise ConfigError(
-                f"record {i} of the {what} has shape {np.shape(one)}; the model needs (n, {channels}), one column per port"
+                f"record {i} of the {what} has shape {array.shape}; the model needs (n, {channels}), a column per port"
             )
         out.append(np.ascontiguousarray(array))
     return out

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from analysis.diagnosis.bins import largest_test
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,15 @@ def repeat_test(w: Array, repeats: Sequence[Repeat], rate_hz: float) -> float:
             dof += per_line * np.bincount(band, minlength=dof.size)
     full = same_dof > 0.0
     ratio = (same[full] / same_dof[full]) / np.maximum(other[full] / other_dof[full], np.finfo(float).tiny)
-    return largest_test(ratio, same_dof[full], other_dof[full])
+    return _over_bands(ratio, same_dof[full], other_dof[full])
+
+
+def _over_bands(ratio: Array, dof: Array, other_dof: Array) -> float:
+    """Return one p-value of independent variance ratios: twice the smaller of Šidák's (one) and Fisher's (many)."""
+    p = np.maximum(f_distribution.sf(ratio, dof, other_dof), np.finfo(float).tiny)
+    one = float(-np.expm1(p.size * np.log1p(-min(float(p.min()), 1.0 - 1e-16))))
+    many = float(chi2.sf(-2.0 * np.sum(np.log(p)), 2 * p.size))
+    return min(1.0, 2.0 * min(one, many))
 
 
 def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> float:
@@ -121,7 +129,7 @@ def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> 
         ratio.append((followed / k) / (left / free))
         dof.append(2.0 * k)
         other.append(2.0 * free)
-    return largest_test(np.array(ratio), np.array(dof), np.array(other)) if ratio else 1.0
+    return _over_bands(np.array(ratio), np.array(dof), np.array(other)) if ratio else 1.0
 
 
 def explained_by_shifts(w: Array, columns: Array) -> Array:
