@@ -85,6 +85,12 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.challenge_make:make",
             "Make blind cases: logs of benches with hidden effects, their truth sealed apart.",
         ),
+        "challenge run": Entry(
+            "mccdcli.commands.challenge_run:run", "Diagnose every case of a challenge that has no result yet."
+        ),
+        "challenge score": Entry(
+            "mccdcli.commands.challenge_score:score", "Reveal the truth of a challenge and score the diagnoses."
+        ),
         "bench check": Entry(
             "mccdcli.commands.bench_check:check",
             "Check that a bench keeps to the serial protocol; exit code 1 if it does not.",

@@ -85,14 +85,14 @@ def _bound_of_chance(metric: Metric, effect: Hidden) -> dict[str, float]:
 
 
 def held_out_floor(campaign: Campaign, hidden: Sequence[Hidden], readings: list[Array]) -> float:
-    """Return the rms over held-out samples and axes of the readings less what the truth predicts.
+    """Return the error that the truth leaves in the held-out readings: rms ÷ rms about the mean, over all axes.
 
-    It is the error of the true structure with the true parameters, so what is fitted to the same data can only be
-    worse:
+    It is that of the true structure with the true parameters, so what is fitted to the same data can only be worse:
     noise, small unmodelled modes, chance and rounding.
     """
     known = [effect for effect in hidden if effect.predictable]
-    silence = [np.zeros_like(y) for y in readings]
-    predicted = campaign.readings(known, silence)
-    errors = [(y - p)[run.rows(held_out=True)] for run, y, p in zip(campaign.runs, readings, predicted, strict=True)]
-    return float(np.sqrt(np.mean(np.concatenate([e.ravel() for e in errors]) ** 2)))
+    predicted = campaign.readings(known, [np.zeros_like(y) for y in readings])
+    rows = [run.rows(held_out=True) for run in campaign.runs]
+    truth = np.concatenate([y[kept] for y, kept in zip(readings, rows, strict=True)])
+    errors = truth - np.concatenate([y[kept] for y, kept in zip(predicted, rows, strict=True)])
+    return float(np.sqrt(np.mean((errors / np.std(truth, axis=0)) ** 2)))

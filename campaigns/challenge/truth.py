@@ -41,7 +41,7 @@ class Buried(_Strict, frozen=True, kw_only=True):
 
 
 class Case(_Strict, frozen=True, kw_only=True):
-    """One case: its stratum, what is hidden, and the held-out rms error that the true structure leaves."""
+    """One case: its stratum, what is hidden, and the relative error that the truth leaves held out."""
 
     stratum: Stratum
     effects: list[Buried]

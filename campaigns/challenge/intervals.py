@@ -1,0 +1,62 @@
+"""Intervals of 95 %: of shares exactly (Clopper–Pearson), of medians by resampling; and where half is detected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import beta, norm
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+_RESAMPLES = 2000
+
+
+def share_interval(hits: int, n: int) -> tuple[float, float]:
+    """Return the exact interval of a share of `hits` in `n`; (0, 1) when there is nothing to count.
+
+    Source: C. J. Clopper and E. S. Pearson, Biometrika 26 (1934).
+    """
+    if n == 0:
+        return 0.0, 1.0
+    tail = (1.0 - LEVEL) / 2.0
+    low = float(beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
+    high = float(beta.isf(tail, hits + 1, n - hits)) if hits < n else 1.0
+    return low, high
+
+
+def bootstrap_interval(
+    groups: Sequence[Array], statistic: Callable[[Array], float], rng: np.random.Generator
+) -> tuple[float, float]:
+    """Return the percentile interval of a statistic of all numbers, resampling whole `groups` (numbers of one case)."""
+    if not groups:
+        return float("nan"), float("nan")
+    drawn = rng.integers(len(groups), size=(_RESAMPLES, len(groups)))
+    values = [statistic(np.concatenate([groups[i] for i in row])) for row in drawn]
+    low, high = np.quantile(values, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    return float(low), float(high)
+
+
+def half_points(sizes: Sequence[Array], seen: Sequence[NDArray[np.bool_]]) -> Array:
+    """Return, per group, the size at which half is seen, shape (groups,).
+
+    The chance of seeing size s is Φ(slope · ln(s / s_half)), with one slope for all groups. A weak normal prior on ln
+    s_half (mean 0, deviation 2) and on ln slope (mean 1, deviation 1) keeps groups finite in which all or nothing was
+    seen.
+    """
+    n = len(sizes)
+
+    def cost(x: Array) -> float:
+        slope = np.exp(x[n])
+        total = float(np.sum((x[:n] / 2.0) ** 2) / 2.0 + (x[n] - 1.0) ** 2 / 2.0)
+        for at, s, hit in zip(x[:n], sizes, seen, strict=True):
+            z = slope * (np.log(s) - at)
+            total -= float(np.sum(norm.logcdf(np.where(hit, z, -z))))
+        return total
+
+    start = np.zeros(n + 1)
+    start[n] = 1.0
+    return np.asarray(np.exp(minimize(cost, start, method="L-BFGS-B").x[:n]))

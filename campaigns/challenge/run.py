@@ -1,0 +1,122 @@
+"""Run the diagnosis on every case of a challenge, each in a process that gets the case's files and no more."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Timer
+
+from campaigns.challenge.plant import NOMINAL_ERROR
+from campaigns.challenge.truth import reveal
+from campaigns.version import tool_commit, tool_version
+from sim_backend.errors import ConfigError
+
+RESULTS, OUTCOME, DIAGNOSIS = "results", "run.json", "diagnosis.json"
+
+DIAGNOSE = (sys.executable, "-m", "mccdcli", "diagnose")
+"""The command that is judged; the case's files and options follow."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one diagnosis ended: exit code (None when it was stopped at the time limit), wall and processor seconds."""
+
+    case: str
+    exit_code: int | None
+    wall_s: float
+    cpu_s: float
+    tool_version: str
+    tool_commit: str
+
+
+def run_challenge(
+    folder: Path,
+    *,
+    jobs: int = 1,
+    limit_s: float = 300.0,
+    command: Sequence[str] = DIAGNOSE,
+    report: Callable[[float, float, str], None] = lambda done, total, what: None,
+) -> list[Outcome]:
+    """Diagnose every case that has no outcome yet and return the outcomes of all, in order.
+
+    For cases whose family is to be left out of the search, its name is read from the sealed truth and passed on as
+    `--without`: that says what the answer is not. Raises ConfigError when `folder` holds no challenge, DataError when
+    its truth was changed.
+    """
+    left_out = {
+        name: [effect.effect for effect in case.effects]
+        for name, case in reveal(folder).cases.items()
+        if case.stratum == "outside"
+    }
+    cases = cases_of(folder)
+    waiting = [name for name in cases if not (folder / RESULTS / name / OUTCOME).is_file()]
+    with ThreadPoolExecutor(jobs) as pool:
+        futures = [pool.submit(_diagnose, folder, name, left_out.get(name, []), limit_s, command) for name in waiting]
+        for done, future in enumerate(as_completed(futures), start=1):
+            report(done, len(waiting), f"case {future.result().case}")
+    return [outcome_of(folder, name) for name in cases]
+
+
+def cases_of(folder: Path) -> list[str]:
+    """Return the names of all cases; raises ConfigError when there is no challenge in `folder`."""
+    public = folder / "challenge.json"
+    if not public.is_file():
+        raise ConfigError(f"{folder} holds no challenge.json: make a challenge there first")
+    names: list[str] = json.loads(public.read_text(encoding="utf-8"))["cases"]
+    return names
+
+
+def outcome_of(folder: Path, name: str) -> Outcome:
+    """Return the outcome of a case; raises ConfigError when it has not been run."""
+    path = folder / RESULTS / name / OUTCOME
+    if not path.is_file():
+        raise ConfigError(f"case {name} of {folder} has no outcome yet: run the challenge to its end first")
+    return Outcome(**json.loads(path.read_text(encoding="utf-8")))
+
+
+def _diagnose(folder: Path, name: str, left_out: list[str], limit_s: float, command: Sequence[str]) -> Outcome:
+    """Run one diagnosis inside its case's folder, with its words kept beside its result.
+
+    How far the nominal model can be trusted is public: uniform within ±3 %, a standard deviation of 3 %/√3.
+    """
+    case, out = (folder / "cases" / name).resolve(), (folder / RESULTS / name).resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    runs = sorted(p.name for p in case.glob("run-*.h5"))
+    without = [word for slug in left_out for word in ("--without", slug)]
+    tolerance = ["--nominal-tolerance", f"{NOMINAL_ERROR / 3.0**0.5:.4f}"]
+    arguments = [*command, *runs, "--model", "nominal.toml", "-o", str(out), *tolerance, *without]
+    started = time.monotonic()
+    with (out / "words.txt").open("wb") as words:
+        process = subprocess.Popen(arguments, cwd=case, stdout=words, stderr=words, start_new_session=True)
+        code, cpu_s = _await(process, limit_s)
+    outcome = Outcome(name, code, time.monotonic() - started, cpu_s, tool_version(), tool_commit())
+    hidden = out / f".{OUTCOME}"
+    hidden.write_text(json.dumps(asdict(outcome), indent=1) + "\n", encoding="utf-8")
+    hidden.replace(out / OUTCOME)  # an outcome is there whole or not at all
+    return outcome
+
+
+def _await(process: subprocess.Popen[bytes], limit_s: float) -> tuple[int | None, float]:
+    """Return exit code (None when it took longer than `limit_s` and was stopped) and processor seconds."""
+    late: list[bool] = []
+
+    def stop() -> None:
+        late.append(True)
+        os.killpg(process.pid, signal.SIGKILL)
+
+    timer = Timer(limit_s, stop)
+    timer.start()
+    try:
+        _, status, usage = os.wait4(process.pid, 0)
+    finally:
+        timer.cancel()
+    process.returncode = os.waitstatus_to_exitcode(status)  # wait4 has taken it, so Popen cannot ask again
+    return (None if late else process.returncode), usage.ru_utime + usage.ru_stime
