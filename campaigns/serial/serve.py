@@ -29,7 +29,7 @@ Say = Callable[[str], None]
 class ServeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How an emulated bench is served.
 
-    `bench` is the address of the simulated bench behind it. A pty gets the lasting name `link`. `baud` throttles the line,
+    `bench` is the simulated bench behind it. A pty gets the lasting name `link`. `baud` throttles the line,
     `speed` paces the bench (1: real time; none: as fast as it computes). `lifeline`: end when standard input does.
     """
 

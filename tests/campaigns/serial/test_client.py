@@ -15,6 +15,7 @@ from campaigns.benches import BENCHES, open_bench
 from campaigns.serial import SerialBench, transport_at
 from campaigns.serial.client import WATCHDOG_S
 from campaigns.serial.server import CREDIT_S
+from sim_backend.bench import Segment
 from sim_backend.errors import ConfigError, HardwareError
 from sim_backend.model import load_model
 from sim_backend.simbench import SimBench
@@ -180,8 +181,12 @@ def test_throughput_is_that_of_the_line(serve: Serve, transport: str) -> None:
         bench.play(noise_segment("warm", 10))
         segment = noise_segment("measured", 3000, ("theta_x", "theta_y", "z"))
         size = 8 * 3000 * 3 + 8 * 500 * 3  # the record, and the feed-forward; a reference of zero takes nothing
-        started_s = time.monotonic()
-        bench.play(segment)
-        rate = size / (time.monotonic() - started_s)
+        rate = max(size / seconds(bench, segment) for _ in range(3))  # what else the machine does only adds time
     # the line cannot be faster than it is, but for the credit of its throttle in either direction
     assert 0.9 <= rate / (baud / 10) <= 1.0 / (1.0 - 2 * CREDIT_S / (size / (baud / 10)))
+
+
+def seconds(bench: SerialBench, segment: Segment) -> float:
+    started_s = time.monotonic()
+    bench.play(segment)
+    return time.monotonic() - started_s

@@ -88,10 +88,9 @@ def test_a_process_that_dies_is_told_as_such(serve: Serve) -> None:
         bench.play(loop_segments()[0])
     bench.safe()  # never raises
     assert not bench.left_safe
-    bench.close()
 
 
-@pytest.mark.parametrize("seed", range(2000, 2006))
+@pytest.mark.parametrize("seed", range(2000, 2003))
 def test_drawn_faults_keep_the_promises(serve: Serve, model_path: str, seed: int) -> None:
     served = serve(transport=("pty", "tcp")[seed % 2], faults=str(seed))
     result, seconds = play(served, model_path)  # wrong data or another error fails within
