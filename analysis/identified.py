@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal_parameters import Layout
 from campaigns.log import Run
 from sim_backend.linear import ModalModel
-from sim_backend.model import Model, Port, from_linear
+from sim_backend.model import EffectEntry, Model, Port, Quantity, from_linear
 
 Array = NDArray[np.float64]
 
@@ -45,12 +46,16 @@ class Identification:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit."""
+    """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit.
+
+    `offsets` (records, n_y) is what each output reads where the model is at rest, one row per record.
+    """
 
     linear: ModalModel
     std: ModalModel
     chi2: float
     dof: int
+    offsets: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def deviations(model: ModalModel, layout: Layout, covariance: Array, omega_std: Array, sigma_std: Array) -> ModalModel:
@@ -102,6 +107,8 @@ def identification(
         source=source,
         std=std,
     )
+    if fitted.offsets.size and any(run.header.bench.get("kind") == "imported" for run in runs):
+        model = msgspec.structs.replace(model, effects=_zeros(fitted.offsets, outputs, source))
     per_hz = 1.0 / (2.0 * np.pi)
     modes = tuple(
         {
@@ -113,3 +120,22 @@ def identification(
         for i in np.argsort(linear.omega_rad_s)
     )
     return Identification(model, method, modes, fitted.chi2 / max(fitted.dof, 1), *levels, held_out)
+
+
+def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:
+    """Return the operating point of each output as an effect: a bench of others counts from a zero of its own."""
+    mean = offsets.mean(axis=0)
+    std = offsets.std(axis=0, ddof=1) / np.sqrt(offsets.shape[0]) if offsets.shape[0] > 1 else None
+    return [
+        EffectEntry(
+            effect="sensor-offset",
+            where=port.dof,
+            parameters={
+                "offset": Quantity(
+                    value=float(mean[i]), origin="fitted", source=source, std=None if std is None else float(std[i])
+                )
+            },
+            note="operating point of the recorded output, not physics",
+        )
+        for i, port in enumerate(outputs)
+    ]

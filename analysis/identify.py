@@ -172,7 +172,7 @@ def _from_periods(
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof),
+        Fitted(fit.model, std, fit.chi2, fit.dof, _rest(fit.model, data)),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="periodic, zero-order hold" if hold else "periodic, band-limited",
@@ -239,20 +239,33 @@ def _from_records(
         rigid_bodies=None,
     )
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    offsets = np.array(fit.offsets)
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof),
+        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="free",
         name=name,
-        held_out=_tried(fit.model, parts, rate, rate),
+        held_out=_tried(fit.model, parts, rate, rate, offsets.mean(axis=0)),
     )
 
 
+def _rest(model: ModalModel, data: _Periods) -> Array:
+    """Return what each output reads (realisations, n_y) beyond what the model makes of the mean input."""
+    u, y = (x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs))
+    if np.any(model.omega_rad_s == 0.0):  # a rigid body drifts away under any mean input: there was none
+        return np.asarray(y.T)
+    return np.asarray((y - model.frequency_response(np.zeros(1))[0].real @ u).T)
+
+
 def _tried(
-    model: ModalModel, parts: Sequence[tuple[Run, LogSegment]], rate_hz: float, hold: float | None
+    model: ModalModel,
+    parts: Sequence[tuple[Run, LogSegment]],
+    rate_hz: float,
+    hold: float | None,
+    offset: Array | float = 0.0,
 ) -> tuple[HeldOut, ...]:
-    """The model on every held-out segment: in steady state where it is periodic, else from rest."""
+    """The model on every held-out segment: in steady state where it is periodic, else from rest at `offset` (n_y,)."""
     discrete, results = discretise(model, rate_hz), []
     for run, segment in parts:
         if not segment.held_out:
@@ -265,7 +278,7 @@ def _tried(
             modelled = periodic_response(model.frequency_response(frequency, hold), u)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
         else:
-            modelled = simulate_linear(discrete, u)
+            modelled = simulate_linear(discrete, u) + offset
         error = relative_error(y, modelled)
         results.append(
             HeldOut(

@@ -37,6 +37,7 @@ from sim_backend.effects.sample_clock_error import SampleClockError
 from sim_backend.effects.sensor_drift import SensorDrift
 from sim_backend.effects.sensor_gain import SensorGain
 from sim_backend.effects.sensor_noise import SensorNoise
+from sim_backend.effects.sensor_offset import SensorOffset
 from sim_backend.effects.sensor_quantisation import SensorQuantisation
 from sim_backend.effects.sensor_rotation import SensorRotation
 from sim_backend.effects.stiffness_shift import StiffnessShift
@@ -87,8 +88,8 @@ EFFECTS: tuple[type[Effect], ...] = (
 NOISES: tuple[type[Effect], ...] = (AmplifierNoise, SensorNoise)
 """What every bench has and no diagnosis names: the noise floor."""
 
-BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial,)
-"""What a bench can be built with and no diagnosis searches: the paper's own description of an effect in `EFFECTS`."""
+BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial, SensorOffset)
+"""What a model can hold and no diagnosis searches: the paper's own description of an effect, a bench's own zero."""
 
 _BY_NAME = {e.name: e for e in (*EFFECTS, *NOISES, *BENCH_ONLY)}
 

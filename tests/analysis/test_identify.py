@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from analysis.identify import identify_runs
+from analysis.simulate import simulate_linear
 from campaigns.log import LogWriter, read_run
 from campaigns.plans import make_plan
 from campaigns.runner import run_plan
 from sim_backend.bench import Signal
 from sim_backend.errors import DataError
+from sim_backend.linear import discretise
 from sim_backend.model import EffectEntry, dump_model, parse_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import MODES, NOISE, bench_model
@@ -109,3 +111,36 @@ def test_what_cannot_be_identified_is_refused(tmp_path, case):
     }[case]
     with pytest.raises(DataError, match=says):
         identify(*paths, only="held-out" if case == "held-out only" else "")
+
+
+def imported(tmp_path, offset, *, period=None):
+    """A log of another bench: one mode at 29.6 Hz under noise or a multisine, read from a zero of its own."""
+    rng = np.random.default_rng(4)
+    u = rng.standard_normal(6000) if period is None else np.tile(rng.standard_normal(period), 6000 // period)
+    plant = discretise(bench_model().linear(), 10_000.0)
+    y = simulate_linear(plant, np.stack([1e-2 * u, 0 * u, 0 * u], axis=1))[:, 0]
+    values = {"u": 1e-2 * u, "y": y + offset + 1e-3 * np.std(y) * rng.standard_normal(6000)}
+    channels = [Signal("u", "N m", "input", "tilt", 10_000.0), Signal("y", "rad", "output", "tilt", 10_000.0)]
+    path = tmp_path / f"imported-{offset}-{period}.h5"
+    with LogWriter.create(path, channels, test="t", bench={"kind": "imported", "name": "other"}) as log:
+        settings = {} if period is None else {"period_samples": period, "transient_periods": 2}
+        for label, rows in (("fit", slice(0, 4000)), ("held-out", slice(4000, 6000))):
+            with log.segment(label, settings):
+                log.append({k: v[rows] for k, v in values.items()})
+    return path, np.std(y)
+
+
+@pytest.mark.parametrize("period", [None, 1000])
+def test_the_zero_of_a_foreign_bench_is_written_as_an_offset(tmp_path, period):
+    path, size = imported(tmp_path, 0.5, period=period)
+    found = identify(path, modes=1)
+    (entry,) = found.model.effects
+    assert (entry.effect, entry.where) == ("sensor-offset", "tilt")
+    # the offset is half a radian, the motion about 1e-4: it must come back far within that
+    assert abs(entry.parameters["offset"].value - 0.5) < 0.1 * size
+    assert parse_model(dump_model(found.model), "round trip") == found.model
+
+
+def test_the_own_bench_has_no_zero_of_its_own(tmp_path):
+    settings = {"period_s": 1.0, "start_hz": 2.0, "stop_hz": 100.0, "realisations": 1, "transient_periods": 1}
+    assert identify(record(tmp_path, "multisine", settings), modes=3).model.effects == []
