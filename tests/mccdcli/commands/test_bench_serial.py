@@ -1,0 +1,79 @@
+"""`mccd bench serve` and `mccd bench check` as a user runs them: real processes, real lines."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sim_backend.model import dump_model
+from tests.small_bench import bench_model
+
+MCCD = [sys.executable, "-m", "mccdcli", "bench"]
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*MCCD, *arguments], capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    path = tmp_path / "small.toml"
+    path.write_text(dump_model(bench_model()), encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize("transport", ["pty", "tcp"])
+def test_a_served_bench_is_checked_and_ends_safely(model: str, transport: str, tmp_path: Path) -> None:
+    link = tmp_path / "bench"
+    served = subprocess.Popen(
+        [*MCCD, "serve", "--transport", transport, "--model", model, "--link", str(link), "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert served.stdout is not None
+        said = "".join(served.stdout.readline() for _ in range(3))
+        address = json.loads(said)["address"]
+        assert address.startswith("tcp:127.0.0.1:" if transport == "tcp" else f"serial:{link}")
+        checked = run("check", "--bench", address, "--json")
+        assert checked.returncode == 0, checked.stdout
+        result = json.loads(checked.stdout)
+        assert result["ok"] and len(result["checks"]) == 18
+        served.send_signal(signal.SIGTERM)
+        _, journal = served.communicate(timeout=30)
+        assert served.returncode == 0
+        assert journal.splitlines()[-1].endswith("safe")
+        assert not link.is_symlink()
+    finally:
+        served.kill()
+        served.communicate()
+
+
+def test_the_table_for_a_person() -> None:
+    checked = run("check", "--bench", "emulator")
+    assert checked.returncode == 0
+    rows = checked.stdout.splitlines()
+    assert len(rows) == 18 and all(row.startswith("ok  ") for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("check", "--bench", "sim"), 2, "has no line"),
+        (("check", "--bench", "tcp:127.0.0.1:9"), 3, "cannot be reached"),
+        (("check", "--bench", "serial:/dev/no-such-device"), 3, "cannot be opened"),
+        (("serve", "--faults", "7/burn=1"), 2, "the kinds are flip"),
+        (("serve", "--model", "no-such-model"), 2, "no-such-model"),
+        (("serve", "--transport", "tcp", "--host", "192.0.2.1"), 3, "cannot listen on 192.0.2.1"),
+    ],
+)
+def test_mistakes_end_in_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:
+    done = run(*arguments)
+    assert done.returncode == code
+    assert message in done.stderr and "Traceback" not in done.stderr
