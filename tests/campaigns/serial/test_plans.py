@@ -1,0 +1,29 @@
+"""Every plan of a whole campaign runs unchanged at the end of a line, and its records are the same bit for bit."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+
+from campaigns.benches import open_bench
+from campaigns.campaign import load_campaign
+from campaigns.plans import PLANS, checked_segments
+from tests.campaigns.serial.conftest import differences
+
+RUNS = load_campaign("quick").plans()
+
+
+def test_the_campaign_has_every_plan() -> None:
+    assert {plan.name for plan in RUNS.values()} == set(PLANS)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_plan_on_the_emulated_bench(name: str) -> None:
+    with (
+        contextlib.closing(open_bench("emulator", 4)) as emulated,
+        contextlib.closing(open_bench("sim", 4)) as simulated,
+    ):
+        pairs = zip(checked_segments(RUNS[name], emulated), checked_segments(RUNS[name], simulated), strict=True)
+        for there, here in pairs:
+            assert differences(emulated.play(there), simulated.play(here)) == [], here.label
