@@ -9,14 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_backend.assembly import places_of, retuned
 from sim_backend.bench import Learning
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.feedback import LoopShape, z_controller
 from sim_backend.control.feedforward import StepInput, least_norm
 from sim_backend.control.repetitive import TABLE_6_5, learning_filter
+from sim_backend.effects import Site, effect_class, make_effect
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
-from sim_backend.model import Model, load_model
+from sim_backend.model import Model, load_model, number
 
 
 def feedback_of(dof: str, rate_hz: float, factor: float = 1.0) -> DiscreteFilter:
@@ -52,7 +54,7 @@ class Design:
                 f"design model '{model.name}' has no input and output '{dof}'; "
                 f"it has {', '.join(ins)} → {', '.join(outs)}: give a model of this axis"
             )
-        whole, i, o = model.linear(), ins.index(dof), outs.index(dof)
+        whole, i, o = _whole(model), ins.index(dof), outs.index(dof)
         acts = (np.abs(whole.b[:, i]) + np.abs(whole.b_direct[:, i])) * (
             np.abs(whole.c[o]) + np.abs(whole.c_rate[o])
         ) > 0.0
@@ -89,3 +91,13 @@ class Design:
             self.rate_hz,
         )
         return Learning(learned, tuning.gain, tuning.lead_samples, period, active=active)
+
+
+def _whole(model: Model) -> ModalModel:
+    """Return the linear part of a model with those of its effects that act on it, as a diagnosis adds them."""
+    acting = [
+        make_effect(e.effect, e.where, {name: number(value) for name, value in e.parameters.items()})
+        for e in model.effects
+        if effect_class(e.effect).site is Site.MODEL
+    ]
+    return retuned(model.linear(), acting, places_of(model))

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from analysis.diagnosis.chop_gain import ChopGain
 from analysis.diagnosis.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain
 from sim_backend.effects import effect_class
@@ -29,8 +30,11 @@ LISTED_RUNS = 4
 """Runs that are named with their checksum in each parameter's source; all of them stand in diagnosis.json."""
 
 
-def document(diagnosis: Diagnosis, sources: Sequence[Source]) -> dict[str, Any]:
-    """Return the content of `diagnosis.json`: plain dicts, lists, finite numbers and None."""
+def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[ChopGain] = ()) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`: plain dicts, lists, finite numbers and None.
+
+    `chops` are what the feed-forward gained on a bench, where that was tried.
+    """
     gain, next_experiment = diagnosis.gain, diagnosis.next_experiment
     names = [*DOMAINS, *(d for d in diagnosis.evidence if d not in DOMAINS)]
     return _plain(
@@ -45,6 +49,7 @@ def document(diagnosis: Diagnosis, sources: Sequence[Source]) -> dict[str, Any]:
             "next_experiment": None if next_experiment is None else vars(next_experiment),
             "inputs": [{"file": s.file, "sha256": s.sha256} for s in sources],
             "notes": list(diagnosis.notes),
+            "chops": [vars(chop) for chop in chops],
         }
     )
 
@@ -202,17 +207,23 @@ def prepare_folder(out: Path) -> Path:
     return out
 
 
-def write_files(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path) -> dict[str, Path]:
+def write_extended(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path) -> Path:
+    """Write `extended.toml` into the folder `out`, whole or not at all, and return its path."""
+    return write_text(out / "extended.toml", dump_model(extended_model(model, diagnosis, sources)))
+
+
+def write_files(
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path, chops: Sequence[ChopGain] = ()
+) -> dict[str, Path]:
     """Write `extended.toml` and `diagnosis.json` into the folder `out` and return their paths; each appears whole.
 
     `diagnosis.json` comes last: where it stands, all is there. Raises OSError, naming the file, when a disk is full.
     """
-    content = {
-        "diagnosis.json": json.dumps(document(diagnosis, sources), indent=2, ensure_ascii=False, allow_nan=False)
-        + "\n",
-        "extended.toml": dump_model(extended_model(model, diagnosis, sources)),
+    text = json.dumps(document(diagnosis, sources, chops), indent=2, ensure_ascii=False, allow_nan=False)
+    return {
+        "extended.toml": write_extended(diagnosis, model, sources, out),
+        "diagnosis.json": write_text(out / "diagnosis.json", text + "\n"),
     }
-    return {name: write_text(out / name, text) for name, text in content.items()}
 
 
 def write_text(path: Path, text: str) -> Path:

@@ -10,6 +10,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup, escape
 
+from analysis.diagnosis.chop_gain import ChopGain
 from analysis.diagnosis.difference import Change, changes
 from analysis.diagnosis.evidence import evidence
 from analysis.diagnosis.figures import Drawn, chance, evidence_figures, residual_figures
@@ -55,7 +56,9 @@ class OverviewRow:
     cells: tuple[Cell | None, ...]
 
 
-def write_page(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path) -> dict[str, Path]:
+def write_page(
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path, chops: Sequence[ChopGain] = ()
+) -> dict[str, Path]:
     """Write `index.html` and its figures (SVG and CSV) into the folder `out` and return the paths by name."""
     figures = _figures(diagnosis, model)
     folder = out / "figures"
@@ -69,7 +72,7 @@ def write_page(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], ou
         paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
         write_text(folder / f"{figure.name}.csv", figure.canvas.numbers().to_csv(index=False))
         drawings[figure.name] = Markup(inlined(svg, figure.name, str(escape(figure.title))))
-    page = render(diagnosis, model, sources, figures, drawings)
+    page = render(diagnosis, model, sources, figures, drawings, chops)
     return paths | {"index.html": write_text(out / "index.html", page)}
 
 
@@ -79,6 +82,7 @@ def render(
     sources: Sequence[Source],
     figures: tuple[list[Drawn], list[Drawn]],
     drawings: dict[str, Markup],
+    chops: Sequence[ChopGain] = (),
 ) -> str:
     """Return the page's HTML; everything that comes from files is escaped."""
     domains = [d for d in (*DOMAINS, *(k for k in diagnosis.evidence if k not in DOMAINS)) if diagnosis.evidence.get(d)]
@@ -99,6 +103,7 @@ def render(
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
             symptoms={e.reported(): e.symptom for e in reversed(EFFECTS)},
             held_out=_held_out(diagnosis, files),
+            chops=chops,
             version=f"{tool_version()} ({tool_commit()})",
         )
     )
@@ -120,6 +125,7 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["shown"] = shown
     environment.filters["quantity"] = quantity
+    environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
     return environment
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import common_options, existing_file
+from mccdcli.options import BenchAddress, common_options, existing_file
 from mccdcli.output import emit, table
 from mccdcli.progress import progress
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.chop_gain import ChopGain
 
 
 @click.command()
@@ -23,6 +26,12 @@ from mccdcli.progress import progress
     show_default=True,
     help="How far the model's own numbers are trusted, relative (1 sigma).",
 )
+@click.option(
+    "--bench",
+    type=BenchAddress(),
+    metavar="BENCH",
+    help="Also chop on this bench with feed-forwards designed on both models, and compare how they settle.",
+)
 @common_options("out", "seed", "json")
 def diagnose(
     runs: tuple[Path, ...],
@@ -32,6 +41,7 @@ def diagnose(
     nominal: str,
     without: tuple[str, ...],
     nominal_tolerance: float,
+    bench: str | None,
 ) -> int:
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
 
@@ -46,7 +56,7 @@ def diagnose(
     from dataclasses import replace
 
     from analysis.diagnosis.loading import load_runs
-    from analysis.diagnosis.output import document, prepare_folder, write_files
+    from analysis.diagnosis.output import document, prepare_folder, write_extended, write_files
     from analysis.diagnosis.page import write_page
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
@@ -63,8 +73,16 @@ def diagnose(
             progress=lambda what, part: report(part, 1.0, what),
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
-    files = write_page(found, model, loaded.sources, folder) | write_files(found, model, loaded.sources, folder)
-    content = document(found, loaded.sources)
+    chops: tuple[ChopGain, ...] = ()
+    if bench is not None:
+        from analysis.diagnosis.chop_gain import chop_gains
+        from campaigns.benches import open_bench
+
+        extended = write_extended(found, model, loaded.sources, folder)
+        chops = chop_gains(lambda: open_bench(bench, seed), nominal, str(extended), model, seed=seed)
+    files = write_page(found, model, loaded.sources, folder, chops)
+    files |= write_files(found, model, loaded.sources, folder, chops)
+    content = document(found, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files))
     return 0 if found.verdict == "consistent" else 1
 
