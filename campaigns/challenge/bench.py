@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from campaigns.challenge.laws import MEMORY, torque
+from campaigns.challenge.laws import MEMORY, advance
 from campaigns.challenge.plant import Plant
 
 if TYPE_CHECKING:
@@ -69,52 +68,6 @@ class Motion:
         return np.ascontiguousarray(self.position[:: self.substeps])
 
 
-@njit(cache=True, nogil=True)
-def _run(whole, half, b, c, drive, kelvin, laws, axes, p, memory, dt_s, q, position, rate):  # type: ignore[no-untyped-def]
-    """Fill `position` and `rate` step by step; `whole` and `half` are (transition, response) of those steps."""
-    step, push = whole
-    step_half, push_half = half
-    n_modes, n_axes = b.shape
-    added, last, total = np.zeros(n_axes), np.zeros(laws.size), np.zeros(n_axes)
-    for k in range(drive.shape[0]):
-        for a in range(n_axes):
-            x, v = 0.0, 0.0
-            for m in range(n_modes):
-                x += c[a, m] * q[m, 0]
-                v += c[a, m] * q[m, 1]
-            position[k, a], rate[k, a] = x, v
-        if laws.size:
-            if k == 0:
-                for i in range(laws.size):
-                    last[i] = position[0, axes[i]]
-            for a in range(n_axes):
-                total[a] = 0.0
-            for i in range(laws.size):
-                x, v = 0.0, 0.0
-                for m in range(n_modes):
-                    f = 0.0
-                    for a in range(n_axes):
-                        f += b[m, a] * (drive[k, a] + added[a])
-                    x += c[axes[i], m] * (
-                        step_half[m, 0, 0] * q[m, 0] + step_half[m, 0, 1] * q[m, 1] + push_half[m, 0] * f
-                    )
-                    v += c[axes[i], m] * (
-                        step_half[m, 1, 0] * q[m, 0] + step_half[m, 1, 1] * q[m, 1] + push_half[m, 1] * f
-                    )
-                u = drive[k, axes[i]]
-                total[axes[i]] += torque(laws[i], x, v, x - last[i], u, kelvin[k], dt_s, p[i], memory[i])
-                last[i] = x
-            for a in range(n_axes):
-                added[a] = total[a]
-        for m in range(n_modes):
-            f = 0.0
-            for a in range(n_axes):
-                f += b[m, a] * (drive[k, a] + added[a])
-            x, v = q[m, 0], q[m, 1]
-            q[m, 0] = step[m, 0, 0] * x + step[m, 0, 1] * v + push[m, 0] * f
-            q[m, 1] = step[m, 1, 0] * x + step[m, 1, 1] * v + push[m, 1] * f
-
-
 def exact_step(plant: Plant, dt_s: float) -> tuple[Array, Array]:
     """Return each mode's closed-form transition (m, 2, 2) over `dt_s` and its response (m, 2) to a held unit force."""
     omega, sigma = plant.omega_rad_s, plant.sigma_1_s
@@ -150,7 +103,7 @@ def move(
     q[: start.shape[0]] = start
     position, rate = np.empty_like(drive), np.empty_like(drive)
     dt_s = excitation.fine_s
-    _run(
+    advance(
         exact_step(plant, dt_s),
         exact_step(plant, 0.5 * dt_s),
         plant.b,

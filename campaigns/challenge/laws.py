@@ -1,4 +1,7 @@
-"""Torques that depend on the motion, in formulas of the challenge's own: evaluated in the middle of every fine step.
+"""Torques that depend on the motion, in formulas of the challenge's own, and the loop that takes them along.
+
+They are evaluated in the middle of every fine step. All that is compiled stands in this one file, because a compiler's
+cache does not see changes in others.
 
 Each law gets the position and rate at mid-step, the change of position since the last one, the drive, the temperature
 (difference from the start), its parameters `p` and its memory `s`, and returns the torque it adds.
@@ -8,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 CUBIC, FRICTION, BOUC_WEN, JILES_ATHERTON, IWAN, CREEP, STOP, PLAY, COGGING, FORCE_CONSTANT, THERMAL = range(11)
@@ -17,15 +21,15 @@ MEMORY = 32
 
 
 @njit(cache=True, nogil=True)
-def friction(v, dt_s, p, s):  # type: ignore[no-untyped-def]
+def friction(v, dx, p, s):  # type: ignore[no-untyped-def]
     """LuGre: bristles of stiffness p[2] slip at p[0], at rest at p[0] p[1] (Canudas de Wit et al., IEEE TAC 40, 1995).
 
-    The bristle's equation is solved exactly over a step of constant rate, so it never goes unstable.
+    The bristle's equation is solved exactly over a step at one level, so it never goes unstable.
     """
     level = p[0] * (1.0 + (p[1] - 1.0) * math.exp(-((v / p[3]) ** 2)))
-    if v != 0.0 and level > 0.0:
-        end = level / p[2] * (1.0 if v > 0.0 else -1.0)
-        s[0] = end + (s[0] - end) * math.exp(-p[2] * abs(v) * dt_s / level)
+    if dx != 0.0 and level > 0.0:
+        end = level / p[2] * (1.0 if dx > 0.0 else -1.0)
+        s[0] = end + (s[0] - end) * math.exp(-p[2] * abs(dx) / level)
     return -p[2] * s[0]
 
 
@@ -85,7 +89,7 @@ def torque(law, x, v, dx, u, kelvin, dt_s, p, s):  # type: ignore[no-untyped-def
     if law == CUBIC:
         return -p[0] * x**3
     if law == FRICTION:
-        return friction(v, dt_s, p, s)
+        return friction(v, dx, p, s)
     if law == BOUC_WEN:
         return bouc_wen(dx, p, s)
     if law == JILES_ATHERTON:
@@ -93,7 +97,9 @@ def torque(law, x, v, dx, u, kelvin, dt_s, p, s):  # type: ignore[no-untyped-def
     if law == IWAN:
         return iwan(dx, p, s)
     if law == CREEP:
-        s[0] = x + (s[0] - x) * math.exp(-dt_s / p[1])
+        # the spring relaxes towards the mean position of the step
+        goal = x - 0.5 * dx
+        s[0] = goal + (s[0] - goal) * math.exp(-dt_s / p[1])
         return p[0] * s[0]
     if law == STOP:
         deep = max(abs(x) - p[2], 0.0)
@@ -105,3 +111,49 @@ def torque(law, x, v, dx, u, kelvin, dt_s, p, s):  # type: ignore[no-untyped-def
     if law == FORCE_CONSTANT:
         return u * x * (p[0] + p[1] * x)
     return -p[0] * kelvin * x
+
+
+@njit(cache=True, nogil=True)
+def advance(whole, half, b, c, drive, kelvin, laws, axes, p, memory, dt_s, q, position, rate):  # type: ignore[no-untyped-def]
+    """Fill `position` and `rate` step by step; `whole` and `half` are (transition, response) of those steps."""
+    step, push = whole
+    step_half, push_half = half
+    n_modes, n_axes = b.shape
+    added, last, total = np.zeros(n_axes), np.zeros(laws.size), np.zeros(n_axes)
+    for k in range(drive.shape[0]):
+        for a in range(n_axes):
+            x, v = 0.0, 0.0
+            for m in range(n_modes):
+                x += c[a, m] * q[m, 0]
+                v += c[a, m] * q[m, 1]
+            position[k, a], rate[k, a] = x, v
+        if laws.size:
+            if k == 0:
+                for i in range(laws.size):
+                    last[i] = position[0, axes[i]]
+            for a in range(n_axes):
+                total[a] = 0.0
+            for i in range(laws.size):
+                x, v = 0.0, 0.0
+                for m in range(n_modes):
+                    f = 0.0
+                    for a in range(n_axes):
+                        f += b[m, a] * (drive[k, a] + added[a])
+                    x += c[axes[i], m] * (
+                        step_half[m, 0, 0] * q[m, 0] + step_half[m, 0, 1] * q[m, 1] + push_half[m, 0] * f
+                    )
+                    v += c[axes[i], m] * (
+                        step_half[m, 1, 0] * q[m, 0] + step_half[m, 1, 1] * q[m, 1] + push_half[m, 1] * f
+                    )
+                u = drive[k, axes[i]]
+                total[axes[i]] += torque(laws[i], x, v, x - last[i], u, kelvin[k], dt_s, p[i], memory[i])
+                last[i] = x
+            for a in range(n_axes):
+                added[a] = total[a]
+        for m in range(n_modes):
+            f = 0.0
+            for a in range(n_axes):
+                f += b[m, a] * (drive[k, a] + added[a])
+            x, v = q[m, 0], q[m, 1]
+            q[m, 0] = step[m, 0, 0] * x + step[m, 0, 1] * v + push[m, 0] * f
+            q[m, 1] = step[m, 1, 0] * x + step[m, 1, 1] * v + push[m, 1] * f

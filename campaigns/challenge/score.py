@@ -130,7 +130,7 @@ def _measures(judged: Sequence[Judged], families: Sequence[FamilyScore], ratios:
         _share("named correctly, one effect at >= 2 x its naming limit", [j.right for j in one], ">= 95 %", 0.95),
         Measure("  worst family", min(shares, default=None), None, len(shares), 0.8, None, ">= 80 %"),
         _share("confident wrong name", [bool(j.wrong) for j in judged], "<= 1 %", None, 0.01),
-        _share("false alarms on null campaigns", [j.noticed for j in none], "<= 1 %", None, 0.01),
+        _share("false alarms on null campaigns", [j.verdict != "consistent" for j in none], "<= 1 %", None, 0.01),
         _share("out-of-library: unknown", [j.verdict == "unknown" for j in outside], ">= 90 %", 0.9),
         _share("two effects at once, both named", [all(j.found) for j in two], ">= 85 %", 0.85),
         _share("parameters within 2 sigma", pulls, "93-97 %", 0.93, 0.97),
