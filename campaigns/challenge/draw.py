@@ -30,10 +30,11 @@ _TRIES = 30
 
 @dataclass(frozen=True)
 class Plan:
-    """What one case is to be: its stratum and the causes it hides."""
+    """What one case is to be: its stratum, the causes it hides, and the shape of its campaign (None for any)."""
 
     stratum: Stratum
     slugs: tuple[str, ...]
+    shape: str | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
     largest plausible sizes. Raises ConfigError when that never happens.
     """
     needs = max((f.needs_axes for slug in plan.slugs for f in members(slug)), default=1)
-    shape = str(rng.choice(list(SHAPES), p=list(SHAPES.values())))
+    shape = plan.shape or str(rng.choice(list(SHAPES), p=list(SHAPES.values())))
     n_axes = max(needs, 1 + int(rng.random() < 0.5))
     for _ in range(_TRIES):
         campaign = draw_campaign(rng, shape, n_axes)

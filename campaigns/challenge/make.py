@@ -43,16 +43,16 @@ class Counts:
     outside: int = 0
 
 
-def plans_of(counts: Counts, families: Sequence[str], rng: np.random.Generator) -> list[Plan]:
+def plans_of(counts: Counts, families: Sequence[str], rng: np.random.Generator, shape: str | None = None) -> list[Plan]:
     """Return what every case is to be, in random order."""
-    plans = [Plan("none", ())] * counts.none
+    plans = [Plan("none", (), shape)] * counts.none
     for stratum in ("one", "faint", "outside"):
-        plans += [Plan(stratum, (slug,)) for slug in families for _ in range(getattr(counts, stratum))]
+        plans += [Plan(stratum, (slug,), shape) for slug in families for _ in range(getattr(counts, stratum))]
     if counts.two and len(families) < 2:
         raise ConfigError(f"two effects at once need two families, there is {len(families)}: name more families")
     for _ in range(counts.two):
         pair = rng.choice(len(families), 2, replace=False)
-        plans.append(Plan("two", (families[pair[0]], families[pair[1]])))
+        plans.append(Plan("two", (families[pair[0]], families[pair[1]]), shape))
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
@@ -62,6 +62,7 @@ def make_challenge(
     *,
     seed: int,
     families: Sequence[str] = (),
+    shape: str | None = None,
     jobs: int = 1,
     report: Callable[[float, float, str], None] = lambda done, total, what: None,
 ) -> str:
@@ -75,7 +76,7 @@ def make_challenge(
         raise ConfigError(f"there is no family '{unknown[0]}' to hide; families: {', '.join(known)}")
     if folder.exists() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty and a challenge never overwrites: choose another folder")
-    plans = plans_of(counts, tuple(families) or known, np.random.default_rng([seed, 0]))
+    plans = plans_of(counts, tuple(families) or known, np.random.default_rng([seed, 0]), shape)
     if not plans:
         raise ConfigError("a challenge of no cases: ask for at least one case of some stratum")
     names = [f"{i + 1:04d}" for i in range(len(plans))]

@@ -19,6 +19,7 @@ from mccdcli.progress import progress
 @click.option("--none", "null", type=click.IntRange(0), default=1, show_default=True, help="Cases without any effect.")
 @click.option("--outside", type=click.IntRange(0), default=0, show_default=True, help="Cases per family left out.")
 @click.option("--family", "families", multiple=True, metavar="NAME", help="Hide only this family; may be repeated.")
+@click.option("--shape", type=click.Choice(["full", "aperiodic", "short"]), help="Play only campaigns of this shape.")
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases to make at the same time.")
 @common_options("seed", "json")
 def make(
@@ -29,6 +30,7 @@ def make(
     null: int,
     outside: int,
     families: tuple[str, ...],
+    shape: str | None,
     jobs: int,
     seed: int,
     as_json: bool,
@@ -44,7 +46,7 @@ def make(
 
     counts = Counts(one=one, faint=faint, two=two, none=null, outside=outside)
     with progress("making") as report:
-        seal = make_challenge(folder, counts, seed=seed, families=families, jobs=jobs, report=report)
+        seal = make_challenge(folder, counts, seed=seed, families=families, shape=shape, jobs=jobs, report=report)
     cases = len(list((folder / "cases").iterdir()))
     emit(
         {"folder": folder, "cases": cases, "seal": seal},
