@@ -9,6 +9,7 @@ from zlib import crc32
 
 from campaigns.serial.commands import PROTOCOL, Code, State, Status, parse_status
 from campaigns.serial.description import Description, decode_description
+from campaigns.serial.frames import blocks_in
 from campaigns.serial.link import BenchRefusal, Link
 from campaigns.serial.program import decode_record, encode_segment, record_channels
 from campaigns.serial.transport import Transport
@@ -23,6 +24,9 @@ SETTLE_S = 6 * 3600.0
 
 _CALL_S = 15.0
 """What everything that is no transfer may take together, retries included."""
+
+_BLOCK_S = 0.25
+"""What a block of a transfer may take beyond its time on the line: a bad line is slow, not out of order."""
 
 _POLL_S = (0.002, 0.1)
 
@@ -187,7 +191,7 @@ class SerialBench:
         return record_channels(segment, self._about.channel_names, self._about.default_names)
 
     def _limit_transfer(self, count: int) -> None:
-        self._link.limit(_CALL_S + 3.0 * count / self._link.bytes_per_s)
+        self._link.limit(_CALL_S + 3.0 * count / self._link.bytes_per_s + _BLOCK_S * blocks_in(count))
 
     def _who(self) -> Identity:
         answer = self._link.request("*IDN?")
