@@ -83,9 +83,7 @@ LAWS = {
     ),
     "end stop": (
         EndStop(0, 0.5 * STIFFNESS, 0.7 * SWING, 0.3),
-        lambda s, u: (
-            -max(abs(s[0]) - 0.7 * SWING, 0.0) * 0.5 * STIFFNESS * (math.copysign(1.0, s[0]) + 0.3 * s[1])
-        ),
+        lambda s, u: -max(abs(s[0]) - 0.7 * SWING, 0.0) * 0.5 * STIFFNESS * (math.copysign(1.0, s[0]) + 0.3 * s[1]),
         0,
         None,
     ),
@@ -124,8 +122,8 @@ def test_law_follows_its_equations(law: str) -> None:
     plain = move(PLANT, (), played, REST, np.random.default_rng(0)).sampled()[:, 0]
     found = move(PLANT, (effect,), played, REST, np.random.default_rng(0)).sampled()[:, 0]
     acted = float(np.max(np.abs(expected - plain)))
-    # second order in the fine step: (omega dt)² at the law's fastest scale, here 0.003² for smooth laws and below 1e-3 for
-    # laws with a corner, which a step of dt passes in the middle
+    # second order in the fine step: (omega dt)² at the law's fastest scale, here 0.003² for smooth laws and below 1e-3
+    # for laws with a corner, which a step of dt passes in the middle
     assert acted > 0.01 * SWING
     assert float(np.max(np.abs(found - expected))) < 1e-3 * acted
 
@@ -134,7 +132,14 @@ def test_fine_steps_converge_with_second_order() -> None:
     effect = CubicStiffness(0, BEND / 4, 1.0)
     expected = reference(excitation(300), lambda s, u: -BEND / 4 * s[0] ** 3)
     errors = [
-        float(np.max(np.abs(move(PLANT, (effect,), excitation(300, n), REST, np.random.default_rng(0)).sampled()[:, 0] - expected)))
+        float(
+            np.max(
+                np.abs(
+                    move(PLANT, (effect,), excitation(300, n), REST, np.random.default_rng(0)).sampled()[:, 0]
+                    - expected
+                )
+            )
+        )
         for n in (1, 2, 4)
     ]
     # halving the step divides the error by four; a band of 3 to 5 leaves room for the next order

@@ -35,7 +35,9 @@ def face(path: Path) -> dict[str, object]:
             name: (d.shape, d.chunks, d.dtype.str, {k: str(v) for k, v in d.attrs.items()})
             for name, d in file["channels"].items()
         }
-        segments = [(bytes(s["label"]), int(s["start"]), int(s["stop"]), bytes(s["settings"])) for s in file["segments"]]
+        segments = [
+            (bytes(s["label"]), int(s["start"]), int(s["stop"]), bytes(s["settings"])) for s in file["segments"]
+        ]
         return {
             "name": path.name,
             "bytes": path.stat().st_size,
