@@ -42,8 +42,8 @@ WATCHDOGS_S = (2.0, 5.0)
 STALL_S = 4.0
 BOUND_S = 440.0
 """Opening, three steps for each of two segments, and the safe state are limited to 15 s each; each may overrun by one
-attempt: 5 s to reopen the line, 6 s to lock the bench, 1 s to ask. That is 8 × 27 s. Two transfers of at most 19 and 422
-blocks may take 0.25 s per block more, and 4 s for their bytes."""
+attempt: 5 s to reopen the line, 6 s to lock the bench, 1 s to ask. That is 8 × 27 s. For each segment two transfers of
+at most 19 and 422 blocks may take 0.25 s per block more, and 4 s for all their bytes."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,213 @@
+"""Feed everything that reads bytes from elsewhere with damaged ones, inside a memory bound, and count what comes of it.
+
+    python -m benchmarks.soak_fuzz --cases 20000
+
+Each reader gets good input with a few bytes flipped, replaced by numbers that are absurd, cut out or repeated. It must
+return or end in one clear error; for what carries a checksum nothing may pass but the original. Each reader works in a
+process of its own, whose memory is limited. Exit code 1 if a single case breaks a promise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import platform
+import resource
+import sys
+from collections import Counter
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib import resources
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from campaigns.campaign import parse_campaign
+from campaigns.importing.mapping import read_map
+from campaigns.log import Channel, LogWriter, read_run
+from campaigns.serial.commands import parse_command, parse_error, parse_status
+from campaigns.serial.description import decode_description, describe, encode_description
+from campaigns.serial.firmware import Firmware
+from campaigns.serial.frames import Block, decode_block, encode_block, encode_line, parse_line
+from campaigns.serial.program import decode_segment, encode_segment
+from campaigns.serial.session import Session
+from campaigns.version import tool_commit, tool_version
+from sim_backend.bench import Gate, Segment
+from sim_backend.control.blocks import filter_from_zpk
+from sim_backend.errors import MccdError
+from sim_backend.model import dump_model, load_model, parse_model
+from sim_backend.simbench import SimBench
+
+SLOW = {"log": 10}
+"""How many times fewer cases: a log without checksum is first opened in a process of its own."""
+
+HEADROOM_BYTES = 512 * 2**20
+ABSURD = (0, 1, 2**15, 2**31 - 1, 2**31, 2**63, 2**64 - 1)
+WORDS = (b"9e999", b"-1", b"nan", b"[", b"]", b'"', b"\n", b"\x00", b"\xff\xfe", b"{}", b"true", b"1" * 40, b"../../x")
+
+Reader = Callable[[bytes], object]
+
+
+def damaged(content: bytes, rng: np.random.Generator) -> bytes:
+    """Return a copy with one to eight changes."""
+    out = bytearray(content)
+    for _ in range(int(rng.integers(1, 9))):
+        at = int(rng.integers(0, max(len(out), 1)))
+        match int(rng.integers(0, 6)):
+            case 0 if at < len(out):
+                out[at] ^= 1 << int(rng.integers(0, 8))
+            case 1:
+                out[at : at + 8] = int(rng.choice(np.array(ABSURD, dtype=np.uint64))).to_bytes(8, "little")
+            case 2:
+                del out[at : at + int(rng.integers(1, 64))]
+            case 3:
+                out[at:at] = out[at : at + int(rng.integers(1, 64))]
+            case 4:
+                out[at : at + int(rng.integers(0, 6))] = WORDS[int(rng.integers(0, len(WORDS)))]
+            case _:
+                out[at : at + 1] = rng.bytes(1)
+    return bytes(out)
+
+
+def _segment() -> tuple[bytes, tuple[str, ...]]:
+    bench = SimBench(load_model("as-built"), 1)
+    names = tuple(signal.name for signal in bench.signals)
+    wave = np.random.default_rng(1).standard_normal((20, 3))
+    pi = filter_from_zpk([0.99], [1.0], 0.3, 1e4)
+    segment = Segment("a", 50, wave, wave, feedback=(pi, None, pi), gates=(Gate(1, 0, True, 0.1),), record=("theta_x",))
+    return encode_segment(segment, names), names
+
+
+def _line(case: bytes) -> object:
+    line = parse_line(case.strip(b"\n"))
+    if line is None:
+        return None
+    if line.tag is not None and (line.text, line.tag) != ("SEGM:BEG 12,34567,3735928559", 0xA7):
+        raise AssertionError(f"a damaged line passes its checksum: {line}")
+    return parse_command(line.text), parse_status(line.text), parse_error(line.text)
+
+
+def _block(case: bytes) -> object:
+    block = decode_block(case, 700)
+    if block != Block(3, 4, bytes(700)):
+        raise AssertionError("a damaged block passes its checksum")
+    return block
+
+
+def _talk(case: bytes) -> object:
+    firmware = Firmware(SimBench(load_model("design"), 1), count(1))
+    session = Session(firmware)
+    session.feed(case, 0.0)
+    session.tick(10.0)
+    session.feed(encode_line("SYST:VERS?", 9), 10.0)
+    if b"MCCD/1 @0009" not in b"".join(iter(session.next_bytes, b"")):
+        raise AssertionError("the firmware no longer answers")
+    return None
+
+
+def _file(name: str, read: Callable[[Path], object]) -> Reader:
+    def reader(case: bytes) -> object:
+        with TemporaryDirectory(prefix="mccd-fuzz-") as folder:
+            path = Path(folder) / name
+            path.write_bytes(case)
+            return read(path)
+
+    return reader
+
+
+def _read_log(path: Path) -> object:
+    with read_run(path) as run:
+        return [block for block in run.blocks()][:1]
+
+
+def _log_bytes() -> bytes:
+    with TemporaryDirectory(prefix="mccd-fuzz-") as folder:
+        path = Path(folder) / "run.h5"
+        channels = [Channel(name, "rad", "output", "z", 1e4) for name in ("a", "b")]
+        with LogWriter.create(path, channels, test="fuzz", bench={"kind": "sim"}, chunk_rows=64) as log:
+            with log.segment("all", {"part": 1}):
+                log.append({"a": np.arange(200.0), "b": np.arange(200.0)})
+        return path.read_bytes()
+
+
+MAP = b"""[log]
+test = "free-run"
+source = "a.npz"
+sample_rate_hz = 10.0
+[channels.x]
+select = "u[:, 1]"
+unit = "mrad"
+role = "output"
+dof = "z"
+"""
+
+
+def readers() -> dict[str, tuple[bytes, Reader]]:
+    """Return what is damaged and who reads it, by name."""
+    image, names = _segment()
+    about = describe(SimBench(load_model("as-built"), 1), travel_factor=2.0, current_factor=1.05, memory_bytes=10**6)
+    talk = b"".join(encode_line(text, 1) for text in ("SYST:LOCK me", f"SEGM:BEG 1,{len(image)},7", "SEGM:DATA 1,0,1"))
+    quick = (resources.files("campaigns") / "quick.toml").read_bytes()
+    model = dump_model(load_model("as-built")).encode()
+    return {
+        "line": (encode_line("SEGM:BEG 12,34567,3735928559", 0xA7), _line),
+        "block": (encode_block(Block(3, 4, bytes(700))), _block),
+        "conversation with the firmware": (talk + encode_block(Block(1, 0, image[:1024])), _talk),
+        "segment image": (image, lambda case: decode_segment(case, names)),
+        "description of a bench": (encode_description(about), decode_description),
+        "model": (model, lambda case: parse_model(case.decode("utf-8", "surrogateescape"), "fuzz")),
+        "campaign": (quick, lambda case: parse_campaign(case.decode("utf-8", "surrogateescape"), "fuzz")),
+        "import map": (MAP, _file("map.toml", read_map)),
+        "log": (_log_bytes(), _file("run.h5", _read_log)),
+    }
+
+
+def fuzz(name: str, cases: int) -> tuple[str, dict[str, int], list[str]]:
+    """Damage one input so many times; return the counts, and what broke."""
+    content, read = readers()[name]
+    mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (mapped + HEADROOM_BYTES, mapped + HEADROOM_BYTES))
+    tally: Counter[str] = Counter()
+    broken = []
+    read(content)
+    for seed in range(cases // SLOW.get(name, 1)):
+        try:
+            read(damaged(content, np.random.default_rng([seed, len(name)])))
+            tally["read"] += 1
+        except MccdError:
+            tally["refused"] += 1
+        except Exception as error:
+            tally["broken"] += 1
+            broken.append(f"{name}, case {seed}: {type(error).__name__}: {error}"[:300])
+    return name, dict(tally), broken[:20]
+
+
+def main() -> int:
+    """Run the fuzz and write its result."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=20_000)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
+    options = parser.parse_args()
+    with multiprocessing.get_context("fork").Pool(options.workers, maxtasksperchild=1) as pool:
+        found = pool.starmap(fuzz, [(name, options.cases) for name in readers()], chunksize=1)
+    counted = {
+        "mccd": f"{tool_version()} (commit {tool_commit()})",
+        "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+        "command": " ".join(["python -m benchmarks.soak_fuzz", *sys.argv[1:]]),
+        "memory_headroom_bytes": HEADROOM_BYTES,
+        "cases": {name: tally for name, tally, _ in found},
+        "broken": [line for _, _, broken in found for line in broken],
+    }
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / f"fuzz-{datetime.now(UTC):%Y-%m-%d}.json"
+    path.write_text(json.dumps(counted, indent=2) + "\n", encoding="utf-8")
+    print(json.dumps(counted, indent=2))
+    return 1 if counted["broken"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
