@@ -67,7 +67,7 @@ def torture(number: int, reference: Path, run_s: float) -> Tally:
         sealed: dict[str, str] = {}
         while True:
             process = start(folder, bench, resume=folder.exists())
-            longest_s = run_s * (4.0 if bench == "emulator" else 0.6)  # it starts a process per run
+            longest_s = run_s * (4.0 if bench == "emulator" else 0.2)  # it starts a process per run
             ended = _killed(process, folder, float(rng.uniform(0.0, longest_s)))
             if not ended:
                 tally.kills += 1
@@ -168,14 +168,32 @@ def _last_words(process: subprocess.Popen[bytes]) -> str:
     return "" if process.stderr is None else process.stderr.read().decode(errors="replace")[-300:]
 
 
+def summary(code: str, tallies: list[Tally]) -> dict[str, object]:
+    """Count what happened."""
+    statuses: Counter[str] = sum((tally.statuses for tally in tallies), Counter())
+    return {
+        "mccd": code,
+        "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+        "command": " ".join(["python -m benchmarks.soak_campaign", *sys.argv[1:]]),
+        "kills": sum(tally.kills for tally in tallies),
+        "campaigns_completed": dict(Counter(tally.bench for tally in tallies)),
+        "logs_found_after_kills": dict(statuses),
+        "rows_compared_bit_for_bit": sum(tally.rows_checked for tally in tallies),
+        "partial_logs_set_aside": sum(tally.partial_logs for tally in tallies),
+        "broken": [line for tally in tallies for line in tally.broken],
+    }
+
+
 def main() -> int:
-    """Run the soak and write its result."""
+    """Run the soak and write its result after every batch, so that a soak that is stopped counts as far as it got."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
     options = parser.parse_args()
-    tallies: list[Tally] = []
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / f"campaign-soak-{datetime.now(UTC):%Y-%m-%d}.json"
+    code, tallies = f"{tool_version()} (commit {tool_commit()})", list[Tally]()
     with TemporaryDirectory(prefix="mccd-soak-") as folder:
         reference = Path(folder) / "reference"
         for attempt in range(2):  # the first may compile
@@ -191,23 +209,9 @@ def main() -> int:
                 for tally in pool.imap_unordered(play, batch):
                     tallies.append(tally)
                     print(tally, file=sys.stderr, flush=True)
-    statuses: Counter[str] = sum((tally.statuses for tally in tallies), Counter())
-    counted = {
-        "mccd": f"{tool_version()} (commit {tool_commit()})",
-        "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
-        "command": " ".join(["python -m benchmarks.soak_campaign", *sys.argv[1:]]),
-        "kills": sum(tally.kills for tally in tallies),
-        "campaigns_completed": dict(Counter(tally.bench for tally in tallies)),
-        "logs_found_after_kills": dict(statuses),
-        "rows_compared_bit_for_bit": sum(tally.rows_checked for tally in tallies),
-        "partial_logs_set_aside": sum(tally.partial_logs for tally in tallies),
-        "broken": [line for tally in tallies for line in tally.broken],
-    }
-    options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / f"campaign-soak-{datetime.now(UTC):%Y-%m-%d}.json"
-    path.write_text(json.dumps(counted, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(counted, indent=2))
-    return 1 if counted["broken"] else 0
+                path.write_text(json.dumps(summary(code, tallies), indent=2) + "\n", encoding="utf-8")
+    print(path.read_text(encoding="utf-8"))
+    return 1 if any(tally.broken for tally in tallies) else 0
 
 
 if __name__ == "__main__":

@@ -192,10 +192,11 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
     options = parser.parse_args()
+    code = f"{tool_version()} (commit {tool_commit()})"
     with multiprocessing.get_context("fork").Pool(options.workers, maxtasksperchild=1) as pool:
         found = pool.starmap(fuzz, [(name, options.cases) for name in readers()], chunksize=1)
     counted = {
-        "mccd": f"{tool_version()} (commit {tool_commit()})",
+        "mccd": code,
         "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         "command": " ".join(["python -m benchmarks.soak_fuzz", *sys.argv[1:]]),
         "memory_headroom_bytes": HEADROOM_BYTES,

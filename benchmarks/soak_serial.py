@@ -193,7 +193,7 @@ def _becomes_safe(journal: Path, watchdog_s: float) -> bool:
         time.sleep(0.02)
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, object]:
+def summary(code: str, outcomes: list[Outcome]) -> dict[str, object]:
     """Count what happened."""
     struck: Counter[str] = Counter()
     for outcome in outcomes:
@@ -201,7 +201,7 @@ def summary(outcomes: list[Outcome]) -> dict[str, object]:
             kind, count = word.split()
             struck[kind] += int(count)
     return {
-        "mccd": f"{tool_version()} (commit {tool_commit()})",
+        "mccd": code,
         "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         "command": " ".join(["python -m benchmarks.soak_serial", *sys.argv[1:]]),
         "seeds": len(outcomes),
@@ -222,6 +222,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=4)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
     options = parser.parse_args()
+    code = f"{tool_version()} (commit {tool_commit()})"
     run_seed(0)  # compiles, before workers are forked
     outcomes: list[Outcome] = []
     with multiprocessing.get_context("fork").Pool(options.workers) as pool:
@@ -231,7 +232,7 @@ def main() -> int:
             if outcome.broken or len(outcomes) % 50 == 0:
                 print(f"{len(outcomes)} of {options.seeds}: {outcome}", file=sys.stderr, flush=True)
     outcomes.sort(key=lambda outcome: outcome.seed)
-    counted = summary(outcomes)
+    counted = summary(code, outcomes)
     options.out.mkdir(parents=True, exist_ok=True)
     stem = options.out / f"serial-soak-{datetime.now(UTC):%Y-%m-%d}"
     stem.with_suffix(".json").write_text(json.dumps(counted, indent=2) + "\n", encoding="utf-8")
