@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,6 +69,21 @@ def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
         f"no bench in {_TRIES} shows {' and '.join(plan.slugs)} in a campaign of shape '{shape}' at a plausible size; "
         "leave the family out or make the campaigns longer"
     )
+
+
+def separable(families: Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
+    """Return the families without a twin, as computed for one member of each in a short campaign on the fewest axes.
+
+    Where a twin is left in the search, it is no fault to name it, and in a pair neither can be required by name.
+    """
+    found = []
+    for slug in families:
+        family = members(slug)[0]
+        campaign = draw_campaign(rng, "short", family.needs_axes)
+        scene, metric = campaign.scene(), Metric.of(campaign)
+        if not limits_of(family.draw(rng, scene), metric, scene, rng).twins:
+            found.append(slug)
+    return tuple(found)
 
 
 def _effects(

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.challenge.bounds import bound_deviations, held_out_floor
-from campaigns.challenge.draw import Drawn, Plan, draw_case
+from campaigns.challenge.draw import Drawn, Plan, draw_case, separable
 from campaigns.challenge.experiment import Run
 from campaigns.challenge.families import slugs
 from campaigns.challenge.metric import Metric
 from campaigns.challenge.plant import AXES, nominal_model
-from campaigns.challenge.truth import Buried, Case, Number, Truth, seal
+from campaigns.challenge.truth import Buried, Case, Number, Stratum, Truth, seal
 from campaigns.log import Channel, LogWriter
 from campaigns.log.checksum import sidecar_of, write_sidecar
 from sim_backend.errors import ConfigError
@@ -44,15 +44,23 @@ class Counts:
 
 
 def plans_of(counts: Counts, families: Sequence[str], rng: np.random.Generator, shape: str | None = None) -> list[Plan]:
-    """Return what every case is to be, in random order."""
+    """Return what every case is to be, in random order.
+
+    Pairs and families left out of the search are of those without a twin. Raises ConfigError when no pair can be had.
+    """
+    alone = separable(families, rng) if counts.outside or counts.two else ()
+    strata: list[tuple[Stratum, int, Sequence[str]]] = [
+        ("one", counts.one, families),
+        ("faint", counts.faint, families),
+        ("outside", counts.outside, alone),
+    ]
     plans = [Plan("none", (), shape)] * counts.none
-    for stratum in ("one", "faint", "outside"):
-        plans += [Plan(stratum, (slug,), shape) for slug in families for _ in range(getattr(counts, stratum))]
-    if counts.two and len(families) < 2:
-        raise ConfigError(f"two effects at once need two families, there is {len(families)}: name more families")
+    plans += [Plan(stratum, (slug,), shape) for stratum, n, some in strata for slug in some for _ in range(n)]
+    if counts.two and len(alone) < 2:
+        raise ConfigError(f"two effects at once need two families without a twin, there is {len(alone)}: name more")
     for _ in range(counts.two):
-        pair = rng.choice(len(families), 2, replace=False)
-        plans.append(Plan("two", (families[pair[0]], families[pair[1]]), shape))
+        pair = rng.choice(len(alone), 2, replace=False)
+        plans.append(Plan("two", (alone[pair[0]], alone[pair[1]]), shape))
     return [plans[i] for i in rng.permutation(len(plans))]
 
 

@@ -117,6 +117,14 @@ def test_counts_make_strata_in_random_order() -> None:
     assert all(len(set(p.slugs)) == 2 for p in plans if p.stratum == "two")
 
 
+def test_families_with_a_twin_are_neither_left_out_nor_paired() -> None:
+    families = ("actuator-gain", "sensor-gain", "coulomb-friction", "delay")
+    plans = plans_of(Counts(one=1, none=0, two=2, outside=1), families, np.random.default_rng(0))
+    hidden = {slug for p in plans if p.stratum in ("two", "outside") for slug in p.slugs}
+    assert hidden == {"coulomb-friction", "delay"}
+    assert {p.slugs[0] for p in plans if p.stratum == "one"} == set(families)
+
+
 def test_unknown_family_and_full_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no family 'gremlin'"):
         make_challenge(tmp_path, Counts(), seed=1, families=("gremlin",))
