@@ -3,8 +3,8 @@
 All of it is judged on whitened residuals, which noise alone makes independent numbers of unit variance. A curve shows
 the residual's rms in units of that noise, so 1 is the floor in every domain. Of frequency see `spectra`; elsewhere
 two questions are asked: is the residual larger in some bin than noise makes it (F test of the largest ratio, corrected
-for the number of bins), and does its mean follow the bins (generalised least squares on their indicators, F test)? The
-p-value is twice the smaller one.
+for the number of bins), and does its mean follow the bins, or that of a missing force (generalised least squares on
+indicators of the bins, as they are and passed through the plant, F tests)? Of two p-values the smaller counts, twice.
 """
 
 from __future__ import annotations
@@ -14,14 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from scipy.stats import f as f_distribution
 
 from analysis.diagnosis.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms
 from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.noise import Whitener
+from analysis.diagnosis.responses import response
 from analysis.diagnosis.result import Domain
 from analysis.diagnosis.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
 from analysis.diagnosis.words import span
+from sim_backend.linear import DiscreteModel, discretise
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
@@ -31,8 +34,20 @@ AT_REST = 1e-2
 
 TIME_BINS = 40
 
+FORCE_BINS = 10
+"""Most bins of a missing force: each costs a simulation, and a law of force is smooth."""
+
 WARMING_K = 0.02
 """Smallest range of temperatures that counts as one: below it a channel shows its own noise or the drive's warmth."""
+
+
+@dataclass(frozen=True)
+class Force:
+    """How a force on an output's own degree of freedom reaches it: the plant, the input and the output by number."""
+
+    plant: DiscreteModel
+    input: int
+    output: int
 
 
 @dataclass(frozen=True)
@@ -56,6 +71,7 @@ class _Series:
     taps: Array
     noise_rows: int
     rate_hz: float
+    force: Force | None
 
 
 def evidence(
@@ -68,6 +84,7 @@ def evidence(
     out: dict[str, list[Domain]] = {name: [] for name in ("frequency", "amplitude", "position", "direction", "rate")}
     out |= {"time": [], "temperature": [], "cross-axis": []}
     rows = _noise_rows(data) if whitener.repeats else 0
+    plant = discretise(model.linear(), data.rate_hz)
     for run in dict.fromkeys(r.name for r in data.records):
         pairs = [
             (r, e)
@@ -76,7 +93,10 @@ def evidence(
         ]
         if not pairs:
             continue
-        joined = [_series(run, pairs, o, port, whitener, rows, data.rate_hz) for o, port in enumerate(model.outputs)]
+        joined = [
+            _series(run, pairs, o, port, whitener, rows, data.rate_hz, _force(plant, o, model))
+            for o, port in enumerate(model.outputs)
+        ]
         for o, s in enumerate(joined):
             out["frequency"].append(_frequency(s))
             out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, free_mean=True))
@@ -105,8 +125,21 @@ def _noise_rows(data: Dataset) -> int:
     return rows
 
 
+def _force(plant: DiscreteModel, o: int, model: Model) -> Force | None:
+    dofs = [p.dof for p in model.inputs]
+    own = model.outputs[o].dof
+    return Force(plant, dofs.index(own), o) if own in dofs and plant.a.shape[0] else None
+
+
 def _series(
-    run: str, pairs: Sequence[tuple[Record, Array]], o: int, port: Port, whitener: Whitener, rows: int, rate_hz: float
+    run: str,
+    pairs: Sequence[tuple[Record, Array]],
+    o: int,
+    port: Port,
+    whitener: Whitener,
+    rows: int,
+    rate_hz: float,
+    force: Force | None,
 ) -> _Series:
     # the whitening filter starts from zeros, so its first rows are not white
     cut = slice(whitener.order, None)
@@ -133,6 +166,7 @@ def _series(
         taps=whitener.taps[o],
         noise_rows=rows,
         rate_hz=rate_hz,
+        force=force,
     )
 
 
@@ -167,17 +201,43 @@ def _along(s: _Series, values: Array, unit: str, name: str, most: int = 24, *, f
     """Return the curve along a covariate (n,), in bins of equal numbers of rows."""
     found = binned(values, s.w, most)
     energy = _energy_test(found.mean_square, found.count.astype(float), s.noise_rows)
-    mean = _mean_p(s, found, free_mean=free_mean)
+    mean = _mean_p(s, values, found, free_mean=free_mean)
     i = int(np.argmax(found.mean_square))
     low, high = found.edges[i], found.edges[i + 1]
     what = f"{s.port.dof} at {name} {span(low, high, unit)}" if name else f"{s.port.dof} from {span(low, high, unit)}"
     return _domain(s, found.centre, unit, np.sqrt(found.mean_square), _both(energy, mean), what)
 
 
-def _mean_p(s: _Series, found: Binned, *, free_mean: bool) -> float:
+def _mean_p(s: _Series, values: Array, found: Binned, *, free_mean: bool) -> float:
+    """Return the p-value of "no mean follows the bins": neither of the reading itself nor of a force on the structure.
+
+    An error of the sensor is a curve of the reading; a missing force is a curve too, but of the force, and reaches the
+    reading through the plant.
+    """
     parts = np.concatenate([[0], np.cumsum(s.parts)])
+    total = float(s.w @ s.w)
     gram, cross = accumulate(s.taps, found.index, s.w, parts, found.count.size)
-    return mean_test(gram, cross, float(s.w @ s.w), s.w.size, s.noise_rows, free_mean=free_mean)
+    reading = mean_test(gram, cross, total, s.w.size, s.noise_rows, free_mean=free_mean)
+    if s.force is None:
+        return reading
+    coarse = binned(values, s.w, FORCE_BINS) if found.count.size > FORCE_BINS else found
+    gram, cross = _through_plant(s, s.force, coarse, parts)
+    return _both(reading, mean_test(gram, cross, total, s.w.size, s.noise_rows, free_mean=free_mean))
+
+
+def _through_plant(s: _Series, force: Force, found: Binned, parts: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the normal equations of a unit force in each bin, passed through the plant and whitened."""
+    n = found.count.size
+    gram, cross = np.zeros((n, n)), np.zeros(n)
+    for a, b in zip(parts[:-1], parts[1:], strict=True):
+        columns = np.empty((b - a, n))
+        for k in range(n):
+            acting = (found.index[a:b] == k).astype(float)
+            moved = response(force.plant, acting, force.input)[:, force.output]
+            columns[:, k] = lfilter(s.taps, [1.0], moved)
+        gram += columns.T @ columns
+        cross += columns.T @ s.w[a:b]
+    return gram, cross
 
 
 def _direction(s: _Series) -> Domain:
@@ -192,7 +252,7 @@ def _direction(s: _Series) -> Domain:
     square = np.array([np.mean(s.w[index == k] ** 2) for k in (0, 1)])
     means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])
     found = Binned(index, count, square, np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
-    p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, found, free_mean=False))
+    p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, free_mean=False))
     way = "up" if abs(means[1]) > abs(means[0]) else "down"
     what = f"{s.port.dof} moving {way}, mean {means[1]:+.2g} up and {means[0]:+.2g} down"
     return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)

@@ -1,0 +1,118 @@
+"""`mccd diagnose` as its users run it: files, exit codes, and one line for every bad input."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from campaigns.log import Channel, LogWriter
+from campaigns.plans import make_plan
+from campaigns.runner import run_plan
+from sim_backend.model import EffectEntry, dump_model, load_model
+from sim_backend.simbench import SimBench
+from tests.small_bench import NOISE, bench_model
+
+SHORT = {"axes": ["theta_x", "theta_y"], "steps_s": 1.5, "noise_s": 1.0, "held_out_s": 0.8}
+
+
+@pytest.fixture
+def nominal(tmp_path):
+    path = tmp_path / "nominal.toml"
+    path.write_text(dump_model(bench_model(hardware=False)))
+    return path
+
+
+def free_run(tmp_path, *effects):
+    path = tmp_path / "free.h5"
+    run_plan(make_plan("freerun", SHORT), SimBench(bench_model((*effects, *NOISE)), 5), path, seed=5)
+    return path
+
+
+def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal):
+    run, out = free_run(tmp_path), tmp_path / "out"
+    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found == json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] == "consistent" and found["causes"] == []
+    assert found["inputs"][0]["file"] == str(run)
+    assert found["sentence"] in (out / "index.html").read_text()
+    assert load_model(out / "extended.toml").effects == []
+    assert list((out / "figures").glob("*.svg"))
+
+
+def test_a_model_that_is_wrong_ends_with_1_and_an_extended_model_that_runs(mccd, tmp_path, nominal):
+    friction = EffectEntry(effect="coulomb-friction", where="theta_x", parameters={"torque": 1e-3})
+    run, out = free_run(tmp_path, friction), tmp_path / "out"
+    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out))
+    assert done.returncode == 1, done.stderr
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] != "consistent"
+    assert found["gain"]["rms_after"] <= found["gain"]["rms_before"]
+    assert done.stdout.startswith(found["sentence"])
+    simulated = mccd("simulate", "--model", str(out / "extended.toml"), "--out", str(tmp_path / "again.h5"))
+    assert simulated.returncode == 0, simulated.stderr
+
+
+def other_log(tmp_path, **changed):
+    rng = np.random.default_rng(0)
+    values = {"command_theta_x": rng.standard_normal(500), "theta_x": rng.standard_normal(500)} | changed
+    channels = [
+        Channel("command_theta_x", "N m", "input", "theta_x", 1e4),
+        Channel("theta_x", "rad", "output", "theta_x", 1e4),
+    ]
+    path = tmp_path / "other.h5"
+    with LogWriter.create(path, channels, test="t", bench={"kind": "sim", "name": "n"}) as log:
+        log.append(values)
+    return path
+
+
+@pytest.fixture
+def one_axis(tmp_path):
+    import msgspec
+
+    whole = bench_model(hardware=False)
+    path = tmp_path / "one-axis.toml"
+    x_only = msgspec.structs.replace(whole, inputs=whole.inputs[:1], outputs=whole.outputs[:1], modes=whole.modes[:1])
+    path.write_text(dump_model(x_only))
+    return path
+
+
+def assert_refused(done, code, *words):
+    assert done.returncode == code
+    assert done.stdout == "" and "Traceback" not in done.stderr
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("mccd: error: ")
+    for word in words:
+        assert word in line
+
+
+def test_a_model_of_other_channels_is_a_matter_of_configuration(mccd, tmp_path, nominal):
+    done = mccd("diagnose", str(other_log(tmp_path)), "--model", str(nominal), "-o", str(tmp_path / "out"))
+    assert_refused(done, 2, "other.h5", "no input channel", "theta_y")
+
+
+def test_dead_and_short_records_are_a_matter_of_data(mccd, tmp_path, one_axis):
+    dead = other_log(tmp_path, theta_x=np.zeros(500))
+    done = mccd("diagnose", str(dead), "--model", str(one_axis), "-o", str(tmp_path / "out"))
+    assert_refused(done, 4, "other.h5", "theta_x", "constant at 0")
+
+
+def test_an_unknown_effect_to_leave_out_is_refused(mccd, tmp_path, one_axis):
+    run = other_log(tmp_path)
+    done = mccd("diagnose", str(run), "--model", str(one_axis), "--without", "ghosts", "-o", str(tmp_path / "out"))
+    assert_refused(done, 2, "ghosts")
+
+
+def test_a_missing_model_is_refused(mccd, tmp_path):
+    done = mccd("diagnose", str(other_log(tmp_path)), "--model", "nowhere.toml", "-o", str(tmp_path / "out"))
+    assert_refused(done, 2, "nowhere.toml")
+
+
+@pytest.mark.parametrize("tolerance", ["0", "-0.1", "2"])
+def test_a_tolerance_must_be_a_small_number_above_zero(mccd, tmp_path, one_axis, tolerance):
+    run = other_log(tmp_path)
+    done = mccd("diagnose", str(run), "--model", str(one_axis), "--nominal-tolerance", tolerance)
+    assert_refused(done, 2, "nominal-tolerance")
