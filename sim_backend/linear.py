@@ -166,16 +166,14 @@ def discretise(model: ModalModel, rate_hz: float) -> DiscreteModel:
     """
     if not rate_hz > 0.0:
         raise ConfigError(f"sample rate is {rate_hz} Hz; it must be above zero")
-    m, n_u, n_y = model.n_blocks, model.n_inputs, model.n_outputs
-    a, b = np.empty((m, 2, 2)), np.empty((m, 2, n_u))
-    c, rate_c, rate_d = np.empty((n_y, m, 2)), np.empty((n_y, m, 2)), np.zeros((n_y, n_u))
-    for i in range(m):
-        block, inputs = model.block(i), np.stack([model.b_direct[i], model.b[i]])
-        joint = np.zeros((2 + n_u, 2 + n_u))
-        joint[:2, :2], joint[:2, 2:] = block, inputs
-        step = expm(joint / rate_hz)
-        a[i], b[i] = step[:2, :2], step[:2, 2:]
-        c[:, i, :] = np.stack([model.c[:, i], model.c_rate[:, i]], axis=1)
-        rate_c[:, i, :] = c[:, i, :] @ block
-        rate_d += c[:, i, :] @ inputs
+    m, n_u = model.n_blocks, model.n_inputs
+    joint = np.zeros((m, 2 + n_u, 2 + n_u))
+    joint[:, 0, 1] = 1.0
+    joint[:, 1, 0], joint[:, 1, 1] = -(model.omega_rad_s**2), -2.0 * model.sigma_1_s
+    joint[:, 0, 2:], joint[:, 1, 2:] = model.b_direct, model.b
+    step = expm(joint / rate_hz)
+    a, b = np.ascontiguousarray(step[:, :2, :2]), np.ascontiguousarray(step[:, :2, 2:])
+    c = np.stack([model.c, model.c_rate], axis=2)
+    rate_c = np.einsum("ymk,mkl->yml", c, joint[:, :2, :2])
+    rate_d = np.einsum("ymk,mku->yu", c, joint[:, :2, 2:])
     return DiscreteModel(a, b, c, rate_c, rate_d, model.d, model.delay_s * rate_hz, float(rate_hz))

@@ -24,9 +24,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """What a replay gives: readings (n, n_y), and the final modal states (m, 2)."""
+    """What a replay gives: readings and true positions (n, n_y), and the final modal states (m, 2)."""
 
     reading: Array
+    position: Array
     states: Array
 
 
@@ -64,7 +65,7 @@ def replay(
     mem = refit_memory(fresh_memory(plant, n_u, transducers.heating[0]), ctl)
     if start is not None:
         mem.x[: start.shape[0]] = start
-    out = _only_readings(n, n_u, transducers)
+    out = _readings_and_positions(n, n_u, transducers)
     wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
     n_y, n_s = transducers.to_reading.shape
     kernel.run(n, plant, transducers, fx, ctl, wave, mem, bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s), out)
@@ -73,13 +74,13 @@ def replay(
         if effect.site is Site.RECORD:
             at = places.find(places.outputs, effect.where, effect.name)
             reading[:, at] = effect.rewrite(reading[:, at], rate_hz)
-    return Motion(reading, mem.x)
+    return Motion(reading, out.position, mem.x)
 
 
-def _only_readings(n: int, n_u: int, transducers: layout.Transducers) -> layout.Output:
+def _readings_and_positions(n: int, n_u: int, transducers: layout.Transducers) -> layout.Output:
     n_y, n_s = transducers.to_reading.shape
     n_a = transducers.to_torque.shape[1]
     none = np.zeros((0, n_u))
     return layout.Output(
-        none, none, np.zeros((0, n_a)), np.zeros((0, n_y)), np.zeros((n, n_y)), np.zeros((0, n_s)), np.zeros(0)
+        none, none, np.zeros((0, n_a)), np.zeros((n, n_y)), np.zeros((n, n_y)), np.zeros((0, n_s)), np.zeros(0)
     )

@@ -1,7 +1,8 @@
 """Every physical candidate's first-order signature in the outputs, from the one compiled step that also simulates it.
 
-The step runs along the measured motion (the nominal simulation plus what of the residual is above the noise), and what it adds at
-its place is passed through the linear plant. So the signature is right to first order even where the effect is large.
+The step runs along the measured motion (the nominal simulation plus what of the residual is above the noise), and
+what it adds at its place is passed through the linear plant. So the signature is right to first order even where the
+effect is large.
 """
 
 from __future__ import annotations

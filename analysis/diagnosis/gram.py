@@ -1,8 +1,8 @@
 """Screening in the space of inner products: one pass over the data, then every hypothesis costs microseconds.
 
-All columns (residual, knobs, candidates) are whitened, the unknown start of each record is projected out, and their inner products
-are collected. The likelihood ratio of any set of candidates is then a small linear solve, the knobs being re-tuned
-jointly under their prior every time.
+All columns (residual, knobs, candidates) are whitened, the unknown start of each record is projected out, and their
+inner products are collected. The likelihood ratio of any set of candidates is then a small linear solve, the knobs
+being re-tuned jointly under their prior every time.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 Array = NDArray[np.float64]
 
@@ -19,12 +20,14 @@ Array = NDArray[np.float64]
 class Gram:
     """Inner products of whitened columns: residual first, then `n_knobs` knobs, then the candidates' columns.
 
-    `products` (1 + n_knobs + n_columns)²; `groups` lists each candidate's columns; `rows` counts the samples.
+    `products` (1 + n_knobs + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells
+    which can only be positive; `rows` counts the samples.
     """
 
     products: Array
     n_knobs: int
     groups: tuple[Array, ...]
+    one_sided: tuple[bool, ...]
     rows: int
     known_noise: bool
 
@@ -35,9 +38,11 @@ class Gram:
         g = self.products
         inner = g[np.ix_(columns, columns)]
         scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
-        basis = inner / np.outer(scale, scale) + 1e-10 * np.eye(columns.size)
-        cross = g[columns] / scale[:, None]
-        return np.asarray(g - cross.T @ np.linalg.solve(basis, cross), dtype=float)
+        values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
+        # a direction below rounding cannot be projected out, and must not be: it would add noise of any size
+        live = values > 1e-14 * values[-1]
+        cross = (vectors[:, live] / np.sqrt(values[live])).T @ (g[columns] / scale[:, None])
+        return np.asarray(g - cross.T @ cross, dtype=float)
 
     def knob_columns(self) -> Array:
         """Return the column numbers of the knobs."""
@@ -49,10 +54,35 @@ class Gram:
         `remaining` is the residual sum of squares before. With known noise that ratio is the drop itself, else it is
         rows · log(before/after).
         """
-        drops = np.array([_drop(reduced, columns) for columns in self.groups])
+        drops = np.array([self.solve(reduced, i)[0] for i in range(len(self.groups))])
         if self.known_noise:
             return drops
         return np.asarray(self.rows * -np.log1p(-np.minimum(drops / remaining, 1.0 - 1e-12)), dtype=float)
+
+    def solve(self, reduced: Array, i: int) -> tuple[float, Array]:
+        """Return by how much candidate `i` lowers the sum of squares, and its sizes (n_columns,) in units of its
+        columns.
+
+        Sizes that cannot be negative are kept from it. Directions of which less than one part in 10⁸ is left after
+        projection are rounding and count as nothing.
+        """
+        columns = self.groups[i]
+        own = reduced[np.ix_(columns, columns)]
+        left = np.maximum(np.diag(own), 0.0)
+        live = np.flatnonzero(left > 1e-8 * np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny))
+        sizes = np.zeros(columns.size)
+        if not live.size:
+            return 0.0, sizes
+        scale = np.sqrt(left[live])
+        basis = own[np.ix_(live, live)] / np.outer(scale, scale) + 1e-9 * np.eye(live.size)
+        r = reduced[columns[live], 0] / scale
+        if self.one_sided[i]:
+            root = np.linalg.cholesky(basis)
+            x, _ = nnls(root.T, np.linalg.solve(root, r))
+        else:
+            x = np.linalg.solve(basis, r)
+        sizes[live] = x / scale
+        return float(2.0 * r @ x - x @ basis @ x), sizes
 
     def null_maxima(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
         """Return the largest ratio over all candidates in `draws` simulated noise-only data sets, shape (draws,)."""
@@ -70,11 +100,3 @@ class Gram:
             part = z[rows]
             top = np.maximum(top, np.einsum("id,id->d", part, np.linalg.solve(inner, part)))
         return top
-
-
-def _drop(reduced: Array, columns: Array) -> float:
-    own = reduced[np.ix_(columns, columns)]
-    scale = np.sqrt(np.maximum(np.diag(own), np.finfo(float).tiny))
-    basis = own / np.outer(scale, scale) + 1e-9 * np.eye(columns.size)
-    r = reduced[columns, 0] / scale
-    return float(r @ np.linalg.solve(basis, r))

@@ -1,7 +1,8 @@
-"""The noise that everything is measured against: its colour by autoregression, its size from what repeats or from what is left.
+"""The noise that everything is measured against: its colour by autoregression, its size from what repeats or from
+what is left.
 
-Whitening by the inverse of an autoregressive model turns coloured measurement noise, unmeasured torques and the random walk
-of rigid axes alike into independent numbers of unit variance, so that sums of squares are likelihoods.
+Whitening by the inverse of an autoregressive model turns coloured measurement noise, unmeasured torques and the
+random walk of rigid axes alike into independent numbers of unit variance, so that sums of squares are likelihoods.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ _MAX_ORDER = 40
 
 @dataclass(frozen=True)
 class Whitener:
-    """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd; `repeats` tells that noise was seen alone.
+    """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd; `repeats` tells that noise was seen
+    alone.
 
-    `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known apart from
-    any error of the model.
+    `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
+    apart from any error of the model.
     """
 
     taps: Array
@@ -58,8 +60,8 @@ def _fir(taps, values, out):  # type: ignore[no-untyped-def]
 def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Array:
     """Return the whitening taps (order + 1,) of the series (n,) in `parts`, using rows whose mask is set.
 
-    Least squares over all rows at once (covariance method, which also suits near-unit roots), order by BIC; the first tap is the
-    inverse of the innovations' standard deviation.
+    Least squares over all rows at once (covariance method, which also suits near-unit roots), order by BIC; the first
+    tap is the inverse of the innovations' standard deviation.
     """
     p = max(min(max_order, min(x.size for x, _ in parts) // 10), 0)
     normal = np.zeros((p + 1, p + 1))
@@ -86,7 +88,8 @@ def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Arra
 
 
 def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = True) -> Whitener:
-    """Return the whitener of `residuals`, one (n, n_y) per record: from what differs between periods where there are any.
+    """Return the whitener of `residuals`, one (n, n_y) per record: from what differs between periods where there are
+    any.
 
     Otherwise the colour and size of the residuals themselves are used.
     """

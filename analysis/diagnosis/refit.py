@@ -1,37 +1,42 @@
-"""Refit in full simulation: nominal parameters and effect parameters together, by Levenberg-Marquardt on whitened residuals.
+"""Refit in full simulation: nominal parameters and effect parameters together, by Levenberg-Marquardt on whitened
+residuals.
 
-Screening is right to first order; here the effect acts inside the loop, so large effects, several at once and shapes that screening
-held fixed all come out unbiased. Parameters live on scales on which they are of order one: knobs logarithmic, sizes
-relative to their natural size, shapes logarithmic where they are positive.
+Screening is right to first order; here the effect acts inside the loop, so large effects, several at once and shapes
+that screening held fixed all come out unbiased. Parameters live on scales on which they are of order one: knobs
+logarithmic, sizes relative to their natural size, shapes logarithmic where they are positive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.noise import Whitener
-from analysis.diagnosis.responses import free_responses
-from analysis.diagnosis.tuning import Knob, sensitivities, turned
+from analysis.diagnosis.starts import Start, stack_white
+from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
 from sim_backend import layout
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Effect
-from sim_backend.linear import ModalModel, discretise
-from sim_backend.replay import replay
+from sim_backend.linear import ModalModel
+from sim_backend.replay import Motion, replay
 
 Array = NDArray[np.float64]
 
 
+KNOB_STEP = 0.2
+"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
+
+
 @dataclass(frozen=True)
 class Setting:
-    """What stays the same over all refits of one diagnosis."""
+    """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record."""
 
     data: Dataset
     nominal: ModalModel
@@ -40,17 +45,23 @@ class Setting:
     transducers: layout.Transducers
     knobs: list[Knob]
     whitener: Whitener
-    starts: tuple[tuple[Array, ...], ...]
+    starts: tuple[Start, ...]
+    states: tuple[Array, ...]
     substeps: int
     workers: int = 2
+
+    @property
+    def rows(self) -> int:
+        """Number of fitted numbers: rows times outputs."""
+        return sum(int(r.fitted().sum()) for r in self.data.records) * self.data.n_outputs
 
 
 @dataclass(frozen=True)
 class Fit:
     """A fitted hypothesis: `change` of the knobs, the `effects`, and the objective with its parts.
 
-    `misfit` is the whitened sum of squares over the fitted rows, `penalty` the knobs' prior; `covariance` is that of all
-    parameters in the order of `names`; `values` in physical units likewise.
+    `misfit` is the whitened sum of squares over the fitted rows, `penalty` the knobs' prior; `covariance` is that of
+    all parameters in the order of `names`; `values` in physical units likewise.
     """
 
     candidates: tuple[Candidate, ...]
@@ -88,6 +99,11 @@ class _Scale:
             return -60.0
         return self.forth(value)
 
+    def step(self) -> float:
+        """Return how far one step may go: a factor of two where the scale is logarithmic, anywhere where it is
+        linear."""
+        return 0.7 if self.log else 1e6
+
     def forth(self, value: float) -> float:
         return float(np.log(value / self.unit)) if self.log else value / self.unit
 
@@ -96,30 +112,24 @@ class _Scale:
         return float(np.clip(value, self.low, self.high))
 
 
-def refit(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, iterations: int = 20) -> Fit:
-    """Return the best fit of a hypothesis from screened `sizes` (in units of each candidate's columns) and knob `change`.
+def refit(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, iterations: int = 25) -> Fit:
+    """Return the best fit of a hypothesis from screened `sizes` (in units of each candidate's columns) and knob
+    `change`.
 
     A hypothesis that cannot be simulated ends with an infinite misfit.
     """
     scales, start = _parameters(candidates, sizes)
-    x = np.concatenate([change, start])
     problem = _Problem(setting, tuple(candidates), scales)
-    if x.size:
-        low = np.array([-np.inf] * change.size + [s.bound(s.low) for s in scales])
-        high = np.array([np.inf] * change.size + [s.bound(s.high) for s in scales])
-        found = least_squares(
-            problem.stacked,
-            np.clip(x, low + 1e-9, high - 1e-9),
-            jac=problem.slopes,  # type: ignore[arg-type]
-            bounds=(low, high),
-            x_scale=np.array([k.sd for k in setting.knobs] + [1.0] * len(scales)),
-            max_nfev=iterations,
-            ftol=1e-8,
-            xtol=1e-10,
-            gtol=None,
-        )
-        x = found.x
-    return problem.finish(x, problem.evaluate(x))
+    n_knobs, sd = change.size, np.array([k.sd for k in setting.knobs])
+    descent = Descent(
+        problem.evaluate,
+        problem.normal,
+        np.concatenate([-REACH * sd, [s.bound(s.low) for s in scales]]),
+        np.concatenate([REACH * sd, [s.bound(s.high) for s in scales]]),
+        np.array([KNOB_STEP] * n_knobs + [s.step() for s in scales]),
+    )
+    x, found = descent.run(np.concatenate([change, start]), iterations)
+    return problem.finish(x, found)
 
 
 @dataclass(frozen=True)
@@ -147,34 +157,17 @@ class _Problem:
             values[scale.effect][scale.name] = scale.back(float(xi))
         return tuple(c.effect(c.where, **v) for c, v in zip(self.candidates, values, strict=True))
 
-    def stacked(self, x: Array) -> Array:
-        """Return whitened residuals and prior, shape (rows + n_knobs,); huge where the simulation runs away."""
-        stacked = self.evaluate(x).stacked
-        return stacked if np.all(np.isfinite(stacked)) else np.full(stacked.size, 1e150)
-
-    def slopes(self, x: Array) -> Array:
-        """Return the Jacobian of `stacked`."""
-        return self.jacobian(x, self.evaluate(x))
+    def normal(self, x: Array, at: _State) -> tuple[Array, Array]:
+        """Return the normal equations at `x`."""
+        jacobian = self.jacobian(x, at)
+        return jacobian.T @ jacobian, -jacobian.T @ at.stacked
 
     def raw(self, x: Array) -> tuple[Array, ...]:
         """Return the residuals of every record at `x`."""
         s = self.setting
         linear = turned(s.nominal, s.knobs, x[: len(s.knobs)])
-        effects = [*s.known, *self.effects(x)]
-        out = []
-        for record in s.data.records:
-            moved = replay(
-                linear,
-                effects,
-                s.places,
-                s.transducers,
-                record.u,
-                s.data.rate_hz,
-                temperature_k=record.temperature_k,
-                substeps=s.substeps,
-            )
-            out.append(record.y - moved.reading)
-        return tuple(out)
+        moved = simulated(s, linear, self.effects(x))
+        return tuple(record.y - m.reading for record, m in zip(s.data.records, moved, strict=True))
 
     def evaluate(self, x: Array) -> _State:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -190,37 +183,54 @@ class _Problem:
     def whiten(self, residuals: Sequence[Array]) -> Array:
         """Return all fitted rows, whitened, each record's unknown start projected out."""
         s = self.setting
-        parts = []
-        for record, residual, starts in zip(s.data.records, residuals, s.starts, strict=True):
-            mask = record.fitted()
-            for o in range(s.data.n_outputs):
-                white = s.whitener.apply(residual[:, o : o + 1], o)[mask, 0]
-                q = starts[o]
-                parts.append(white - q @ (q.T @ white))
-        return np.concatenate(parts)
+        return np.concatenate(
+            [
+                start.project(stack_white(s.whitener, record, residual[:, :, None])[:, 0])
+                for record, residual, start in zip(s.data.records, residuals, s.starts, strict=True)
+            ]
+        )
 
     def jacobian(self, x: Array, at: _State) -> Array:
-        """Return d(stacked)/dx: knobs by linear sensitivities, effect parameters by finite differences."""
+        """Return d(stacked)/dx by central differences of the full simulation.
+
+        Knobs of modes that no effect touches keep their linear sensitivities, which are exact there. For the others a
+        linear approximation would not do: where two knobs nearly do the same, the valley they span must be known to
+        far better than the size of the effect, or no step along it can be taken.
+        """
         s = self.setting
         n_knobs = len(s.knobs)
-        linear = turned(s.nominal, s.knobs, x[:n_knobs])
         columns = np.zeros((at.stacked.size, x.size))
-        if n_knobs:
-            per_record = [sensitivities(linear, s.knobs, r.u, s.data.rate_hz) for r in s.data.records]
-            for k in range(n_knobs):
-                columns[: -n_knobs or None, k] = -self.whiten([p[:, :, k] for p in per_record])
-                columns[at.stacked.size - n_knobs + k, k] = 1.0 / s.knobs[k].sd
+        touched = np.array([self.touches(k) for k in s.knobs], dtype=bool)
+        easy = [i for i in range(n_knobs) if not touched[i]]
+        if easy:
+            linear = turned(s.nominal, s.knobs, x[:n_knobs])
+            per_record = [
+                sensitivities(linear, [s.knobs[i] for i in easy], r.u, s.data.rate_hz) for r in s.data.records
+            ]
+            for k, i in enumerate(easy):
+                columns[: at.stacked.size - n_knobs, i] = -self.whiten([p[:, :, k] for p in per_record])
+                columns[at.stacked.size - n_knobs + i, i] = 1.0 / s.knobs[i].sd
 
         def slope(i: int) -> Array:
-            step = 1e-4 * max(abs(x[i]), 1e-2)
-            shifted = x.copy()
-            shifted[i] += step
-            return (self.evaluate(shifted).stacked - at.stacked) / step
+            step = 1e-5 if i < n_knobs else _difference(x[i])
+            there, back = x.copy(), x.copy()
+            there[i], back[i] = x[i] + step, x[i] - step
+            return (self.evaluate(there).stacked - self.evaluate(back).stacked) / (2.0 * step)
 
+        hard = [i for i in range(x.size) if i not in easy]
         with ThreadPoolExecutor(s.workers) as pool:
-            for i, column in zip(range(n_knobs, x.size), pool.map(slope, range(n_knobs, x.size)), strict=True):
+            for i, column in zip(hard, pool.map(slope, hard), strict=True):
                 columns[:, i] = column
         return columns
+
+    def touches(self, knob: Knob) -> bool:
+        """Tell whether an effect acts on, or through, the mode of this knob."""
+        s = self.setting
+        inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[knob.mode, j] != 0.0}
+        outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, knob.mode] != 0.0}
+        acting = [c.where for c in self.candidates] + [e.where for e in s.known]
+        names = {name for where in acting for name in where.split("->")}
+        return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}
 
     def finish(self, x: Array, at: _State) -> Fit:
         n_knobs = len(self.setting.knobs)
@@ -247,20 +257,64 @@ class _Problem:
         )
 
 
-def start_bases(data: Dataset, nominal: ModalModel, whitener: Whitener) -> tuple[tuple[Array, ...], ...]:
-    """Return, per record and output, an orthonormal basis (rows, k) of the whitened free responses of the nominal model."""
-    out = []
-    for record in data.records:
-        free = free_responses(discretise(nominal, data.rate_hz), record.n)
-        mask = record.fitted()
-        per_output = []
-        for o in range(data.n_outputs):
-            live = free[:, o][:, np.any(free[:, o] != 0.0, axis=0)]
-            q, r = np.linalg.qr(whitener.apply(live, o)[mask])
-            size = np.abs(np.diag(r))
-            per_output.append(q[:, size > 1e-9 * np.max(size, initial=1e-300)])
-        out.append(tuple(per_output))
-    return tuple(out)
+def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> list[Motion]:
+    """Return every record replayed through `linear` with the known effects and `effects`."""
+    return [
+        replay(
+            linear,
+            [*setting.known, *effects],
+            setting.places,
+            setting.transducers,
+            record.u,
+            setting.data.rate_hz,
+            temperature_k=record.temperature_k,
+            start=states,
+            substeps=setting.substeps,
+        )
+        for record, states in zip(setting.data.records, setting.states, strict=True)
+    ]
+
+
+def positions(setting: Setting, fit: Fit) -> list[Array]:
+    """Return the true positions (n, n_y) of every record under a fit."""
+    return [m.position for m in simulated(setting, turned(setting.nominal, setting.knobs, fit.change), fit.effects)]
+
+
+def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
+    """Return, per record, the change of the outputs per unit of each knob and each fitted effect parameter, (n, n_y,
+    k).
+
+    By central differences of the full simulation: what is screened beside these columns is compared with noise, and
+    an error of a thousandth in a knob's column can be far above it.
+    """
+    sizes = np.concatenate(
+        [
+            [getattr(e, n) / unit for n, unit in c.unit_sizes.items()] or [1.0]
+            for c, e in zip(fit.candidates, fit.effects, strict=True)
+        ]
+    )
+    held = [
+        replace(c, shapes={n: getattr(e, n) for n in c.shapes})
+        for c, e in zip(fit.candidates, fit.effects, strict=True)
+    ]
+    scales, x = _parameters(held, sizes)
+    problem = _Problem(setting, tuple(held), scales)
+    x = np.concatenate([fit.change, x])
+
+    def column(i: int) -> list[Array]:
+        step = 1e-5 if i < fit.change.size else _difference(x[i])
+        there, back = x.copy(), x.copy()
+        there[i], back[i] = x[i] + step, x[i] - step
+        return [(b - t) / (2.0 * step) for b, t in zip(problem.raw(back), problem.raw(there), strict=True)]
+
+    with ThreadPoolExecutor(setting.workers) as pool:
+        columns = list(pool.map(column, range(x.size)))
+    return tuple(np.stack([c[r] for c in columns], axis=2) for r in range(len(setting.data.records)))
+
+
+def _difference(x: float) -> float:
+    """Return a step for finite differences of a parameter of order one: far above rounding, far below its own size."""
+    return 1e-4 * max(abs(x), 1e-2)
 
 
 def _parameters(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[_Scale], Array]:

@@ -83,10 +83,16 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
     return out
 
 
-def motion(linear: ModalModel, u: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Return positions and rates (n, n_y) of the linear model under commands `u` (n, n_u), from rest."""
+def motion(linear: ModalModel, u: Array, rate_hz: float, start: Array) -> tuple[Array, Array]:
+    """Return positions and rates (n, n_y) of the linear model under commands `u` (n, n_u) from states `start` (m,
+    2)."""
     model = discretise(linear, rate_hz)
     position, rate = np.zeros((u.shape[0], model.c.shape[0])), np.zeros((u.shape[0], model.c.shape[0]))
+    states, still = np.empty((u.shape[0], 2)), np.zeros(u.shape[0])
+    for m in np.flatnonzero(np.any(start != 0.0, axis=1)):
+        _block(model.a[m], np.zeros(2), still, start[m, 0], start[m, 1], states)
+        position += states @ model.c[:, m, :].T
+        rate += states @ model.rate_c[:, m, :].T
     for j in range(u.shape[1]):
         f = np.ascontiguousarray(delayed(u[:, j], float(model.delay_samples[j])))
         b = np.ascontiguousarray(model.b[:, :, j])

@@ -10,26 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, signature
-from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import Whitener
-from analysis.diagnosis.responses import free_responses
+from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob, sensitivities
 from sim_backend.assembly import Places
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What screening starts from: the data, the (re-tuned) linear model, its knobs and their present change."""
+    """What screening starts from: the data, the re-tuned linear model, its knobs and their present change.
+
+    `exact` (one (n, n_y, k) per record) holds the sensitivities to the knobs and then to the parameters of effects
+    that are already in the model; without it there are none, and the knobs' linear sensitivities are computed here.
+    """
 
     data: Dataset
     linear: ModalModel
     places: Places
     knobs: list[Knob]
     change: Array
+    starts: tuple[Start, ...]
+    exact: tuple[Array, ...] | None = None
 
 
 def gram_of(
@@ -44,25 +50,25 @@ def gram_of(
 
     Records and outputs are taken one after another, so that memory holds one record's columns only.
     """
-    groups, n_columns = _number(candidates, 1 + len(problem.knobs))
+    n_extra = problem.exact[0].shape[2] - len(problem.knobs) if problem.exact else 0
+    groups, n_columns = _number(candidates, 1 + len(problem.knobs) + n_extra)
     total = np.zeros((n_columns, n_columns))
     rows = 0
-    for record, motion in zip(problem.data.records, motions, strict=True):
-        mask = record.fitted()
-        if not mask.any():
-            continue
+    for r, (record, motion, start) in enumerate(zip(problem.data.records, motions, problem.starts, strict=True)):
+        rows += int(record.fitted().sum()) * problem.data.n_outputs
 
         def column(candidate: Candidate, motion: Motion = motion) -> Array:
             return signature(candidate, problem.linear, problem.places, motion, problem.data.rate_hz)
 
         with ThreadPoolExecutor(workers) as pool:
             found = list(pool.map(column, candidates))
-        knobs = sensitivities(problem.linear, problem.knobs, record.u, problem.data.rate_hz)
-        free = free_responses(discretise(problem.linear, problem.data.rate_hz), record.n)
-        for o in range(problem.data.n_outputs):
-            parts = [motion.residual[:, o : o + 1], knobs[:, o], *(f[:, o] for f in found)]
-            total += _products(np.concatenate(parts, axis=1), free[:, o], mask, whitener, o)
-        rows += int(mask.sum()) * problem.data.n_outputs
+        knobs = (
+            problem.exact[r]
+            if problem.exact
+            else sensitivities(problem.linear, problem.knobs, record.u, problem.data.rate_hz)
+        )
+        parts = [motion.residual[:, :, None], knobs, *found]
+        total += _products(parts, record, whitener, start)
     # prior: the total change of each knob from the nominal model is normal with its sd
     precision = np.array([1.0 / k.sd**2 for k in problem.knobs])
     at = np.arange(1, 1 + len(problem.knobs))
@@ -70,7 +76,12 @@ def gram_of(
     total[0, at] -= precision * problem.change
     total[at, 0] -= precision * problem.change
     total[0, 0] += float(precision @ problem.change**2)
-    return Gram(total, len(problem.knobs), groups, rows, whitener.repeats)
+    return Gram(total, len(problem.knobs) + n_extra, groups, tuple(map(_one_sided, candidates)), rows, whitener.repeats)
+
+
+def _one_sided(candidate: Candidate) -> bool:
+    """Tell whether the candidate's columns can only be positive: sizes that cannot be negative, or a whole effect."""
+    return all(p.low >= 0.0 for p in candidate.effect.parameters() if p.size)
 
 
 def _number(candidates: Sequence[Candidate], first: int) -> tuple[tuple[Array, ...], int]:
@@ -82,16 +93,19 @@ def _number(candidates: Sequence[Candidate], first: int) -> tuple[tuple[Array, .
     return tuple(groups), at
 
 
-def _products(columns: Array, free: Array, mask: Array, whitener: Whitener, output: int) -> Array:
-    """Return the inner products of one output's columns after whitening, the unknown start projected out."""
-    live = np.flatnonzero(np.any(columns != 0.0, axis=0))
-    white = whitener.apply(columns[:, live], output)[mask]
-    starts = free[:, np.any(free != 0.0, axis=0)]
-    if starts.shape[1]:
-        start = whitener.apply(starts, output)[mask]
-        q, r = np.linalg.qr(start)
-        keep = np.abs(np.diag(r)) > 1e-9 * np.max(np.abs(np.diag(r)), initial=1e-300)
-        white -= q[:, keep] @ (q[:, keep].T @ white)
-    full = np.zeros((columns.shape[1], columns.shape[1]))
-    full[np.ix_(live, live)] = white.T @ white
-    return full
+def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start: Start) -> Array:
+    """Return the inner products of one record's columns after whitening, its unknown start projected out.
+
+    Output by output, because most columns move one output only and need no arithmetic in the others.
+    """
+    width = sum(p.shape[2] for p in parts)
+    mask = record.fitted()
+    rows = int(mask.sum())
+    total, seen = np.zeros((width, width)), np.zeros((start.q.shape[1], width))
+    for o in range(record.y.shape[1]):
+        columns = np.concatenate([p[:, o] for p in parts], axis=1)
+        live = np.flatnonzero(np.any(columns != 0.0, axis=0))
+        white = whitener.apply(columns[:, live], o)[mask]
+        total[np.ix_(live, live)] += white.T @ white
+        seen[:, live] += start.q[o * rows : (o + 1) * rows].T @ white
+    return total - seen.T @ seen

@@ -1,9 +1,10 @@
-"""The nominal model's own parameters: which may be re-tuned, how far they are trusted, and what a change of each looks like.
+"""The nominal model's own parameters: which may be re-tuned, how far they are trusted, and what a change of each
+looks like.
 
-Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms of its participations (those that are not
-zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal
-distribution of the tolerance the nominal model claims, so a wrong gain of one per cent is never taken for physics, and a
-shift far beyond the tolerance stays visible as one.
+Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms of its participations (those that are
+not zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal
+distribution of the tolerance the nominal model claims, so a wrong gain of one per cent is never taken for physics,
+and a shift far beyond the tolerance stays visible as one.
 """
 
 from __future__ import annotations
@@ -30,6 +31,11 @@ class Knob:
     index: tuple[int, ...]
     mode: int
     sd: float
+
+
+REACH = 4.0
+"""Knobs stay within this many standard deviations. A prior alone does not hold them against a gross error of the
+model, and once far away they would creep back along valleys that the data hardly determine."""
 
 
 def knobs_of(linear: ModalModel, tolerance: float) -> list[Knob]:

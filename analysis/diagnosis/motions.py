@@ -1,0 +1,50 @@
+"""The motion that was measured: the linear simulation plus what of its residual stands above the noise.
+
+Effects act along the true motion. Where the nominal model is good the two hardly differ; where it is not (a rigid
+axis under unmodelled friction, say) the simulation alone would drift away. The residual is cleaned of noise by a
+Wiener filter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from analysis.diagnosis.candidates import Motion
+from analysis.diagnosis.dataset import Record
+from analysis.diagnosis.noise import Whitener
+
+Array = NDArray[np.float64]
+
+_OVERSUBTRACTION = 6.0
+"""A frequency counts as motion only where the smoothed power is this many times the noise: beyond its chance
+fluctuations."""
+
+
+def measured_motion(record: Record, simulated: Array, residual: Array, whitener: Whitener, rate_hz: float) -> Motion:
+    """Return the motion of a record from its `simulated` position (n, n_y) and the `residual` (n, n_y) that the fit
+    left."""
+    cleaned = np.stack([_clean(residual[:, o], whitener, o) for o in range(record.y.shape[1])], axis=1)
+    position = simulated + cleaned
+    return Motion(record.u, position, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k)
+
+
+def _clean(x: Array, whitener: Whitener, output: int) -> Array:
+    """Return `x` (n,) without its noise: reflected at both ends, weighted by 1 - noise/total in frequency, and cut
+    back."""
+    n = x.size
+    pad = min(n - 1, 4096)
+    # odd reflection keeps value and slope at the ends, so that the filter sees no step there
+    longer = np.concatenate([2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]])
+    spectrum = np.fft.rfft(longer)
+    power = np.abs(spectrum) ** 2 / longer.size
+    total = uniform_filter1d(power, max(power.size // 200, 5), mode="nearest")
+    if whitener.repeats:
+        noise = 1.0 / np.abs(np.fft.rfft(whitener.taps[output], longer.size)) ** 2
+    else:
+        noise = np.full(power.size, float(np.quantile(total, 0.1)))
+    # noise that leaked into a candidate's motion would correlate with the residual it is compared with: leave all of
+    # it out
+    gain = np.clip(1.0 - _OVERSUBTRACTION * noise / np.maximum(total, np.finfo(float).tiny), 0.0, 1.0)
+    return np.asarray(np.fft.irfft(gain * spectrum, longer.size)[pad : pad + n], dtype=float)

@@ -1,0 +1,128 @@
+"""The diagnosis from data and model to verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates import Scales
+from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.evidence import evidence
+from analysis.diagnosis.gain import gain_of
+from analysis.diagnosis.noise import whitener_from
+from analysis.diagnosis.refit import Setting
+from analysis.diagnosis.responses import simulate
+from analysis.diagnosis.result import Diagnosis
+from analysis.diagnosis.search import Found, Progress, Rules, search, tune
+from analysis.diagnosis.starts import starts_of
+from analysis.diagnosis.sentence import sentence
+from analysis.diagnosis.tuning import knobs_of, turned
+from analysis.diagnosis.verdict import causes_of, judge
+from sim_backend.assembly import places_of, retuned, transducers_of
+from sim_backend.effects import EFFECTS, make_effect
+from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel, discretise
+from sim_backend.model import Model, number
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a diagnosis is done.
+
+    `tolerance` is how far the nominal model's own numbers are trusted (relative standard deviation of each);
+    `without` leaves causes out of the search; `false_alarm` is the chance that any candidate passes the screening on
+    noise alone.
+    """
+
+    tolerance: float = 0.03
+    without: tuple[str, ...] = ()
+    false_alarm: float = 0.002
+    max_effects: int = 3
+    substeps: int = 4
+    workers: int = 2
+    seed: int = 0
+
+
+def _silent(what: str, part: float) -> None:
+    """Take no notice."""
+
+
+def search_causes(data: Dataset, model: Model, options: Options, progress: Progress = _silent) -> Found:
+    """Return everything the search finds; raises ConfigError when the model does not fit the data or an effect is
+    unknown."""
+    reported = {e.reported() for e in EFFECTS} | {e.name for e in EFFECTS}
+    unknown = sorted(set(options.without) - reported)
+    if unknown:
+        raise ConfigError(f"there is no effect '{unknown[0]}' to leave out; effects: {', '.join(sorted(reported))}")
+    searched = tuple(e for e in EFFECTS if not {e.reported(), e.name} & set(options.without))
+    linear, places = model.linear(), places_of(model)
+    known = tuple(
+        make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
+    )
+    linear = retuned(linear, known, places)
+    knobs = knobs_of(linear, options.tolerance)
+    discrete = discretise(linear, data.rate_hz)
+    residuals = [r.y - simulate(discrete, r.u) for r in data.records]
+    whitener = whitener_from(data, residuals)
+    starts = starts_of(data, linear, whitener)
+    rest = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
+    setting = Setting(
+        data,
+        linear,
+        known,
+        places,
+        transducers_of(model),
+        knobs,
+        whitener,
+        starts,
+        rest,
+        options.substeps,
+        options.workers,
+    )
+    progress("tuning the nominal model", 0.0)
+    setting, tuned = tune(setting)
+    rules = Rules(searched, options.false_alarm, options.max_effects, options.seed)
+    return search(setting, tuned, rules, scales_of(data, linear), progress)
+
+
+def scales_of(data: Dataset, linear: ModalModel) -> Scales:
+    """Return the natural sizes of the data: rms of inputs and outputs, the first mode's time, ten kelvin."""
+    lowest = np.min(linear.omega_rad_s[linear.omega_rad_s > 0.0], initial=np.inf)
+    seconds = 1.0 / lowest if np.isfinite(lowest) else 10.0 / data.rate_hz
+    return Scales(np.maximum(data.u_scale(), 1e-300), np.maximum(data.y_scale(), 1e-300), float(seconds), 10.0)
+
+
+def diagnose(data: Dataset, model: Model, options: Options | None = None, progress: Progress = _silent) -> Diagnosis:
+    """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
+
+    Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
+    """
+    options = options or Options()
+    found = search_causes(data, model, options, progress)
+    progress("weighing the evidence", 0.9)
+    setting, best = found.setting, found.best
+    judgement = judge(found)
+    linear = turned(setting.nominal, setting.knobs, best.change)
+    before, after = found.tuned.residuals, best.residuals
+    gain = gain_of(data, before, after, setting.whitener, setting.nominal, linear, options.seed)
+    causes = causes_of(found, judgement, model)
+    return Diagnosis(
+        verdict=judgement.verdict,
+        sentence=sentence(judgement.verdict, causes, judgement.tied, gain),
+        causes=causes,
+        ambiguous=judgement.tied,
+        evidence=evidence(data, before, setting.whitener, model),
+        gain=gain,
+        next_experiment=None,
+        data=data,
+        nominal=model.linear(),
+        linear=linear,
+        effects=best.effects,
+        before=before,
+        after=after,
+        considered=judgement.rivals,
+    )

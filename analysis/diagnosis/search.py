@@ -1,0 +1,237 @@
+"""The search for causes: tune, screen, refit what stands out, screen again for more, drop what is not needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
+from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.motions import measured_motion
+from analysis.diagnosis.noise import whitener_from
+from analysis.diagnosis.refit import Fit, Setting, exact_sensitivities, positions, refit
+from analysis.diagnosis.retune import retune
+from analysis.diagnosis.screening import Problem, gram_of
+from analysis.diagnosis.starts import stack_white, starts_of
+from analysis.diagnosis.tuning import turned
+from sim_backend.effects.base import Effect
+from sim_backend.effects.view import RecordView
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_SHORTLIST = 5
+_NEAR = 0.3
+"""Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
+shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`."""
+
+    effects: tuple[type[Effect], ...]
+    false_alarm: float
+    max_effects: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Screen:
+    """One screening: candidates with their evidence (twice log-likelihood ratio), sizes, and the null's threshold."""
+
+    candidates: tuple[Candidate, ...]
+    gains: Array
+    sizes: tuple[Array, ...]
+    threshold: float
+
+    def best_per_key(self) -> list[int]:
+        """Return the index of the best start of each (effect, place), best first."""
+        seen: dict[tuple[str, str], int] = {}
+        for i in np.argsort(-self.gains):
+            seen.setdefault(self.candidates[i].key, int(i))
+        return list(seen.values())
+
+
+def settle(setting: Setting, fit: Fit) -> Setting:
+    """Return the setting with noise colour, start bases and start states brought up to date with `fit`."""
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    whitener = whitener_from(setting.data, list(fit.residuals))
+    starts = starts_of(setting.data, linear, whitener)
+    states = tuple(
+        old + start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
+        for old, start, record, residual in zip(
+            setting.states, starts, setting.data.records, fit.residuals, strict=True
+        )
+    )
+    return replace(setting, whitener=whitener, starts=starts, states=states)
+
+
+def tune(setting: Setting, passes: int = 4) -> tuple[Setting, Fit]:
+    """Return setting and fit of the nominal model with only its own parameters re-tuned, noise and starts estimated
+    with it."""
+    fit = retune(setting, np.zeros(len(setting.knobs)))
+    for _ in range(passes):
+        setting = settle(setting, fit)
+        before = fit.objective
+        fit = retune(setting, fit.change)
+        if abs(before - fit.objective) < 1e-4 * fit.objective:
+            break
+    return setting, fit
+
+
+def score(fit: Fit, known_noise: bool) -> float:
+    """Return the Bayesian information criterion of a fit: lower is better by twice the logarithm of the evidence."""
+    misfit = fit.objective if known_noise else fit.rows * np.log(max(fit.objective, 1e-300))
+    return float(misfit + fit.values.size * np.log(fit.rows))
+
+
+def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
+    """Return the evidence of every candidate beside what `fit` already holds."""
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    motions = [
+        measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
+        for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
+    ]
+    views = _views(setting, motions)
+    taken = {c.key for c in fit.candidates}
+    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
+    exact = exact_sensitivities(setting, fit) if fit.candidates else None
+    problem = Problem(setting.data, linear, setting.places, setting.knobs, fit.change, setting.starts, exact)
+    gram = gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers)
+    return _evidence(gram, candidates, rules)
+
+
+def _evidence(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
+    reduced = gram.without(gram.knob_columns())
+    solved = [gram.solve(reduced, i) for i in range(len(candidates))]
+    gains = gram.gains(reduced, float(reduced[0, 0]))
+    maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
+    threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
+    return Screen(tuple(candidates), gains, tuple(s for _, s in solved), threshold)
+
+
+def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]:
+    """Return what effects may look at when they guess, per degree of freedom, all records joined."""
+    places, views = setting.places, {}
+    lowest = float(np.min(setting.nominal.omega_rad_s, initial=0.0)) / (2.0 * np.pi)
+    temperatures = [m.temperature_k for m in motions]
+    joined = (
+        None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
+    )
+    for name in dict.fromkeys((*places.inputs, *places.outputs)):
+        i = places.inputs.index(name) if name in places.inputs else 0
+        o = places.outputs.index(name) if name in places.outputs else min(i, len(places.outputs) - 1)
+        views[name] = RecordView(
+            setting.data.rate_hz,
+            np.concatenate([m.u[:, i] for m in motions]),
+            np.concatenate([m.position[:, o] for m in motions]),
+            np.concatenate([m.rate[:, o] for m in motions]),
+            np.concatenate([m.residual[:, o] for m in motions]),
+            joined,
+            lowest,
+        )
+    return views
+
+
+@dataclass(frozen=True)
+class Found:
+    """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening."""
+
+    setting: Setting
+    tuned: Fit
+    best: Fit
+    rivals: tuple[Fit, ...]
+    first: Screen
+    last: Screen
+
+
+def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
+    """Return the best set of effects, found by alternating screening and refitting, and everything that came near
+    it."""
+    best, rivals = tuned, [tuned]
+    known = setting.whitener.repeats
+    first = last = screen(setting, tuned, rules, scales)
+    for depth in range(rules.max_effects):
+        picks = _shortlist(last)
+        if not picks:
+            break
+
+        def trial(k: int, best: Fit = best, found: Screen = last, depth: int = depth, picks: list[int] = picks) -> Fit:
+            candidate = found.candidates[picks[k]]
+            progress(
+                f"fitting {candidate.effect.name} at {candidate.where}", (depth + k / len(picks)) / rules.max_effects
+            )
+            return _extended(setting, best, candidate, found.sizes[picks[k]])
+
+        with ThreadPoolExecutor(setting.workers) as pool:
+            trials = list(pool.map(trial, range(len(picks))))
+        top = min(trials, key=lambda f: score(f, known))
+        if score(top, known) >= score(best, known):
+            rivals += trials
+            break
+        setting = settle(setting, top)
+        trials = [_again(setting, f) for f in sorted(trials, key=lambda f: score(f, known))[:3]]
+        best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
+        rivals = [*trials, _again(setting, rivals[0])]
+        last = screen(setting, best, rules, scales)
+    best, pruned = _pruned(setting, best)
+    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last)
+
+
+def _shortlist(found: Screen) -> list[int]:
+    order = found.best_per_key()
+    significant = [i for i in order if found.gains[i] > found.threshold]
+    if not significant:
+        return []
+    limit = _NEAR * found.gains[significant[0]]
+    return [i for i in significant if found.gains[i] >= limit][:_SHORTLIST]
+
+
+def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> Fit:
+    before = [replace_shapes(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)]
+    held = np.concatenate([sizes_of(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)] or [np.zeros(0)])
+    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), fit.change)
+
+
+def _again(setting: Setting, fit: Fit) -> Fit:
+    """Return `fit` refitted under a setting whose noise or starts have changed."""
+    candidates = [replace_shapes(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)]
+    sizes = np.concatenate([sizes_of(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)] or [np.zeros(0)])
+    return refit(setting, candidates, sizes, fit.change, iterations=8)
+
+
+def replace_shapes(candidate: Candidate, effect: Effect) -> Candidate:
+    """Return the candidate with the shapes of a fitted effect."""
+    return replace(candidate, shapes={n: getattr(effect, n) for n in candidate.shapes})
+
+
+def sizes_of(candidate: Candidate, effect: Effect) -> Array:
+    """Return a fitted effect's sizes in units of the candidate's columns."""
+    if not candidate.unit_sizes:
+        return np.ones(1)
+    return np.array([getattr(effect, n) / unit for n, unit in candidate.unit_sizes.items()])
+
+
+def _pruned(setting: Setting, best: Fit) -> tuple[Fit, list[Fit]]:
+    """Return `best` without any effect that its score does not need, and the fits tried on the way."""
+    tried: list[Fit] = []
+    known = setting.whitener.repeats
+    while len(best.candidates) > 1:
+        smaller = []
+        for i in range(len(best.candidates)):
+            keep = [k for k in range(len(best.candidates)) if k != i]
+            candidates = [replace_shapes(best.candidates[k], best.effects[k]) for k in keep]
+            sizes = np.concatenate([sizes_of(best.candidates[k], best.effects[k]) for k in keep])
+            smaller.append(refit(setting, candidates, sizes, best.change, iterations=8))
+        tried += smaller
+        least = min(smaller, key=lambda f: score(f, known))
+        if score(least, known) > score(best, known):
+            break
+        best = least
+    return best, tried

@@ -1,0 +1,25 @@
+"""The one sentence with which a diagnosis opens: what is wrong, why, how sure, what fixing it gained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from analysis.diagnosis.result import Cause, Gain, Verdict
+
+
+def sentence(verdict: Verdict, causes: Sequence[Cause], tied: Sequence[Sequence[str]], gain: Gain | None) -> str:
+    """Return the sentence for a verdict."""
+    if verdict == "consistent":
+        return "The simulation is consistent with the data: what it leaves is noise."
+    if verdict == "unknown":
+        return "The simulation is wrong, and no effect in the library explains how; the evidence shows where it lives."
+    listed = " and ".join(f"{c.effect} at {c.where}" for c in causes)
+    if verdict == "ambiguous":
+        choice = " or ".join(", ".join(group) for group in tied)
+        start = f"The simulation lacks {listed}, and" if listed else "The simulation is wrong, but"
+        return f"{start} these data cannot tell which of {choice} it is."
+    sure = min((c.probability for c in causes), default=0.0)
+    text = f"The simulation lacks {listed} (probability {sure:.1%}): {causes[0].why}"
+    if gain is not None:
+        text += f"; adding it takes the held-out error from {gain.rms_before:.2%} to {gain.rms_after:.2%} of the output"
+    return f"{text}."

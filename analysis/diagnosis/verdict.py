@@ -1,0 +1,166 @@
+"""From a search to a verdict: what may be named, what is tied, and when nothing known is good enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.refit import Fit
+from analysis.diagnosis.result import Cause, Estimate, Verdict
+from analysis.diagnosis.search import Found, score
+from sim_backend.effects.base import Effect
+from sim_backend.model import Model
+
+SURE = 0.99
+"""A cause is named when the rivals together have less than one chance in a hundred."""
+
+EXPLAINED = 0.997
+"""An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
+leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
+friction's)."""
+
+MATERIAL = 0.003
+"""An effect that explains less than this part of what the strongest one does is kept in the model but not named: it
+may stand for the difference between our form of the strongest effect and nature's."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict with the effects that it names, the tied sets, the posterior of the best and the noise inflation."""
+
+    verdict: Verdict
+    named: tuple[int, ...]
+    tied: tuple[tuple[str, ...], ...]
+    probability: float
+    inflation: float
+    rivals: tuple[tuple[str, float], ...]
+
+
+def judge(found: Found) -> Judgement:
+    """Return the verdict on the outcome of a search."""
+    known = found.setting.whitener.repeats
+    best = found.best
+    inflation = max(1.0, best.misfit / best.rows) if known else 1.0
+    if not best.candidates:
+        return Judgement(_without_cause(found), (), (), 1.0, inflation, ())
+    named = _material(found)
+    gaps = _gaps(found, named, inflation)
+    weights = np.exp(-np.array([gap for _, gap in gaps]))
+    probability = float(1.0 / (1.0 + weights.sum()))
+    rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
+    if not adequate(found):
+        return Judgement("unknown", (), (), probability, inflation, rivals)
+    if probability >= SURE:
+        return Judgement("named", named, (), probability, inflation, rivals)
+    own = set(_label(best, named))
+    close = [set(label) for label, gap in gaps if gap < np.log(SURE / (1.0 - SURE))]
+    shared = own.intersection(*close)
+    tied = [tuple(sorted(own - shared)), *(tuple(sorted(c - shared)) for c in close)]
+    flat = tuple(sorted({name for group in tied for name in group}))
+    sure = tuple(i for i in named if best.effects[i].reported() in shared)
+    return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
+
+
+def adequate(found: Found) -> bool:
+    """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
+    best, tuned = found.best, found.tuned
+    if not found.setting.whitener.repeats:
+        return found.last.gains.size == 0 or bool(np.max(found.last.gains) <= max(found.last.threshold, _left(found)))
+    # the noise level itself is known from as many numbers again: twice the variance of a mean square
+    spread = 5.0 * np.sqrt(4.0 / best.rows) + 0.002
+    excess = best.misfit / best.rows - 1.0
+    explained = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
+    return bool(excess <= spread or explained >= EXPLAINED)
+
+
+def _left(found: Found) -> float:
+    """Return the evidence that may be left in other candidates: a small part of what was explained."""
+    return float((1.0 - EXPLAINED) * np.max(found.first.gains, initial=0.0))
+
+
+def _without_cause(found: Found) -> Verdict:
+    """Return consistent, or unknown when the data differ from the tuned model by more than noise and no candidate
+    helps."""
+    tuned = found.tuned
+    if found.setting.whitener.repeats:
+        excess = tuned.misfit / tuned.rows - 1.0
+        if excess > 5.0 * np.sqrt(4.0 / tuned.rows) + 0.01:
+            return "unknown"
+    return "consistent"
+
+
+def _material(found: Found) -> tuple[int, ...]:
+    """Return the numbers of the effects that explain enough to be named, from what removing each of them costs."""
+    best = found.best
+    if len(best.candidates) == 1:
+        return (0,)
+    whole = {c.key for c in best.candidates}
+    costs = []
+    for c in best.candidates:
+        without = [r for r in found.rivals if {x.key for x in r.candidates} == whole - {c.key}]
+        costs.append(min((r.objective for r in without), default=np.inf) - best.objective)
+    strongest = max([x for x in costs if np.isfinite(x)], default=np.inf)
+    return tuple(i for i, cost in enumerate(costs) if not cost < MATERIAL * strongest)
+
+
+def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:
+    chosen = range(len(fit.effects)) if named is None else named
+    return tuple(sorted({f"{fit.effects[i].reported()}" for i in chosen}))
+
+
+def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[tuple[str, ...], float]]:
+    """Return rival names with the logarithm of the evidence by which the best one leads, closest first.
+
+    Fits count with their score; candidates that were screened but not refitted count with their screened evidence, as
+    rivals of the first effect found.
+    """
+    known = found.setting.whitener.repeats
+    own, reference = _label(found.best, named), score(found.best, known)
+    gaps: dict[tuple[str, ...], float] = {}
+    for rival in found.rivals:
+        if len(rival.candidates) < len(named) or not rival.candidates:
+            continue
+        label = _label(rival)
+        if set(own) <= set(label):
+            continue
+        gap = max(0.5 * (score(rival, known) - reference) / inflation, 0.0)
+        gaps[label] = min(gaps.get(label, np.inf), gap)
+    if len(found.best.candidates) == 1:
+        refitted = {c.key for r in found.rivals for c in r.candidates}
+        top = float(np.max(found.first.gains, initial=0.0))
+        for i in found.first.best_per_key():
+            candidate = found.first.candidates[i]
+            label = (candidate.effect.reported(),)
+            if candidate.key in refitted or label == own or found.first.gains[i] <= 0.0:
+                continue
+            extra = 0.5 * (len(candidate.effect.parameters()) - found.best.values.size) * np.log(found.best.rows)
+            gap = max(0.5 * (top - float(found.first.gains[i])) / inflation + extra, 0.0)
+            gaps[label] = min(gaps.get(label, np.inf), gap)
+    return sorted(gaps.items(), key=lambda pair: pair[1])
+
+
+def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
+    """Return the named causes with their parameters in units of the model's ports."""
+    best = found.best
+    causes = []
+    for i in judgement.named:
+        effect = best.effects[i]
+        u, y = _units(effect, model)
+        spread = np.sqrt(judgement.inflation)
+        estimates = {}
+        for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True):
+            if owner == i:
+                dimension = next(p.dimension for p in effect.parameters() if p.name == name)
+                estimates[name] = Estimate(float(value), float(std * spread), dimension.unit(u, y))
+        why = f"the residual {effect.symptom}"
+        causes.append(Cause(effect.reported(), effect.where, judgement.probability, estimates, why))
+    return tuple(causes)
+
+
+def _units(effect: Effect, model: Model) -> tuple[str, str]:
+    target = effect.where.rpartition("->")[2]
+    u = next((p.unit for p in model.inputs if p.dof == target), model.inputs[0].unit)
+    y = next((p.unit for p in model.outputs if p.dof == target), model.outputs[0].unit)
+    return u, y
