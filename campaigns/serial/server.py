@@ -70,10 +70,10 @@ class Connection:
         self._to_bench = to_bench
         self._to_host = to_host
 
-    @property
-    def busy(self) -> bool:
-        """Whether something is on its way in either direction."""
-        return bool(self._to_bench.pieces or self._to_host.pieces)
+    def patience_s(self, now_s: float) -> float:
+        """How long nothing but new bytes can make it necessary to act."""
+        waiting = [way.held_until_s - now_s for way in (self._to_bench, self._to_host) if way.pieces]
+        return min([_IDLE_S, *(max(wait_s, _BUSY_S) for wait_s in waiting)])
 
     def pump(self, now_s: float) -> float:
         """Move bytes both ways; return for how long the firmware stalls. EOFError or OSError: the line is gone."""
@@ -212,10 +212,14 @@ class Server:
 
     def _patience_s(self) -> float:
         """How long to wait for bytes: hardly, while something else than they can make it necessary to act."""
-        if self._baud is not None or time.monotonic() < self._stalled_until_s:
-            time.sleep(_BUSY_S)  # the line may be readable all the while
-        busy = self._firmware.busy or any(c.busy for c in self._connections)
-        return _BUSY_S if busy else _IDLE_S
+        now_s = time.monotonic()
+        if now_s < self._stalled_until_s:
+            time.sleep(min(self._stalled_until_s - now_s, _IDLE_S))  # the line may be readable all the while
+        elif self._baud is not None:
+            time.sleep(_BUSY_S)
+        if self._firmware.busy:
+            return _BUSY_S
+        return min([_IDLE_S, *(connection.patience_s(now_s) for connection in self._connections)])
 
     def _open(self, channel: Channel, now_s: float) -> None:
         ways = [_Way(faults, Throttle(self._baud, now_s)) for faults in self._ways]

@@ -179,11 +179,13 @@ def test_throughput_is_that_of_the_line(serve: Serve, transport: str) -> None:
     kind, _, rest = served.address.partition(":")
     with client(f"{kind}:{rest}@{baud}" if kind == "serial" else served.address) as bench:
         bench.play(noise_segment("warm", 10))
-        segment = noise_segment("measured", 3000, ("theta_x", "theta_y", "z"))
-        size = 8 * 3000 * 3 + 8 * 500 * 3  # the record, and the feed-forward; a reference of zero takes nothing
-        rate = max(size / seconds(bench, segment) for _ in range(3))  # what else the machine does only adds time
-    # the line cannot be faster than it is, but for the credit of its throttle in either direction
-    assert 0.9 <= rate / (baud / 10) <= 1.0 / (1.0 - 2 * CREDIT_S / (size / (baud / 10)))
+        segment = noise_segment("measured", 4500, ("theta_x", "theta_y", "z"))
+        size = 8 * 4500 * 3 + 8 * 500 * 3  # the record, and the feed-forward; a reference of zero takes nothing
+        # in either direction the throttle lends what a line lets pass in CREDIT_S: that is counted as time;
+        # what else the machine does only adds time, so the best of a few counts
+        shares = (size / (baud / 10) / (seconds(bench, segment) + 2 * CREDIT_S) for _ in range(4))
+        best = next((share for share in shares if share >= 0.9), 0.0)
+    assert 0.9 <= best <= 1.0
 
 
 def seconds(bench: SerialBench, segment: Segment) -> float:

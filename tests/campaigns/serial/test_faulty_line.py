@@ -51,8 +51,18 @@ def becomes_safe(served: Served, within_s: float) -> bool:
     return True
 
 
-@pytest.mark.parametrize("transport", ["pty", "tcp"])
-@pytest.mark.parametrize("faults", ["flip=5e-5", "lose=5e-5", "repeat=1e-4", "garbage=1e-4", "delay=2e-5", "drop=2e-5"])
+@pytest.mark.parametrize(
+    ("transport", "faults"),
+    [
+        ("pty", "flip=5e-5"),
+        ("tcp", "lose=5e-5"),
+        ("pty", "repeat=1e-4"),
+        ("tcp", "garbage=1e-4"),
+        ("tcp", "delay=2e-5"),
+        ("pty", "drop=2e-5"),
+        ("tcp", "drop=2e-5"),
+    ],
+)
 def test_a_damaged_line_gives_right_data(serve: Serve, model_path: str, transport: str, faults: str) -> None:
     """At these rates about nine blocks in ten pass, so that twenty failures of one block in a row do not happen."""
     served = serve(transport=transport, faults=f"3/{faults}")
@@ -64,9 +74,8 @@ def test_a_damaged_line_gives_right_data(serve: Serve, model_path: str, transpor
     assert faults.partition("=")[0] in served.journal[-1]  # the fault did strike
 
 
-@pytest.mark.parametrize("transport", ["pty", "tcp"])
-def test_a_firmware_that_restarts_is_told_as_such(serve: Serve, model_path: str, transport: str) -> None:
-    served = serve(transport=transport, faults="3/reset=1e-5")
+def test_a_firmware_that_restarts_is_told_as_such(serve: Serve, model_path: str) -> None:
+    served = serve(faults="3/reset=1e-5")
     result, _ = play(served, model_path)
     assert "restarted" in result and "begin it anew" in result
     assert becomes_safe(served, WATCHDOG_S + 1.0)
@@ -90,7 +99,7 @@ def test_a_process_that_dies_is_told_as_such(serve: Serve) -> None:
     assert not bench.left_safe
 
 
-@pytest.mark.parametrize("seed", range(2000, 2003))
+@pytest.mark.parametrize("seed", range(2000, 2002))
 def test_drawn_faults_keep_the_promises(serve: Serve, model_path: str, seed: int) -> None:
     served = serve(transport=("pty", "tcp")[seed % 2], faults=str(seed))
     result, seconds = play(served, model_path)  # wrong data or another error fails within
