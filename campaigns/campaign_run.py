@@ -19,7 +19,7 @@ import msgspec
 from campaigns.benches import bench_kind, open_bench
 from campaigns.campaign import Campaign, run_seed
 from campaigns.interrupts import Interrupts
-from campaigns.log import read_run
+from campaigns.log import read_run, sidecar_of
 from campaigns.plans import Estimate, Plan, estimate
 from campaigns.runner import Report, fingerprint, fingerprint_of, run_plan
 from campaigns.version import tool_version
@@ -202,7 +202,9 @@ def _found(state: RunState) -> RunState:
                     f"{state.log} was recorded under another configuration, seed or bench than this campaign's run "
                     f"'{state.name}'; move it away or choose another folder"
                 )
-            return dataclasses.replace(state, status=run.status, run_uid=run.run_uid)
+            # killed between closing the log and writing its checksum: nothing vouches for what it holds
+            unsealed = run.status == "complete" and not sidecar_of(state.log).exists()
+            return dataclasses.replace(state, status="unsealed" if unsealed else run.status, run_uid=run.run_uid)
     except DataError:
         return dataclasses.replace(state, status="damaged", run_uid="")
 

@@ -16,6 +16,7 @@ import campaigns.benches
 from campaigns.benches import BenchKind, open_bench
 from campaigns.campaign import bundled_campaigns, load_campaign, parse_campaign, run_seed
 from campaigns.campaign_run import estimate_campaign, read_state, run_campaign
+from campaigns.log import verify
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import dump_model
 from sim_backend.simbench import SimBench
@@ -245,3 +246,15 @@ def test_a_simulated_bench_of_a_file(tmp_path):
     assert open_bench(f"sim:{path}", 4).identity.name == "mine"
     with pytest.raises(ConfigError, match="nowhere.toml"):
         open_bench("sim:nowhere.toml", 0)
+
+
+def test_a_log_whose_checksum_a_kill_prevented_is_played_again(file, tmp_path):
+    play(file, tmp_path / "whole")
+    play(file, tmp_path / "parts")
+    before = bytes_of(tmp_path / "parts")
+    (tmp_path / "parts" / "chop.h5.sha256").unlink()
+    resumed = play(file, tmp_path / "parts", resume=True)
+    assert [r.name for r in resumed.runs if r.played] == ["chop"]
+    assert_equal_logs(tmp_path / "whole", tmp_path / "parts")
+    assert verify(tmp_path / "parts" / "chop.h5").ok
+    assert bytes_of(tmp_path / "parts")["chop.partial-1.h5"] == before["chop.h5"]
