@@ -31,8 +31,9 @@ Point = TypeVar("Point", bound=Evaluated)
 
 
 class Descent(Generic[Point]):
-    """A least-squares problem: `evaluate` a point, `normal` equations (H, -gradient/2) there, and the largest `cap`
-    of each step.
+    """A least-squares problem: what to evaluate, its normal equations, its bounds.
+
+    `evaluate` gives a point, `normal` its equations (H, -gradient/2).
 
     `low` and `high` bound the parameters; `cap` (n,) is how far each may move in one step.
     """

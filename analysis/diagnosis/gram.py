@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,12 @@ class Gram:
 
     products: Array
     n_knobs: int
-    groups: tuple[Array, ...]
+    groups: tuple[Ints, ...]
     one_sided: tuple[bool, ...]
     rows: int
     known_noise: bool
 
-    def without(self, columns: Array) -> Array:
+    def without(self, columns: Ints) -> Array:
         """Return the products of what is left after the given columns are projected out (Schur complement)."""
         if columns.size == 0:
             return self.products
@@ -44,7 +45,7 @@ class Gram:
         cross = (vectors[:, live] / np.sqrt(values[live])).T @ (g[columns] / scale[:, None])
         return np.asarray(g - cross.T @ cross, dtype=float)
 
-    def knob_columns(self) -> Array:
+    def knob_columns(self) -> Ints:
         """Return the column numbers of the knobs."""
         return np.arange(1, 1 + self.n_knobs)
 
@@ -60,8 +61,9 @@ class Gram:
         return np.asarray(self.rows * -np.log1p(-np.minimum(drops / remaining, 1.0 - 1e-12)), dtype=float)
 
     def solve(self, reduced: Array, i: int) -> tuple[float, Array]:
-        """Return by how much candidate `i` lowers the sum of squares, and its sizes (n_columns,) in units of its
-        columns.
+        """Return by how much candidate `i` lowers the sum of squares, and its sizes (n_columns,).
+
+        Sizes are in units of the candidate's columns.
 
         Sizes that cannot be negative are kept from it. Directions of which less than one part in 10⁸ is left after
         projection are rounding and count as nothing.

@@ -23,16 +23,14 @@ fluctuations."""
 
 
 def measured_motion(record: Record, simulated: Array, residual: Array, whitener: Whitener, rate_hz: float) -> Motion:
-    """Return the motion of a record from its `simulated` position (n, n_y) and the `residual` (n, n_y) that the fit
-    left."""
+    """Return the motion of a record from its `simulated` position and the fit's `residual`, both (n, n_y)."""
     cleaned = np.stack([_clean(residual[:, o], whitener, o) for o in range(record.y.shape[1])], axis=1)
     position = simulated + cleaned
     return Motion(record.u, position, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k)
 
 
 def _clean(x: Array, whitener: Whitener, output: int) -> Array:
-    """Return `x` (n,) without its noise: reflected at both ends, weighted by 1 - noise/total in frequency, and cut
-    back."""
+    """Return `x` (n,) without its noise: reflected at both ends, weighted in frequency, and cut back."""
     n = x.size
     pad = min(n - 1, 4096)
     # odd reflection keeps value and slope at the ends, so that the filter sees no step there

@@ -1,5 +1,6 @@
-"""The noise that everything is measured against: its colour by autoregression, its size from what repeats or from
-what is left.
+"""The noise that everything is measured against.
+
+Its colour comes from autoregression, its size from what does not repeat, or else from what is left.
 
 Whitening by the inverse of an autoregressive model turns coloured measurement noise, unmeasured torques and the
 random walk of rigid axes alike into independent numbers of unit variance, so that sums of squares are likelihoods.
@@ -23,8 +24,7 @@ _MAX_ORDER = 40
 
 @dataclass(frozen=True)
 class Whitener:
-    """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd; `repeats` tells that noise was seen
-    alone.
+    """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd.
 
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
     apart from any error of the model.
@@ -88,8 +88,7 @@ def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Arra
 
 
 def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = True) -> Whitener:
-    """Return the whitener of `residuals`, one (n, n_y) per record: from what differs between periods where there are
-    any.
+    """Return the whitener of `residuals`, one (n, n_y) per record, from what differs between periods.
 
     Otherwise the colour and size of the residuals themselves are used.
     """

@@ -16,8 +16,8 @@ from analysis.diagnosis.refit import Setting
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search import Found, Progress, Rules, search, tune
-from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.sentence import sentence
+from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.tuning import knobs_of, turned
 from analysis.diagnosis.verdict import causes_of, judge
 from sim_backend.assembly import places_of, retuned, transducers_of
@@ -52,8 +52,7 @@ def _silent(what: str, part: float) -> None:
 
 
 def search_causes(data: Dataset, model: Model, options: Options, progress: Progress = _silent) -> Found:
-    """Return everything the search finds; raises ConfigError when the model does not fit the data or an effect is
-    unknown."""
+    """Return everything the search finds; raises ConfigError when an effect to leave out is unknown."""
     reported = {e.reported() for e in EFFECTS} | {e.name for e in EFFECTS}
     unknown = sorted(set(options.without) - reported)
     if unknown:

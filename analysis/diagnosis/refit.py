@@ -1,5 +1,4 @@
-"""Refit in full simulation: nominal parameters and effect parameters together, by Levenberg-Marquardt on whitened
-residuals.
+"""Refit in full simulation: nominal and effect parameters together, by descent on whitened residuals.
 
 Screening is right to first order; here the effect acts inside the loop, so large effects, several at once and shapes
 that screening held fixed all come out unbiased. Parameters live on scales on which they are of order one: knobs
@@ -100,8 +99,7 @@ class _Scale:
         return self.forth(value)
 
     def step(self) -> float:
-        """Return how far one step may go: a factor of two where the scale is logarithmic, anywhere where it is
-        linear."""
+        """Return how far one step may go: a factor of two on a logarithmic scale, anywhere on a linear one."""
         return 0.7 if self.log else 1e6
 
     def forth(self, value: float) -> float:
@@ -113,8 +111,9 @@ class _Scale:
 
 
 def refit(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, iterations: int = 25) -> Fit:
-    """Return the best fit of a hypothesis from screened `sizes` (in units of each candidate's columns) and knob
-    `change`.
+    """Return the best fit of a hypothesis from screened `sizes` and knob `change`.
+
+    `sizes` are in units of each candidate's columns.
 
     A hypothesis that cannot be simulated ends with an infinite misfit.
     """
@@ -281,8 +280,7 @@ def positions(setting: Setting, fit: Fit) -> list[Array]:
 
 
 def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
-    """Return, per record, the change of the outputs per unit of each knob and each fitted effect parameter, (n, n_y,
-    k).
+    """Return, per record, the outputs' change per unit of each knob and each effect parameter, (n, n_y, k).
 
     By central differences of the full simulation: what is screened beside these columns is compared with noise, and
     an error of a thousandth in a knob's column can be far above it.

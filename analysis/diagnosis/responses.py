@@ -84,8 +84,7 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
 
 
 def motion(linear: ModalModel, u: Array, rate_hz: float, start: Array) -> tuple[Array, Array]:
-    """Return positions and rates (n, n_y) of the linear model under commands `u` (n, n_u) from states `start` (m,
-    2)."""
+    """Return positions and rates (n, n_y) under commands `u` (n, n_u) from states `start` (m, 2)."""
     model = discretise(linear, rate_hz)
     position, rate = np.zeros((u.shape[0], model.c.shape[0])), np.zeros((u.shape[0], model.c.shape[0]))
     states, still = np.empty((u.shape[0], 2)), np.zeros(u.shape[0])

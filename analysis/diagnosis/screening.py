@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, signature
 from analysis.diagnosis.dataset import Dataset, Record
-from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.gram import Gram, Ints
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob, sensitivities
@@ -84,7 +84,7 @@ def _one_sided(candidate: Candidate) -> bool:
     return all(p.low >= 0.0 for p in candidate.effect.parameters() if p.size)
 
 
-def _number(candidates: Sequence[Candidate], first: int) -> tuple[tuple[Array, ...], int]:
+def _number(candidates: Sequence[Candidate], first: int) -> tuple[tuple[Ints, ...], int]:
     groups, at = [], first
     for c in candidates:
         width = max(len(c.unit_sizes), 1)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
-from analysis.diagnosis.dataset import Dataset
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.motions import measured_motion
 from analysis.diagnosis.noise import whitener_from
@@ -73,8 +72,7 @@ def settle(setting: Setting, fit: Fit) -> Setting:
 
 
 def tune(setting: Setting, passes: int = 4) -> tuple[Setting, Fit]:
-    """Return setting and fit of the nominal model with only its own parameters re-tuned, noise and starts estimated
-    with it."""
+    """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it."""
     fit = retune(setting, np.zeros(len(setting.knobs)))
     for _ in range(passes):
         setting = settle(setting, fit)
@@ -152,8 +150,7 @@ class Found:
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
-    """Return the best set of effects, found by alternating screening and refitting, and everything that came near
-    it."""
+    """Return the best set of effects, by alternating screening and refitting, and all that came near it."""
     best, rivals = tuned, [tuned]
     known = setting.whitener.repeats
     first = last = screen(setting, tuned, rules, scales)
@@ -162,7 +159,14 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         if not picks:
             break
 
-        def trial(k: int, best: Fit = best, found: Screen = last, depth: int = depth, picks: list[int] = picks) -> Fit:
+        def trial(
+            k: int,
+            setting: Setting = setting,
+            best: Fit = best,
+            found: Screen = last,
+            depth: int = depth,
+            picks: list[int] = picks,
+        ) -> Fit:
             candidate = found.candidates[picks[k]]
             progress(
                 f"fitting {candidate.effect.name} at {candidate.where}", (depth + k / len(picks)) / rules.max_effects

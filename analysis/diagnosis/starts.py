@@ -24,8 +24,7 @@ _NEGLIGIBLE = 1e-9
 
 @dataclass(frozen=True)
 class Start:
-    """Orthonormal basis `q` (rows, k) of what a record's start can add, whitened; `back` (2 m, k) gives the states of
-    it."""
+    """What a record's start can add: an orthonormal basis `q` (rows, k), whitened; `back` (2 m, k) gives the states."""
 
     q: Array
     back: Array

@@ -1,5 +1,4 @@
-"""The nominal model's own parameters: which may be re-tuned, how far they are trusted, and what a change of each
-looks like.
+"""The nominal model's own parameters: which may be re-tuned, how far each is trusted, what its change looks like.
 
 Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms of its participations (those that are
 not zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal

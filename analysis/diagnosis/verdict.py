@@ -81,8 +81,7 @@ def _left(found: Found) -> float:
 
 
 def _without_cause(found: Found) -> Verdict:
-    """Return consistent, or unknown when the data differ from the tuned model by more than noise and no candidate
-    helps."""
+    """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
     tuned = found.tuned
     if found.setting.whitener.repeats:
         excess = tuned.misfit / tuned.rows - 1.0
