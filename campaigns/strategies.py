@@ -25,17 +25,27 @@ from sim_backend.errors import ConfigError
 Array = NDArray[np.float64]
 
 
+LEARNING_S = {"theta_x": 10.0, "theta_y": 4.7}
+"""How long an axis learns before its feedback closes, in s.
+
+θy: printed (section 6.3.2). θx: assumed. At rest the error shrinks by 1 − k_r per period, so that with the printed
+k_r = 0.1 the 23 periods of 4.7 s would leave 9 % of it; "after 10 seconds of chopping" (section 6.5) is the only
+other time of learning in the paper.
+"""
+
+
 class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What strategies leave free.
 
     `move_s` is the time of a transition: exactly that of the feed-forward, at most that of the learned reference
     (whose limits the paper does not print: the fourth-order profile that the derivative of jerk alone bounds).
-    After `learning_s` a learned input is frozen (or, with `keeps_learning`, learned on) and the feedback closes with
-    its gain times `feedback_factor`. `learning_modes` is how many modes L inverts: the printed one inverts one.
+    After `learning_s` (by default the longest LEARNING_S of the axes that move) a learned input is frozen, or, with
+    `keeps_learning`, learned on, and the feedback closes with its gain times `feedback_factor`. `learning_modes` is how
+    many modes L inverts: the printed one inverts one.
     """
 
     move_s: float = 0.005
-    learning_s: float = 4.7
+    learning_s: float | None = None
     feedback_factor: float = 1.5
     learning_modes: int = 1
     keeps_learning: bool = False
@@ -43,7 +53,7 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def __post_init__(self) -> None:
         for name in ("move_s", "learning_s", "feedback_factor", "learning_modes"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if value is not None and not (np.isfinite(value) and value > 0):
                 raise ConfigError(f"strategy: {name} is {value}; it must be a finite number above zero")
 
 
@@ -260,7 +270,9 @@ def _profile(task: Task, chop: Chop) -> Array:
 
 def _learn_then(task: Task, design: Design, program: Program, factor: float) -> tuple[Stage, ...]:
     tuning = task.tuning
-    n_learning = max(round(tuning.learning_s * design.rate_hz), 1)
+    moving = [dof for dof, moves in zip(task.axes, _moving(task), strict=True) if moves]
+    learning_s = tuning.learning_s or max(LEARNING_S.get(dof, 0.0) for dof in moving)
+    n_learning = max(round(learning_s * design.rate_hz), 1)
     learn, after, learning, frozen, feedback, final = [], [], [], [], [], []
     for axis, (dof, moves) in enumerate(zip(task.axes, _moving(task), strict=True)):
         chop = _chop(task, design, axis)

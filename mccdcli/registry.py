@@ -47,7 +47,9 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "Chop between two positions and measure stability, repeatability and accuracy in both directions.",
         ),
         "diagnose": Entry(
-            "mccdcli.commands.diagnose:diagnose", "Show what a model gets wrong, why, and what correcting it gains."
+            "mccdcli.commands.diagnose:diagnose",
+            "Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it "
+            "gain?",
         ),
         "endstops": Entry(
             "mccdcli.commands.endstops:endstops",
@@ -63,7 +65,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "report": Entry(
             "mccdcli.commands.report:report",
-            "Run what is missing of a campaign and build its report beside the paper's numbers.",
+            "Run what is missing of a campaign, then build its report: every table and figure beside the paper's.",
         ),
         "settle": Entry(
             "mccdcli.commands.settle:settle",
@@ -83,13 +85,14 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "challenge make": Entry(
             "mccdcli.commands.challenge_make:make",
-            "Make blind cases: logs of benches with hidden effects, their truth sealed apart.",
+            "Make blind cases: logs of benches with hidden effects in DIR/cases, the sealed truth in DIR/truth.",
         ),
         "challenge run": Entry(
             "mccdcli.commands.challenge_run:run", "Diagnose every case of a challenge that has no result yet."
         ),
         "challenge score": Entry(
-            "mccdcli.commands.challenge_score:score", "Reveal the truth of a challenge and score the diagnoses."
+            "mccdcli.commands.challenge_score:score",
+            "Reveal the truth of a challenge, check its seal, and score the diagnoses.",
         ),
         "bench check": Entry(
             "mccdcli.commands.bench_check:check",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.option("--check", is_flag=True, help="Exit with 1 if a predicted number leaves its stated tolerance.")
 @common_options()
 def report(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, campaign: str, check: bool) -> int:
-    r"""Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
+    """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign. With --check, each predicted
     number outside its tolerance is named.

@@ -6,8 +6,10 @@ import pytest
 
 from campaigns.calibration import (
     calibrations,
+    largest_normal,
     magnetic_stiffness_nm_rad,
     main,
+    scatter_of_sigma,
     stability_rad,
     torque_along,
 )
@@ -88,6 +90,22 @@ def test_closed_form_stability_is_what_a_loop_measures():
     # apex noise at 8.5 mrad, which the closed form includes, adds at most 0.5 %; 40 s of noise within 100 Hz are 8000
     # samples: 0.8 % of standard deviation, four of them
     assert measured == pytest.approx(stability_rad(BENCH, DESIGN, ROWS["amplifier noise"].in_model), rel=0.035)
+
+
+def test_largest_of_normal_numbers_is_what_is_tabulated():
+    # closed forms for 2 and 3; 25: Harter, Biometrika 48 (1961), to its five decimals
+    assert largest_normal(2) == pytest.approx(1.0 / np.sqrt(np.pi), abs=1e-9)
+    assert largest_normal(3) == pytest.approx(1.5 / np.sqrt(np.pi), abs=1e-9)
+    assert largest_normal(25) == pytest.approx(1.96531, abs=5e-6)
+
+
+def test_scatter_of_sigma_of_first_order_noise():
+    # behind a first-order low pass at fc the integral is 1/(4 pi fc T) of the variance of σ over σ², by hand; the band
+    # ends at 1000 fc, which leaves out 2/pi/1000 of the power
+    corner_hz, step_hz = 5.0, 0.01
+    f = np.arange(0.5 * step_hz, 1000.0 * corner_hz, step_hz)
+    scatter = scatter_of_sigma(1.0 / (1.0 + (f / corner_hz) ** 2), step_hz, 7.5)
+    assert scatter == pytest.approx(np.sqrt(1.0 / (4.0 * np.pi * corner_hz * 7.5)), rel=1e-3)
 
 
 def test_command_prints_every_target(capsys):

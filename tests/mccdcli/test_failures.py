@@ -90,10 +90,10 @@ def test_wrong_usage_is_one_line_that_says_where_help_is(mccd) -> None:
 
 
 def test_a_mistyped_command_is_answered_with_the_nearest(mccd) -> None:
-    done = mccd("complation")
+    done = mccd("completon")
     assert done.returncode == 2
     assert done.stderr == (
-        "mccd: error: No such command 'complation'. Did you mean 'completion'? (see 'mccd --help')\n"
+        "mccd: error: No such command 'completon'. Did you mean 'completion'? (see 'mccd --help')\n"
     )
 
 
