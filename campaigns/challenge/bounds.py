@@ -31,7 +31,7 @@ def bound_deviations(metric: Metric, hidden: Sequence[Hidden]) -> list[dict[str,
     if not found:
         return [_bound_of_chance(metric, effect) for effect in hidden]
     information = metric.seen(np.column_stack(found)).products()
-    scale = np.sqrt(np.diag(information))
+    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))  # a jump has no slope
     covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
     out, at = [], 0
     for effect, slope in zip(hidden, slopes, strict=True):

@@ -10,9 +10,9 @@ start. For a known signature the likelihood ratio is a normal number of mean d a
 
 - *Detection limit*: the size at which d reaches the threshold. No test of that false-alarm rate does better.
 - *Naming limit*: the size at which the part of d that no rival explains reaches it. A rival is another cause at the
-  same axis; it may explain whatever lies in the span of the signatures of several draws of its shapes, two of which
-  borrow all the shapes that it shares with the truth. So a rival is rather too clever than too dull, and the limit
-  rather too high.
+  same axis; it may explain whatever is a weighted sum of the signatures of several draws of its shapes and sizes, some
+  of which borrow the shapes that it shares with the truth. Weights are of either sign, but for causes that have only
+  one (friction opposes motion). So a rival is rather too clever than too dull, and the limit rather too high.
 - *Twins* are rivals that leave less than the threshold even at the largest plausible size: here no one can tell them
   from the truth, and the right answer is to say so.
 """
@@ -25,9 +25,11 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.stats import norm
 
-from campaigns.challenge.families import FAMILIES, Hidden, Scene
+from campaigns.challenge.families import FAMILIES, Hidden, Scene, members
+from campaigns.challenge.families.base import log_uniform
 from campaigns.challenge.metric import Metric, Seen
 from campaigns.challenge.power import random_energy
 
@@ -42,8 +44,13 @@ _CLOSE = 0.02
 _RETUNES, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
 """Gauss–Newton steps at most; knobs (in deviations) that need no step; the longest step; the farthest start."""
 
-_DRAWS = 2
-"""Random draws per rival that has shapes, besides those that borrow the truth's."""
+_FEW, _MANY, _CLOSEST = 3, 10, 4
+"""Draws of every rival, of the closest ones, and how many these are."""
+
+_CHARGE = 1e-5
+
+_SIZES = (0.05, 1.5)
+"""Sizes of drawn rivals over those at which they are drawn: the form of some depends on their size."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +69,13 @@ class Limits:
 class Rivals:
     """What every other cause could make of the same readings: signatures by cause and place, and their inner products.
 
-    `columns` are those of each rival in `vectors` (knobs + rows, k).
+    `found` holds the signatures (knobs + rows,) of each rival, `vectors` all of them as columns, `columns` which are
+    whose.
     """
 
     def __init__(self, found: dict[tuple[str, str], list[Array]]) -> None:
         ends = np.cumsum([len(v) for v in found.values()])
+        self.found = found
         self.columns = {key: np.arange(end - len(v), end) for (key, v), end in zip(found.items(), ends, strict=True)}
         self.vectors = np.column_stack([v for vectors in found.values() for v in vectors])
         self._known: list[tuple[Metric, Seen, Array]] = []
@@ -82,28 +91,58 @@ class Rivals:
 
     @classmethod
     def of(cls, effect: Hidden, metric: Metric, scene: Scene, rng: np.random.Generator) -> Rivals:
-        """Return the rivals of `effect` at its axis."""
-        found: dict[tuple[str, str], list[Array]] = {}
-        for family in FAMILIES:
-            if family.slug == effect.slug or family.random or family.needs_axes > scene.n_axes:
-                continue
-            for draw in _relatives(family.draw(rng, scene.at(effect.axis)), effect, rng, scene):
-                vector = metric.signature([draw])
-                if np.all(np.isfinite(vector)):  # a borrowed shape may ask for what this bench would not survive
-                    found.setdefault((draw.slug, draw.where), []).append(vector)
-        return cls(found)
+        """Return the rivals of `effect` at its axis, each by a few draws."""
+        families = [f for f in FAMILIES if f.slug != effect.slug and not f.random and f.needs_axes <= scene.n_axes]
+        return cls(_drawn(families, _FEW, effect, metric, scene, rng))
+
+    def closer(
+        self,
+        keys: Sequence[tuple[str, str]],
+        effect: Hidden,
+        metric: Metric,
+        scene: Scene,
+        rng: np.random.Generator,
+    ) -> Rivals:
+        """Return the rivals `keys` alone, each by many more draws."""
+        families = [f for slug in dict.fromkeys(slug for slug, _ in keys) for f in members(slug)]
+        more = _drawn(families, _MANY, effect, metric, scene, rng)
+        return Rivals({key: [*self.found[key], *more.get(key, [])] for key in keys})
 
 
-def _relatives(first: Hidden, effect: Hidden, rng: np.random.Generator, scene: Scene) -> list[Hidden]:
-    """Return what a rival is represented by: draws of its shapes, if it has any, and those that `effect` has too."""
-    if not first.shapes():
+def _drawn(
+    families: Sequence[type[Hidden]],
+    draws: int,
+    effect: Hidden,
+    metric: Metric,
+    scene: Scene,
+    rng: np.random.Generator,
+) -> dict[tuple[str, str], list[Array]]:
+    found: dict[tuple[str, str], list[Array]] = {}
+    for family in families:
+        for relative in _relatives(family, draws, effect, scene.at(effect.axis), rng):
+            vector = metric.signature([relative])
+            if np.all(np.isfinite(vector)):  # a borrowed shape may ask for what this bench would not survive
+                found.setdefault((relative.slug, relative.where), []).append(vector)
+    return found
+
+
+def _relatives(
+    family: type[Hidden], draws: int, effect: Hidden, scene: Scene, rng: np.random.Generator
+) -> list[Hidden]:
+    """Return what a rival is represented by: draws of its shapes and sizes, and one that borrows what `effect` has too.
+
+    Of a rival whose signature has one form at any size, one draw is all.
+    """
+    first = family.draw(rng, scene)
+    if family.proportional and not first.shapes():
         return [first]
-    draws = [first, *(type(first).draw(rng, scene.at(effect.axis)) for _ in range(_DRAWS - 1))]
+    others = [first, *(family.draw(rng, scene) for _ in range(draws - 1))]
+    sized = [other.resized(other.size * log_uniform(rng, *_SIZES)) for other in others]
     if set(first.shapes()) & set(effect.shapes()):
-        draws.append(first.borrowing(effect))
+        sized.append(first.borrowing(effect))
         if "phase" in first.shapes():
-            draws.append(first.borrowing(effect, np.pi / 2.0))
-    return draws
+            sized.append(first.borrowing(effect, np.pi / 2.0))
+    return sized
 
 
 class Distances:
@@ -130,7 +169,12 @@ class Distances:
         own = metric.seen(np.column_stack([vector, *self._others]))
         seen, among = rivals.seen(metric)
         inner, cross = own.products(), own.products(seen)
-        return [_left(_bordered(inner, cross[:, c], among[np.ix_(c, c)])) for c in (rivals.columns[k] for k in keys)]
+        found = []
+        for key in keys:
+            at = rivals.columns[key]
+            one_sided = at.size if members(key[0])[0].one_sided else 0
+            found.append(_left(_bordered(inner, cross[:, at], among[np.ix_(at, at)]), one_sided))
+        return found
 
     def beyond_one(self, rivals: Rivals, key: tuple[str, str], size: float) -> float:
         """Return what one rival leaves of d at `size`."""
@@ -180,11 +224,12 @@ def limits_of(
     rivals = Rivals.of(effect, metric, scene, rng)
     # what is left grows with the size at most in proportion, so five times the detection limit tells what the cap shows
     near = min(5.0 * detection, cap)
-    keys = list(rivals.columns)
-    left = sorted(zip(distances.beyond(near, rivals, keys), keys, strict=True))
+    first = sorted(zip(distances.beyond(near, rivals, list(rivals.columns)), rivals.columns, strict=True))
+    closest = rivals.closer([key for _, key in first[:_CLOSEST]], effect, metric, scene, rng)
+    left = sorted(zip(distances.beyond(near, closest, list(closest.columns)), closest.columns, strict=True))
     twins = tuple(key for d, key in left if d * cap / near < THRESHOLD)
-    closest = [key for d, key in left if d * cap / near >= THRESHOLD][:2]
-    crossings = [(_crossing(partial(distances.beyond_one, rivals, key), near, cap), key[0]) for key in closest]
+    hard = [key for d, key in left if d * cap / near >= THRESHOLD][:2]
+    crossings = [(_crossing(partial(distances.beyond_one, closest, key), near, cap), key[0]) for key in hard]
     naming, rival = max(crossings, default=(detection, "noise"))
     return Limits(detection, max(naming, detection), rival, twins)
 
@@ -193,16 +238,24 @@ def _bordered(inner: Array, cross: Array, among: Array) -> Array:
     return np.block([[inner, cross], [cross.T, among]])
 
 
-def _left(products: Array) -> float:
-    """Return the length of the first vector's part outside the span of the others, from inner products."""
-    own, cross, inner = products[0, 0], products[1:, 0], products[1:, 1:]
-    if cross.size:
-        scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
-        kept = values > 1e-9 * values[-1]
-        along = vectors[:, kept].T @ (cross / scale)
-        own = own - float(along @ (along / values[kept]))
-    return float(np.sqrt(max(own, 0.0)))
+def _left(products: Array, one_sided: int = 0) -> float:
+    """Return the length of the first vector's part that the others leave, from inner products.
+
+    The last `one_sided` of them may be added only, all others with either sign: least squares without negative weights,
+    in which a free vector stands for itself and its opposite.
+    """
+    scale = np.sqrt(np.maximum(np.diag(products), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(products / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    target, others = root[:, 0], root[:, 1:]
+    if not others.size:
+        return float(scale[0])
+    free = others[:, : others.shape[1] - one_sided]
+    columns = np.column_stack([others, -free])
+    # a hundred-thousandth of each weight is charged, so that no two nearly equal signatures are set against each other
+    charged = np.vstack([columns, _CHARGE * np.eye(columns.shape[1])])
+    weights, _ = nnls(charged, np.concatenate([target, np.zeros(columns.shape[1])]), maxiter=50 * columns.shape[1])
+    return float(scale[0] * np.linalg.norm(target - columns @ weights))
 
 
 def _crossing(distance: Callable[[float], float], start: float, cap: float) -> float:

@@ -67,6 +67,8 @@ class Hidden:
     slug: ClassVar[str]
     needs_axes: ClassVar[int] = 1
     random: ClassVar[bool] = False  # known only by its statistics: detected by power, see `power.py`
+    proportional: ClassVar[bool] = True  # its signature has one form at any size
+    one_sided: ClassVar[bool] = False  # its size has one sign by nature
     smooth: ClassVar[bool] = True  # the reading can be differentiated by the parameters
     predictable: ClassVar[bool] = True  # knowing it tells the next reading; chance and rounding do not
     given: ClassVar[tuple[str, ...]] = ("way",)  # fields that no data have to tell

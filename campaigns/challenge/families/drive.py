@@ -88,6 +88,8 @@ class Saturation(Hidden):
     u_peak: float
 
     slug: ClassVar[str] = "amplifier-saturation"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
     given: ClassVar[tuple[str, ...]] = ("u_peak",)
 
     @classmethod
@@ -118,6 +120,8 @@ class Lag(Hidden):
     """The amplifier follows with a first-order lag of time constant `size`."""
 
     slug: ClassVar[str] = "amplifier-lag"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -148,6 +152,8 @@ class Delay(Hidden):
     """The drive acts `size` seconds later."""
 
     slug: ClassVar[str] = "delay"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -174,6 +180,8 @@ class DeadZone(Hidden):
     """Commands within ±size are ignored and larger ones lose as much."""
 
     slug: ClassVar[str] = "dead-zone"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -200,6 +208,8 @@ class CommandQuantisation(Hidden):
     """The drive plays whole steps of `size` only."""
 
     slug: ClassVar[str] = "command-quantisation"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
     smooth: ClassVar[bool] = False
 
     @classmethod
@@ -229,6 +239,7 @@ class CoilHeating(Hidden):
     u_rms: float
 
     slug: ClassVar[str] = "coil-heating"
+    one_sided: ClassVar[bool] = True
     given: ClassVar[tuple[str, ...]] = ("u_rms",)
 
     @classmethod
@@ -271,6 +282,7 @@ class DriveHysteresis(Hidden):
     reach: float
 
     slug: ClassVar[str] = "hysteresis"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:

@@ -109,6 +109,8 @@ class SensorQuantisation(Hidden):
     """The noisy reading is recorded in whole steps of `size`."""
 
     slug: ClassVar[str] = "sensor-quantisation"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
     predictable: ClassVar[bool] = False
     smooth: ClassVar[bool] = False
 
@@ -154,7 +156,6 @@ class FringeJump(Hidden):
     limit: float
 
     slug: ClassVar[str] = "fringe-jump"
-    given: ClassVar[tuple[str, ...]] = ("limit",)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:

@@ -155,6 +155,7 @@ class BoucWen(Hidden):
     beta: float
 
     slug: ClassVar[str] = "hysteresis"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -181,6 +182,7 @@ class JilesAtherton(Hidden):
     reversible: float
 
     slug: ClassVar[str] = "hysteresis"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -206,6 +208,7 @@ class Iwan(Hidden):
     reach: float
 
     slug: ClassVar[str] = "hysteresis"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -231,6 +234,7 @@ class Friction(Hidden):
     stribeck_rate: float
 
     slug: ClassVar[str] = "coulomb-friction"
+    one_sided: ClassVar[bool] = True
     given: ClassVar[tuple[str, ...]] = ("at_rest", "stribeck_rate")
 
     @classmethod
@@ -262,6 +266,7 @@ class Creep(Hidden):
     time_s: float
 
     slug: ClassVar[str] = "viscoelastic-creep"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -291,6 +296,7 @@ class EndStop(Hidden):
     loss_s: float
 
     slug: ClassVar[str] = "end-stop-contact"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
@@ -347,6 +353,7 @@ class Play(Hidden):
     gap: float
 
     slug: ClassVar[str] = "backlash"
+    one_sided: ClassVar[bool] = True
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:

@@ -151,6 +151,8 @@ class DroppedSamples(Hidden):
     """A part `size` of the readings of one axis does not arrive; the last one that did stands in."""
 
     slug: ClassVar[str] = "dropped-samples"
+    one_sided: ClassVar[bool] = True
+    proportional: ClassVar[bool] = False
     predictable: ClassVar[bool] = False
     smooth: ClassVar[bool] = False
 

@@ -14,9 +14,6 @@ from mccdcli.main import main
 @pytest.mark.slow
 @pytest.mark.blind
 def test_make_run_score(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pipeline = pytest.importorskip("analysis.diagnosis.pipeline")
-    if not hasattr(pipeline, "diagnose"):
-        pytest.skip("the diagnosis is not there yet")
     folder = str(tmp_path / "challenge")
     made = main(["challenge", "make", folder, "--family", "actuator-gain", "--shape", "short", "--seed", "4", "--json"])
     assert made == 0
