@@ -4,7 +4,8 @@
 
 Every seed draws its faults (campaigns/serial/faults.py), its transport (pty or TCP) and its segments; it has an
 emulated bench in a process of its own. The record is compared bit for bit with that of the same bench played
-directly. Exit code 1 if a single seed breaks a promise. The result goes to benchmarks/results/.
+directly. Sources and models must not change meanwhile: run it in a copy of its own.
+Exit code 1 if a single seed breaks a promise. The result goes to benchmarks/results/.
 """
 
 from __future__ import annotations
