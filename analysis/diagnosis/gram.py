@@ -65,13 +65,13 @@ class Gram:
 
         Sizes are in units of the candidate's columns.
 
-        Sizes that cannot be negative are kept from it. Directions of which less than one part in 10⁸ is left after
+        Sizes that cannot be negative are kept from it. Directions of which less than one part in 10¹¹ is left after
         projection are rounding and count as nothing.
         """
         columns = self.groups[i]
         own = reduced[np.ix_(columns, columns)]
         left = np.maximum(np.diag(own), 0.0)
-        live = np.flatnonzero(left > 1e-8 * np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny))
+        live = np.flatnonzero(left > 1e-11 * np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny))
         sizes = np.zeros(columns.size)
         if not live.size:
             return 0.0, sizes

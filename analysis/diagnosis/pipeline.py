@@ -79,12 +79,12 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
         whitener,
         starts,
         rest,
-        options.substeps,
+        1,
         options.workers,
     )
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    rules = Rules(searched, options.false_alarm, options.max_effects, options.seed)
+    rules = Rules(searched, options.false_alarm, options.max_effects, options.substeps, options.seed)
     return search(setting, tuned, rules, scales_of(data, linear), progress)
 
 

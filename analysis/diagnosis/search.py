@@ -30,13 +30,21 @@ _NEAR = 0.3
 shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
 
 
+_TRUSTED = 3.0
+"""Refits start with knobs within this many standard deviations of the nominal model."""
+
+
 @dataclass(frozen=True)
 class Rules:
-    """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`."""
+    """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
+
+    First trials run on the data's own time grid; what they find is fitted again with `substeps` steps per sample.
+    """
 
     effects: tuple[type[Effect], ...]
     false_alarm: float
     max_effects: int
+    substeps: int
     seed: int
 
 
@@ -179,7 +187,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         if score(top, known) >= score(best, known):
             rivals += trials
             break
-        setting = settle(setting, top)
+        setting = replace(settle(setting, top), substeps=rules.substeps)
         trials = [_again(setting, f) for f in sorted(trials, key=lambda f: score(f, known))[:3]]
         best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
         rivals = [*trials, _again(setting, rivals[0])]
@@ -200,7 +208,9 @@ def _shortlist(found: Screen) -> list[int]:
 def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> Fit:
     before = [replace_shapes(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)]
     held = np.concatenate([sizes_of(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)] or [np.zeros(0)])
-    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), fit.change)
+    # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
+    near = _TRUSTED * np.array([k.sd for k in setting.knobs])
+    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), np.clip(fit.change, -near, near))
 
 
 def _again(setting: Setting, fit: Fit) -> Fit:

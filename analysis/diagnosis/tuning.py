@@ -32,7 +32,7 @@ class Knob:
     sd: float
 
 
-REACH = 4.0
+REACH = 10.0
 """Knobs stay within this many standard deviations. A prior alone does not hold them against a gross error of the
 model, and once far away they would creep back along valleys that the data hardly determine."""
 
