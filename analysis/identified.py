@@ -31,14 +31,14 @@ class HeldOut:
 class Identification:
     """A model identified from logs; `modes` lists frequency and decay rate with standard deviations, per mode.
 
-    `chi2_per_dof` is near 1 when noise explains the misfit. `noise` and `distortion` are relative to the output (rms),
-    where the excitation tells them. `held_out` may be empty.
+    `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
+    `distortion` are relative to the output (rms), where the excitation tells them. `held_out` may be empty.
     """
 
     model: Model
     method: str
     modes: tuple[dict[str, float], ...]
-    chi2_per_dof: float
+    chi2_per_dof: float | None
     noise: float | None
     distortion: float | None
     held_out: tuple[HeldOut, ...]
@@ -53,7 +53,7 @@ class Fitted:
 
     linear: ModalModel
     std: ModalModel
-    chi2: float
+    chi2: float | None
     dof: int
     offsets: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -119,7 +119,9 @@ def identification(
         }
         for i in np.argsort(linear.omega_rad_s)
     )
-    return Identification(model, method, modes, fitted.chi2 / max(fitted.dof, 1), *levels, held_out)
+    return Identification(
+        model, method, modes, None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1), *levels, held_out
+    )
 
 
 def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:

@@ -50,12 +50,19 @@ RELATIVE_START = 1e-3
 
 
 def identify_runs(
-    runs: Sequence[Run], *, modes: int | Sequence[int] | None = None, only: str = "", name: str = "identified"
+    runs: Sequence[Run],
+    *,
+    modes: int | Sequence[int] | None = None,
+    only: str = "",
+    equal_weights: bool = False,
+    name: str = "identified",
 ) -> Identification:
     """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
 
     `modes` is the number of modes or several to choose from (per axis for sweeps); `only` fits the segments whose
-    label contains it. Raises DataError for runs that differ or hold nothing to fit.
+    label contains it. `equal_weights` fits periodic data for the least rms error instead of weighing each line by its
+    noise: better when the misfit is nonlinear distortion, not noise. Raises DataError for runs that differ or hold
+    nothing to fit.
     """
     orders = _orders(runs, modes)
     if not runs:
@@ -71,7 +78,7 @@ def identify_runs(
         )
     periodic = _periodic(fitting)
     if periodic is not None:
-        return _from_periods(periodic, parts, orders, name)
+        return _from_periods(periodic, parts, orders, name, equal_weights)
     return _from_records(fitting, parts, orders, name)
 
 
@@ -95,7 +102,7 @@ def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Ide
         outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
     linear = side_by_side([fit.linear for fit in fits.values()])
     std = side_by_side([fit.std for fit in fits.values()])
-    whole = Fitted(linear, std, sum(f.chi2 for f in fits.values()), sum(f.dof for f in fits.values()))
+    whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
     return identification(whole, runs, *ports, method="stepped sine", name=name)
 
@@ -161,18 +168,23 @@ def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
 
 
 def _from_periods(
-    data: _Periods, parts: Sequence[tuple[Run, LogSegment]], orders: tuple[int, ...], name: str
+    data: _Periods,
+    parts: Sequence[tuple[Run, LogSegment]],
+    orders: tuple[int, ...],
+    name: str,
+    equal_weights: bool,
 ) -> Identification:
-    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
+    measured = frequency_response_periodic(*_at_one_level(data), data.rate_hz)
+    variance = None if equal_weights else _variance(measured)
     # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
-    fits = {hold: _fit_lines(measured, hold, orders) for hold in (data.rate_hz, None)}
+    fits = {hold: _fit_lines(measured, variance, hold, orders) for hold in (data.rate_hz, None)}
     hold = min(fits, key=lambda key: fits[key].criterion)
     fit = fits[hold]
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof, _rest(fit.model, data)),
+        Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, data)),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="periodic, zero-order hold" if hold else "periodic, band-limited",
@@ -182,9 +194,24 @@ def _from_periods(
     )
 
 
-def _fit_lines(measured: FrequencyResponse, hold: float | None, orders: tuple[int, ...]) -> RationalFit:
+def _at_one_level(data: _Periods) -> tuple[Array, Array]:
+    """Return inputs and outputs with every realisation scaled to the same rms of the input.
+
+    A linear response does not change by that. A bench that is not linear answers each level in its own way; unscaled,
+    the loudest level would decide what is the best linear model of all.
+    """
+    rms = np.sqrt(np.mean(data.inputs**2, axis=(0, 1, 3), keepdims=True))
+    if np.any(rms == 0.0):
+        return data.inputs, data.outputs
+    scale = rms.mean() / rms
+    return data.inputs * scale, data.outputs * scale
+
+
+def _fit_lines(
+    measured: FrequencyResponse, variance: Array | None, hold: float | None, orders: tuple[int, ...]
+) -> RationalFit:
     """Fit all lines, from starts searched on about a thousand of them, twice: a search may end in a poorer minimum."""
-    f, variance = measured.frequency_hz, _variance(measured)
+    f = measured.frequency_hz
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
     structure = Structure(delay=hold is None)
 

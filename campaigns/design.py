@@ -12,12 +12,12 @@ import numpy as np
 from sim_backend.assembly import places_of, retuned
 from sim_backend.bench import Learning
 from sim_backend.control.blocks import DiscreteFilter
-from sim_backend.control.feedback import LoopShape, z_controller
+from sim_backend.control.feedback import LoopShape, closed_loop_poles, z_controller
 from sim_backend.control.feedforward import StepInput, least_norm
 from sim_backend.control.repetitive import TABLE_6_5, learning_filter
 from sim_backend.effects import Site, effect_class, make_effect
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
+from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Model, load_model, number
 
 
@@ -68,6 +68,23 @@ class Design:
             d=whole.d[[o]][:, [i]],
             delay_s=whole.delay_s[[i]],
         )
+
+    def require_stable(self, dof: str, controller: DiscreteFilter) -> None:
+        """Raise ConfigError when the loop of `controller` around this axis of the design model is unstable.
+
+        An axis that the model does not have cannot be judged. Delays are rounded up to whole samples.
+        """
+        if dof not in {p.dof for p in self.model.inputs} & {p.dof for p in self.model.outputs}:
+            return
+        plant = self.axis(dof)
+        whole = np.ceil(plant.delay_s * self.rate_hz - 1e-9) / self.rate_hz
+        poles = closed_loop_poles(discretise(plant.with_(delay_s=whole), self.rate_hz), controller)
+        largest = float(np.max(np.abs(poles)))
+        if largest >= 1.0:
+            raise ConfigError(
+                f"controller of {dof}: its loop around design model '{self.model.name}' is unstable, the largest "
+                f"closed-loop pole is {largest:.4f} from zero, the limit is 1; lower the gain (tuning.feedback_factor)"
+            )
 
     def unit_step(self, dof: str, n_samples: int) -> StepInput:
         """Return the least-norm input for a move of 1 in `n_samples`; raises ConfigError as `least_norm`."""

@@ -151,10 +151,18 @@ STRATEGIES: dict[str, Strategy] = {
 
 
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
-    """Return the stages of a strategy by name; raises ConfigError naming those there are."""
+    """Return the stages of a strategy by name.
+
+    Raises ConfigError for a name that is none, and for a controller whose loop is unstable on the design model.
+    """
     if strategy not in STRATEGIES:
         raise ConfigError(f"there is no strategy '{strategy}'; strategies: {', '.join(STRATEGIES)}")
-    return STRATEGIES[strategy](task, design)
+    stages = STRATEGIES[strategy](task, design)
+    for stage in stages:
+        for dof, controller in zip(task.axes, stage.feedback, strict=True):
+            if controller is not None:
+                design.require_stable(dof, controller)
+    return stages
 
 
 def move_profile_limits(distance: float, move_s: float, rate_hz: float) -> MotionLimits:

@@ -189,7 +189,7 @@ def check_segment(segment: Segment, limits: Limits) -> None:
     if over.size:
         i = int(over[0])
         raise ConfigError(
-            f"segment '{segment.label}': reference of axis {i + 1} reaches {reach[i]:.4g}, the end stop is at "
+            f"segment '{segment.label}': reference of axis {i + 1} reaches {reach[i]:.4g} (rad, m), the end stop is at "
             f"{limits.reference[i]:.4g}; stay below it"
         )
     current_a = np.max(np.abs(segment.feedforward @ limits.to_current.T), initial=0.0)

@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 @click.option("--logs", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Where the sweeps' logs go.")
 @click.option("--modes", type=click.IntRange(min=1), metavar="N", help="Number of modes.  [default: chosen]")
 @click.option("--only", default="", metavar="TEXT", help="Use only segments whose label contains TEXT.")
+@click.option(
+    "--equal-weights",
+    is_flag=True,
+    help="Weigh all lines of a periodic record alike: the least rms error, where the misfit is not noise.",
+)
 @click.option("--force", is_flag=True, help="Replace an existing model file.")
 @settings_option
 @common_options()
@@ -44,6 +49,7 @@ def identify(
     folder: Path | None,
     modes: int | None,
     only: str,
+    equal_weights: bool,
     force: bool,
 ) -> int:
     """Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.
@@ -54,6 +60,7 @@ def identify(
     Examples:
       mccd identify --out nominal.toml
       mccd identify --log RUN.h5 --log OTHER.h5 --modes 3 -o nominal.toml
+      mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
     """
     from campaigns.identification import sweep_campaign
     from mccdcli.models import refuse_existing, save_model
@@ -78,7 +85,7 @@ def identify(
 
     with ExitStack() as stack:
         runs = [stack.enter_context(read_run(log)) for log in logs]
-        found = identify_runs(runs, modes=modes, only=only, name=target.stem)
+        found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
     save_model(found.model, target, force=force)
     emit(
         {"model": target, "logs": logs, "identification": found},
@@ -96,7 +103,9 @@ def _text(found: Identification) -> str:
         )
         for mode in found.modes
     ]
-    facts = [("method", found.method), ("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)")]
+    facts = [("method", found.method)]
+    if found.chi2_per_dof is not None:
+        facts.append(("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)"))
     facts += [(name, f"{value:.3%} of the output") for name, value in _levels(found) if value is not None]
     facts += [(f"error on {one.segment}", f"{one.total:.2%}") for one in found.held_out]
     return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s'))}\n\n{table(facts)}"

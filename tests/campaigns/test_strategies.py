@@ -102,7 +102,7 @@ def test_an_unknown_strategy_is_named_with_those_there_are(bench, design_path):
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"to_rad": 0.02}, "0.02, the end stop is at 0.01"),
+        ({"to_rad": 0.02}, "the end stop is at 0.01"),
         ({"to_rad": 0.0}, "to_rad is 0.0"),
         ({"window_s": 2.0}, "at most a dwell"),
         ({"frequency_hz": 0.7}, "whole samples at 10000 Hz"),
