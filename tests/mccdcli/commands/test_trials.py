@@ -99,7 +99,7 @@ def test_readings_from_a_file_take_the_instruments_place(run, here):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("chop", "--form", "0:+12"), "reaches 0.012, the end stop is at 0.01"),
+        (("chop", "--form", "0:+12"), "reaches 0.012 (rad, m), the end stop is at 0.01"),
         (("chop", "--form", "0:+8.5:3"), "is not a form"),
         (("chop", "--form", "8.5"), "is not a form"),
         (("chop", "--strategy", "magic"), "no strategy 'magic'"),
