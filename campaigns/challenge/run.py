@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from threading import Timer
+from threading import Event, Timer
 
 from campaigns.challenge.plant import NOMINAL_ERROR
 from campaigns.challenge.truth import reveal
@@ -20,6 +19,8 @@ from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError
 
 RESULTS, OUTCOME, DIAGNOSIS = "results", "run.json", "diagnosis.json"
+
+INTERRUPTED = 130
 
 DIAGNOSE = (sys.executable, "-m", "mccdcli", "diagnose")
 """The command that is judged; the case's files and options follow."""
@@ -58,10 +59,16 @@ def run_challenge(
     }
     cases = cases_of(folder)
     waiting = [name for name in cases if not (folder / RESULTS / name / OUTCOME).is_file()]
+    work = _Work(folder, limit_s, tuple(command))
     with ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(_diagnose, folder, name, left_out.get(name, []), limit_s, command) for name in waiting]
-        for done, future in enumerate(as_completed(futures), start=1):
-            report(done, len(waiting), f"case {future.result().case}")
+        try:
+            futures = [pool.submit(work.diagnose, name, left_out.get(name, [])) for name in waiting]
+            for done, future in enumerate(as_completed(futures), start=1):
+                report(done, len(waiting), f"case {future.result()}")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            work.stop()
+            raise
     return [outcome_of(folder, name) for name in cases]
 
 
@@ -82,26 +89,47 @@ def outcome_of(folder: Path, name: str) -> Outcome:
     return Outcome(**json.loads(path.read_text(encoding="utf-8")))
 
 
-def _diagnose(folder: Path, name: str, left_out: list[str], limit_s: float, command: Sequence[str]) -> Outcome:
-    """Run one diagnosis inside its case's folder, with its words kept beside its result.
+@dataclass
+class _Work:
+    """The diagnoses of one run: those under way, and whether they are being stopped."""
 
-    How far the nominal model can be trusted is public: uniform within ±3 %, a standard deviation of 3 %/√3.
-    """
-    case, out = (folder / "cases" / name).resolve(), (folder / RESULTS / name).resolve()
-    out.mkdir(parents=True, exist_ok=True)
-    runs = sorted(p.name for p in case.glob("run-*.h5"))
-    without = [word for slug in left_out for word in ("--without", slug)]
-    tolerance = ["--nominal-tolerance", f"{NOMINAL_ERROR / 3.0**0.5:.4f}"]
-    arguments = [*command, *runs, "--model", "nominal.toml", "-o", str(out), *tolerance, *without]
-    started = time.monotonic()
-    with (out / "words.txt").open("wb") as words:
-        process = subprocess.Popen(arguments, cwd=case, stdout=words, stderr=words, start_new_session=True)
-        code, cpu_s = _await(process, limit_s)
-    outcome = Outcome(name, code, time.monotonic() - started, cpu_s, tool_version(), tool_commit())
-    hidden = out / f".{OUTCOME}"
-    hidden.write_text(json.dumps(asdict(outcome), indent=1) + "\n", encoding="utf-8")
-    hidden.replace(out / OUTCOME)  # an outcome is there whole or not at all
-    return outcome
+    folder: Path
+    limit_s: float
+    command: tuple[str, ...]
+    running: set[subprocess.Popen[bytes]] = field(default_factory=set)
+    stopping: Event = field(default_factory=Event)
+
+    def stop(self) -> None:
+        """Stop what runs and let it leave no outcome."""
+        self.stopping.set()
+        for process in tuple(self.running):
+            process.kill()
+
+    def diagnose(self, name: str, left_out: list[str]) -> str:
+        """Run one diagnosis inside its case's folder, its words kept beside its result; return the case's name.
+
+        How far the nominal model can be trusted is public: uniform within ±3 %, a standard deviation of 3 %/√3. One
+        that was stopped leaves no outcome, so that it is run again.
+        """
+        case, out = (self.folder / "cases" / name).resolve(), (self.folder / RESULTS / name).resolve()
+        out.mkdir(parents=True, exist_ok=True)
+        runs = sorted(p.name for p in case.glob("run-*.h5"))
+        without = [word for slug in left_out for word in ("--without", slug)]
+        tolerance = ["--nominal-tolerance", f"{NOMINAL_ERROR / 3.0**0.5:.4f}"]
+        arguments = [*self.command, *runs, "--model", "nominal.toml", "-o", str(out), *tolerance, *without]
+        started = time.monotonic()
+        with (out / "words.txt").open("wb") as words:
+            process = subprocess.Popen(arguments, cwd=case, stdout=words, stderr=words)
+            self.running.add(process)
+            code, cpu_s = _await(process, self.limit_s)
+            self.running.discard(process)
+        if self.stopping.is_set() or code == INTERRUPTED:
+            return name
+        outcome = Outcome(name, code, time.monotonic() - started, cpu_s, tool_version(), tool_commit())
+        hidden = out / f".{OUTCOME}"
+        hidden.write_text(json.dumps(asdict(outcome), indent=1) + "\n", encoding="utf-8")
+        hidden.replace(out / OUTCOME)  # an outcome is there whole or not at all
+        return name
 
 
 def _await(process: subprocess.Popen[bytes], limit_s: float) -> tuple[int | None, float]:
@@ -110,7 +138,7 @@ def _await(process: subprocess.Popen[bytes], limit_s: float) -> tuple[int | None
 
     def stop() -> None:
         late.append(True)
-        os.killpg(process.pid, signal.SIGKILL)
+        process.kill()
 
     timer = Timer(limit_s, stop)
     timer.start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,21 @@ def test_a_late_diagnosis_is_stopped(tmp_path: Path) -> None:
     )
     assert [o.exit_code for o in outcomes] == [None, None]
     assert all(0.5 <= o.wall_s < 10.0 for o in outcomes)
+
+
+def test_an_interrupt_stops_what_runs_and_leaves_it_to_be_run_again(tmp_path: Path) -> None:
+    folder = challenge(tmp_path)
+    first = "import os, time; time.sleep(60 if os.getcwd().endswith('0001') else 0)"
+
+    def interrupt(done: float, total: float, what: str) -> None:
+        raise KeyboardInterrupt
+
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_challenge(folder, jobs=2, command=(sys.executable, "-c", first), report=interrupt)
+    assert time.monotonic() - started < 20.0
+    assert [p.parent.name for p in folder.glob("results/*/run.json")] == ["0002"]
+    assert [o.exit_code for o in run_challenge(folder, command=(sys.executable, "-c", ""))] == [0, 0]
 
 
 def test_processor_time_is_that_of_the_process(tmp_path: Path) -> None:
