@@ -92,7 +92,9 @@ def scales_of(data: Dataset, linear: ModalModel) -> Scales:
     """Return the natural sizes of the data: rms of inputs and outputs, the first mode's time, ten kelvin."""
     lowest = np.min(linear.omega_rad_s[linear.omega_rad_s > 0.0], initial=np.inf)
     seconds = 1.0 / lowest if np.isfinite(lowest) else 10.0 / data.rate_hz
-    return Scales(np.maximum(data.u_scale(), 1e-300), np.maximum(data.y_scale(), 1e-300), float(seconds), 10.0)
+    u, y = data.u_scale(), data.y_scale()
+    # a channel that never moves has no size of its own; any will do, because no signature passes through it
+    return Scales(np.where(u > 0.0, u, 1.0), np.where(y > 0.0, y, 1.0), float(seconds), 10.0)
 
 
 def diagnose(data: Dataset, model: Model, options: Options | None = None, progress: Progress = _silent) -> Diagnosis:
