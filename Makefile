@@ -4,6 +4,7 @@
 #   make check    formatting, lint, types and import contracts
 #   make format   rewrite the sources in the one format
 #   make lock     pin all dependencies anew (constraints.txt)
+#   make picture  the picture of the README, from the report
 #   make clean    remove what the targets above have made
 PYTHON ?= python3
 VENV   ?= .venv
@@ -18,11 +19,15 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report test check check-format check-lint check-types check-imports format lock clean
+.PHONY: report picture test check check-format check-lint check-types check-imports format lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
 	$(BIN)/mccd report --out $(OUT)
+
+# with a white ground, for readers whose pages are dark
+picture: report
+	sed '0,/<defs>/s//<rect width="100%" height="100%" fill="white"\/>&/' $(OUT)/figures/figure-6.15.svg > docs/images/settling.svg
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal_parameters import Layout
+from analysis.response_curves import ResponseCurve
 from campaigns.log import Run
 from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Model, Port, Quantity, from_linear
@@ -33,6 +34,7 @@ class Identification:
 
     `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
     `distortion` are relative to the output (rms), where the excitation tells them. `held_out` may be empty.
+    `response` is what was measured by frequency, before any model; empty for a record that is fitted in time.
     """
 
     model: Model
@@ -42,6 +44,7 @@ class Identification:
     noise: float | None
     distortion: float | None
     held_out: tuple[HeldOut, ...]
+    response: tuple[ResponseCurve, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,7 @@ def identification(
     name: str,
     levels: tuple[float | None, float | None] = (None, None),
     held_out: tuple[HeldOut, ...] = (),
+    response: tuple[ResponseCurve, ...] = (),
 ) -> Identification:
     """Return the identification that a fit to `runs` amounts to; `levels` are noise and distortion over the output."""
     linear, std = fitted.linear, fitted.std
@@ -119,9 +123,8 @@ def identification(
         }
         for i in np.argsort(linear.omega_rad_s)
     )
-    return Identification(
-        model, method, modes, None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1), *levels, held_out
-    )
+    chi2_per_dof = None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1)
+    return Identification(model, method, modes, chi2_per_dof, *levels, held_out, response)
 
 
 def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:

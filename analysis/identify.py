@@ -20,6 +20,7 @@ from analysis.identified import Fitted, HeldOut, Identification, deviations, ide
 from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
+from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
 from analysis.simulate import periodic_response, simulate_linear
 from analysis.timefit import fit_records
@@ -30,6 +31,8 @@ from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Port
 
 Array = NDArray[np.float64]
+
+ROLES = ("input", "output")
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given; with several inputs, one, two and three for each."""
@@ -92,19 +95,21 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
 def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Identification:
     """One axis per run: the modes of all axes side by side, without coupling."""
     fits: dict[str, Fitted] = {}
-    inputs, outputs = [], []
+    inputs, outputs, curves = [], [], []
     for run in runs:
         sweep = sweep_of(run)
         if sweep.axis in fits:
             raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
         fits[sweep.axis] = _fit_sweep(sweep, run.sample_rate_hz, orders)
+        axis = [next(c.name for c in run.channels.values() if c.role == role and c.dof == sweep.axis) for role in ROLES]
+        curves.append(curve_of_sweep(sweep, *axis))
         inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
         outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
     linear = side_by_side([fit.linear for fit in fits.values()])
     std = side_by_side([fit.std for fit in fits.values()])
     whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
-    return identification(whole, runs, *ports, method="stepped sine", name=name)
+    return identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
 
 
 def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
@@ -191,6 +196,7 @@ def _from_periods(
         name=name,
         levels=(ratios[0], ratios[1]),
         held_out=_tried(fit.model, parts, data.rate_hz, hold),
+        response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
 
 

@@ -14,6 +14,7 @@ from mccdcli.trials import play_campaign, settings_option, show_estimates
 
 if TYPE_CHECKING:
     from analysis.identified import Identification
+    from analysis.response_curves import ResponseCurve
 
 
 @click.command()
@@ -34,6 +35,12 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Weigh all lines of a periodic record alike: the least rms error, where the misfit is not noise.",
 )
+@click.option(
+    "--response",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.csv",
+    help="Also write the measured frequency response with its uncertainty.",
+)
 @click.option("--force", is_flag=True, help="Replace an existing model file.")
 @settings_option
 @common_options()
@@ -50,6 +57,7 @@ def identify(
     modes: int | None,
     only: str,
     equal_weights: bool,
+    response: Path | None,
     force: bool,
 ) -> int:
     """Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.
@@ -61,6 +69,7 @@ def identify(
       mccd identify --out nominal.toml
       mccd identify --log RUN.h5 --log OTHER.h5 --modes 3 -o nominal.toml
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
+      mccd identify --log RUN.h5 --response response.csv -o nominal.toml
     """
     from campaigns.identification import sweep_campaign
     from mccdcli.models import refuse_existing, save_model
@@ -81,17 +90,17 @@ def identify(
         logs = list(played.logs.values())
 
     from analysis.identify import identify_runs
+    from analysis.response_curves import save_curves
     from campaigns.log import read_run
 
     with ExitStack() as stack:
-        runs = [stack.enter_context(read_run(log)) for log in logs]
-        found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
+        runs, name = [stack.enter_context(read_run(log)) for log in logs], target.stem
+        found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=name)
+    if response is not None:
+        save_curves(found.response, response)
     save_model(found.model, target, force=force)
-    emit(
-        {"model": target, "logs": logs, "identification": found},
-        as_json=as_json,
-        text=f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, logs))}",
-    )
+    text = f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, logs))}"
+    emit({"model": target, "logs": logs, "identification": found}, as_json=as_json, text=text)
     return 0
 
 
@@ -107,8 +116,19 @@ def _text(found: Identification) -> str:
     if found.chi2_per_dof is not None:
         facts.append(("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)"))
     facts += [(name, f"{value:.3%} of the output") for name, value in _levels(found) if value is not None]
+    facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
     facts += [(f"error on {one.segment}", f"{one.total:.2%}") for one in found.held_out]
     return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s'))}\n\n{table(facts)}"
+
+
+def _uncertainty(curve: ResponseCurve) -> str:
+    """Say over what range a response was measured, and how well at the median line."""
+    relative = sorted(
+        std / size for std, size in zip(curve.std.tolist(), curve.magnitude.tolist(), strict=True) if size
+    )
+    f = curve.frequency_hz
+    middle = f"{relative[len(relative) // 2]:.2%}" if relative else "unknown"
+    return f"response at {f.size} lines, {f[0]:.4g}–{f[-1]:.4g} Hz, standard deviation {middle} (median)"
 
 
 def _levels(found: Identification) -> list[tuple[str, float | None]]:

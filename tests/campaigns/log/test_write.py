@@ -249,7 +249,7 @@ def test_a_full_disk_is_a_clear_error_and_keeps_the_committed_rows(tmp_path):
 
 
 def test_writing_with_checksums_keeps_up_with_fifty_benches(tmp_path):
-    """10 kHz x 16 channels in the process's own time, so that a busy machine passes; a third of the 50 times asked for."""
+    """10 kHz x 16 channels, timed by the process, so a busy machine passes; a third of the 50 times asked for."""
     import time
 
     channels = [Channel(f"c{index}", "rad", "output", "z", 1e4) for index in range(16)]
