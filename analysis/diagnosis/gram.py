@@ -86,6 +86,11 @@ class Gram:
         sizes[live] = x / scale
         return float(2.0 * r @ x - x @ basis @ x), sizes
 
+    def freshness(self, reduced: Array) -> Array:
+        """Return, per candidate, how much of its strongest column the knobs cannot imitate (0 to 1)."""
+        before, left = np.diag(self.products), np.diag(reduced)
+        return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
+
     def null_maxima(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
         """Return the largest ratio over all candidates in `draws` simulated noise-only data sets, shape (draws,)."""
         used = np.unique(np.concatenate(self.groups)) if self.groups else np.zeros(0, dtype=int)

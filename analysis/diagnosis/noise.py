@@ -8,11 +8,12 @@ random walk of rigid axes alike into independent numbers of unit variance, so th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.fft import dct
 
 from analysis.diagnosis.dataset import Dataset
 
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MAX_ORDER = 40
+_BAND_ROWS, _MAX_BANDS = 12, 24
+_MEDIAN_OF_SQUARE = 0.4549
+"""Median of the square of a standard normal number."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +31,15 @@ class Whitener:
     """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd.
 
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
-    apart from any error of the model.
+    apart from any error of the model. `edges` (k + 1,) in cycles per sample and `levels` (n_y, k) say how much stronger
+    than white the filtered noise still is in the lowest bands, which neither differences of periods nor a short filter
+    can see.
     """
 
     taps: Array
     repeats: bool
+    edges: Array = field(default_factory=lambda: np.zeros(1))
+    levels: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def order(self) -> int:
@@ -43,6 +51,30 @@ class Whitener:
         out = np.empty_like(values)
         _fir(self.taps[output], np.ascontiguousarray(values), out)
         return out
+
+    def rows(self, values: Array, mask: Mask, output: int) -> Array:
+        """Return the masked rows of `values` (n, k) as independent numbers of unit variance, shape (rows, k).
+
+        Each unbroken run of rows is taken into the cosine basis, where a band's level is a plain factor.
+        """
+        white = self.apply(values, output)
+        if not self.levels.size:
+            return white[mask]
+        parts = []
+        for start, stop in runs_of(mask):
+            spectrum = dct(white[start:stop], axis=0, norm="ortho")
+            weight = np.ones(stop - start)
+            band = np.searchsorted(self.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
+            low = band < self.levels.shape[1]
+            weight[low] = 1.0 / np.sqrt(self.levels[output][band[low]])
+            parts.append(spectrum * weight[:, None])
+        return np.concatenate(parts) if parts else white[mask]
+
+
+def runs_of(mask: Mask) -> list[tuple[int, int]]:
+    """Return (start, stop) of every unbroken run of set rows."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 @njit(cache=True, nogil=True)
@@ -105,7 +137,42 @@ def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = 
                 parts.append((residual[:, o], record.fitted()))
         taps.append(fit_ar(parts))
     order = max(t.size for t in taps)
-    return Whitener(np.stack([np.pad(t, (0, order - t.size)) for t in taps]), repeats)
+    plain = Whitener(np.stack([np.pad(t, (0, order - t.size)) for t in taps]), repeats)
+    return _with_levels(plain, data, residuals)
+
+
+def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:
+    """Return the whitener with the levels of the bands below what its filter was estimated from.
+
+    Medians, so that the lines of a periodic excitation, where an error of the model stands, do not count as noise.
+    """
+    periods = [w.period for r in data.records for w in r.windows if w.period]
+    highest = min(2.0 / min(periods) if plain.repeats and periods else 0.5 / max(plain.order, 1), 0.25)
+    bands = []
+    for o in range(data.n_outputs):
+        found = []
+        for record, residual in zip(data.records, residuals, strict=True):
+            white = plain.apply(residual[:, o : o + 1], o)[:, 0]
+            for start, stop in runs_of(record.fitted()):
+                power = dct(white[start:stop], norm="ortho") ** 2
+                found.append((np.arange(stop - start) / (2.0 * (stop - start)), power))
+        bands.append((np.concatenate([f for f, _ in found]), np.concatenate([p for _, p in found])))
+    below = np.sort(bands[0][0][bands[0][0] < highest])
+    count = min(below.size // _BAND_ROWS, _MAX_BANDS)
+    if count < 1:
+        return plain
+    # bands hold growing numbers of rows, so that they are narrow where the level changes fast
+    share = np.linspace(0.0, 1.0, count + 1) ** 2
+    at = np.unique(np.maximum((share * below.size).astype(int), _BAND_ROWS * np.arange(count + 1)))
+    edges = np.append(below[np.minimum(at[:-1], below.size - 1)], highest)
+    levels = np.ones((data.n_outputs, edges.size - 1))
+    for o, (frequency, power) in enumerate(bands):
+        band = np.searchsorted(edges, frequency, side="right") - 1
+        for b in range(edges.size - 1):
+            inside = power[band == b]
+            if inside.size:
+                levels[o, b] = max(1.0, float(np.median(inside)) / _MEDIAN_OF_SQUARE)
+    return Whitener(plain.taps, plain.repeats, edges, levels)
 
 
 def _differences(windows, x: Array) -> list[tuple[Array, Mask]]:  # type: ignore[no-untyped-def]

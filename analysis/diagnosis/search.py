@@ -30,6 +30,9 @@ _NEAR = 0.3
 shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
 
 
+_IMITATED = 1e-4
+"""A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
+
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
 
@@ -50,11 +53,12 @@ class Rules:
 
 @dataclass(frozen=True)
 class Screen:
-    """One screening: candidates with their evidence (twice log-likelihood ratio), sizes, and the null's threshold."""
+    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold."""
 
     candidates: tuple[Candidate, ...]
     gains: Array
     sizes: tuple[Array, ...]
+    freshness: Array
     threshold: float
 
     def best_per_key(self) -> list[int]:
@@ -119,7 +123,7 @@ def _evidence(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Scre
     gains = gram.gains(reduced, float(reduced[0, 0]))
     maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
     threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
-    return Screen(tuple(candidates), gains, tuple(s for _, s in solved), threshold)
+    return Screen(tuple(candidates), gains, tuple(s for _, s in solved), gram.freshness(reduced), threshold)
 
 
 def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]:
@@ -201,8 +205,11 @@ def _shortlist(found: Screen) -> list[int]:
     significant = [i for i in order if found.gains[i] > found.threshold]
     if not significant:
         return []
-    limit = _NEAR * found.gains[significant[0]]
-    return [i for i in significant if found.gains[i] >= limit][:_SHORTLIST]
+    # what the knobs can imitate gains by tiny differences, which a refit rarely confirms: one of its kind is enough
+    fresh = [i for i in significant if found.freshness[i] > _IMITATED]
+    limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
+    imitated = [i for i in significant if i not in fresh][:1]
+    return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
 
 
 def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> Fit:
