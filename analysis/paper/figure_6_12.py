@@ -23,7 +23,7 @@ def figure_6_12(measured: Measured) -> Canvas | None:
         "Positional stability in two dimensions",
         f"0 to +8.5 mrad, α = 0°, 0.5 Hz, last 0.5 s of each second; {SHOWN} samples of each position are drawn.",
         columns=2,
-        size=(7.2, 3.9),
+        size=(7.2, 4.4),
         share_x=True,
         share_y=True,
     )
