@@ -188,7 +188,7 @@ def _without(model: ModalModel, m: int) -> ModalModel:
 
 
 def _free_run(weights: Array, u: Array, omega: float, sigma: float, rate_hz: float) -> Array:
-    """Return the position (n,) of the suspension with the found terms, by half-implicit Euler in eight steps a sample."""
+    """Return the position (n,) of the suspension with the found terms, by half-implicit Euler, eight steps a sample."""
     h, terms = omega / rate_hz / 8.0, [term for term, _ in TERMS.values()]
     active = [(w, term) for w, term in zip(weights, terms, strict=True) if w != 0.0]
     out, x, v = np.empty(u.size), np.zeros(1), np.zeros(1)
