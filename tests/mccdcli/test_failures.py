@@ -92,9 +92,7 @@ def test_wrong_usage_is_one_line_that_says_where_help_is(mccd) -> None:
 def test_a_mistyped_command_is_answered_with_the_nearest(mccd) -> None:
     done = mccd("completon")
     assert done.returncode == 2
-    assert done.stderr == (
-        "mccd: error: No such command 'completon'. Did you mean 'completion'? (see 'mccd --help')\n"
-    )
+    assert done.stderr == ("mccd: error: No such command 'completon'. Did you mean 'completion'? (see 'mccd --help')\n")
 
 
 def test_no_command_shows_the_help_and_counts_as_wrong_usage(mccd) -> None:
@@ -128,7 +126,9 @@ def test_ctrl_c_ends_a_command_without_a_traceback(tmp_path: Path) -> None:
         "import click, sys, time\n@click.command()\ndef wait():\n    print('ready', flush=True)\n    time.sleep(60)\n"
     )
     script = (
-        "import sys\n"
+        # whoever starts the tests in the background has told them, and thereby this process, to ignore Ctrl-C
+        "import signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "from mccdcli.failures import exit_code_of\n"
         "from mccdcli.main import run\n"
