@@ -9,11 +9,11 @@ from campaigns.challenge.families.drive import (
     CommandQuantisation,
     DeadZone,
     Delay,
-    DriveHysteresis,
     ForceConstant,
     Lag,
     Saturation,
 )
+from campaigns.challenge.families.hysteresis import BoucWen, DriveHysteresis, Iwan, JilesAtherton
 from campaigns.challenge.families.sensor import (
     ApexNoise,
     FringeJump,
@@ -24,7 +24,6 @@ from campaigns.challenge.families.sensor import (
     SensorRotation,
 )
 from campaigns.challenge.families.structure import (
-    BoucWen,
     Cogging,
     Creep,
     CrossCoupling,
@@ -34,8 +33,6 @@ from campaigns.challenge.families.structure import (
     ExtraResonance,
     Friction,
     InertiaShift,
-    Iwan,
-    JilesAtherton,
     Play,
     StiffnessShift,
 )

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -262,40 +261,3 @@ class CoilHeating(Hidden):
     def truth(self) -> dict[str, float]:
         """Return coefficient and time."""
         return {"coefficient": self.size / self.u_rms**2, "time_constant_s": self.time_s}
-
-
-@njit(cache=True, nogil=True)
-def _plays(u, reaches):  # type: ignore[no-untyped-def]
-    out = np.zeros(u.size)
-    at = np.zeros(reaches.size)
-    for k in range(u.size):
-        for i in range(reaches.size):
-            at[i] = min(max(at[i], u[k] - reaches[i]), u[k] + reaches[i])
-            out[k] += at[i]
-    return out / reaches.size
-
-
-@dataclass(frozen=True)
-class DriveHysteresis(Hidden):
-    """A share `size` of the command passes through twenty plays, evenly spread up to `reach`, as in a piezo."""
-
-    reach: float
-
-    slug: ClassVar[str] = "hysteresis"
-    one_sided: ClassVar[bool] = True
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        """Draw a largest reach of a tenth to once the largest command."""
-        a = some_axis(rng, scene)
-        return cls(a, 0.05, log_uniform(rng, 0.1, 1.0) * float(scene.u_peak[a]))
-
-    def cap(self, scene: Scene) -> float:
-        """Up to half the command."""
-        return 0.5
-
-    def on_command(self, drive: Array, excitation: Excitation) -> Array:
-        """Return the drive with a share that lags."""
-        u = np.ascontiguousarray(drive[:: excitation.substeps, self.axis])
-        lag = np.repeat(_plays(u, self.reach * np.arange(1.0, 21.0) / 20.0) - u, excitation.substeps)
-        return on_axis(drive, self.axis, drive[:, self.axis] + self.size * lag)

@@ -12,7 +12,8 @@ from scipy.signal import cont2discrete, dlsim
 
 from campaigns.challenge.bench import Excitation, exact_step, move
 from campaigns.challenge.families.drive import CoilHeating, Delay, ForceConstant, Lag
-from campaigns.challenge.families.structure import BoucWen, Cogging, Creep, CubicStiffness, EndStop, Friction, Play
+from campaigns.challenge.families.hysteresis import BoucWen
+from campaigns.challenge.families.structure import Cogging, Creep, CubicStiffness, EndStop, Friction, Play
 from campaigns.challenge.families.surroundings import ThermalStiffness
 from campaigns.challenge.plant import Plant
 

@@ -10,9 +10,9 @@ from msgspec import structs
 
 from campaigns.challenge.campaign import Campaign
 from campaigns.challenge.families import FAMILIES, slugs
-from campaigns.challenge.families.drive import DriveHysteresis
+from campaigns.challenge.families.hysteresis import BoucWen, DriveHysteresis, Iwan, JilesAtherton
 from campaigns.challenge.families.sensor import FringeJump
-from campaigns.challenge.families.structure import BoucWen, EndStop, Friction, Iwan, JilesAtherton
+from campaigns.challenge.families.structure import EndStop, Friction
 from campaigns.challenge.families.surroundings import ThermalStiffness, VibrationLine
 from campaigns.challenge.plant import AXES, nominal_model
 from sim_backend.bench import Segment
