@@ -111,6 +111,8 @@ def signature(candidate: Candidate, linear: ModalModel, places: Places, motion: 
     """
     if candidate.effect.site is Site.MODEL:
         return _of_model(candidate, linear, places, motion.u, rate_hz)
+    if candidate.effect.site is Site.RECORD:
+        return _of_record(candidate, places, motion, rate_hz)
     names = list(candidate.unit_sizes) or [""]
     columns = []
     for name in names:
@@ -121,12 +123,6 @@ def signature(candidate: Candidate, linear: ModalModel, places: Places, motion: 
 
 def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
     n, n_y = motion.position.shape
-    if effect.site is Site.RECORD:
-        changed = np.stack([effect.rewrite(motion.position[:, i], rate_hz) for i in range(n_y)], axis=1)
-        only = np.zeros_like(changed)
-        o = places.outputs.index(effect.where)
-        only[:, o] = changed[:, o] - motion.position[:, o]
-        return only
     fx, _ = effects_of([effect], places)
     site = Site(int(np.searchsorted(fx.first, 1)) - 1)
     channel = int(fx.channel[0])
@@ -149,6 +145,20 @@ def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motio
         return out
     model = discretise(linear, rate_hz)
     return response(model, added, channel, through_delay=site is Site.COMMAND)
+
+
+def _of_record(candidate: Candidate, places: Places, motion: Motion, rate_hz: float) -> Array:
+    o = places.outputs.index(candidate.where)
+    values = np.ascontiguousarray(motion.position[:, o])
+    out = np.zeros((*motion.position.shape, max(len(candidate.unit_sizes), 1)))
+    for k, (name, unit) in enumerate(candidate.unit_sizes.items()):
+        # a clock's error adds up over the record: a tenth of a sample at its end is still first order
+        step = 0.1 / values.size
+        effect = candidate.made({n: (step if n == name else 0.0) for n in candidate.unit_sizes})
+        out[:, o, k] = (effect.rewrite(values, rate_hz) - values) * (unit / step)
+    if not candidate.unit_sizes:
+        out[:, o, 0] = candidate.made({}).rewrite(values, rate_hz) - values
+    return out
 
 
 def _auxiliary(effect: Effect, column: int, motion: Motion) -> Array:

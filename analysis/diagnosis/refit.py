@@ -23,6 +23,7 @@ from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
 from sim_backend import layout
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Effect
+from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
 from sim_backend.replay import Motion, replay
 
@@ -88,6 +89,7 @@ class _Scale:
     name: str
     unit: float
     log: bool
+    size: bool
     low: float
     high: float
 
@@ -127,7 +129,11 @@ def refit(setting: Setting, candidates: Sequence[Candidate], sizes: Array, chang
         np.concatenate([REACH * sd, [s.bound(s.high) for s in scales]]),
         np.array([KNOB_STEP] * n_knobs + [s.step() for s in scales]),
     )
-    x, found = descent.run(np.concatenate([change, start]), iterations)
+    x = np.concatenate([change, start])
+    if not np.isfinite(problem.evaluate(x).misfit):
+        # screening asked for what cannot be: begin where the effect adds nothing
+        x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
+    x, found = descent.run(x, iterations)
     return problem.finish(x, found)
 
 
@@ -162,10 +168,13 @@ class _Problem:
         return jacobian.T @ jacobian, -jacobian.T @ at.stacked
 
     def raw(self, x: Array) -> tuple[Array, ...]:
-        """Return the residuals of every record at `x`."""
+        """Return the residuals of every record at `x`, infinite where the model cannot be (a negative delay, say)."""
         s = self.setting
         linear = turned(s.nominal, s.knobs, x[: len(s.knobs)])
-        moved = simulated(s, linear, self.effects(x))
+        try:
+            moved = simulated(s, linear, self.effects(x))
+        except ConfigError:
+            return tuple(np.full(record.y.shape, np.inf) for record in s.data.records)
         return tuple(record.y - m.reading for record, m in zip(s.data.records, moved, strict=True))
 
     def evaluate(self, x: Array) -> _State:
@@ -212,9 +221,13 @@ class _Problem:
 
         def slope(i: int) -> Array:
             step = 1e-5 if i < n_knobs else _difference(x[i])
-            there, back = x.copy(), x.copy()
-            there[i], back[i] = x[i] + step, x[i] - step
-            return (self.evaluate(there).stacked - self.evaluate(back).stacked) / (2.0 * step)
+            there, back = _beside(x, i, step)
+            up, down = self.evaluate(there), self.evaluate(back)
+            if not np.isfinite(down.misfit):
+                return (up.stacked - at.stacked) / step
+            if not np.isfinite(up.misfit):
+                return (at.stacked - down.stacked) / step
+            return (up.stacked - down.stacked) / (2.0 * step)
 
         hard = [i for i in range(x.size) if i not in easy]
         with ThreadPoolExecutor(s.workers) as pool:
@@ -301,13 +314,24 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
 
     def column(i: int) -> list[Array]:
         step = 1e-5 if i < fit.change.size else _difference(x[i])
-        there, back = x.copy(), x.copy()
-        there[i], back[i] = x[i] + step, x[i] - step
-        return [(b - t) / (2.0 * step) for b, t in zip(problem.raw(back), problem.raw(there), strict=True)]
+        there, back = (problem.raw(side) for side in _beside(x, i, step))
+        width = 2.0 * step
+        if not all(np.isfinite(b).all() for b in back):
+            back, width = fit.residuals, step
+        elif not all(np.isfinite(t).all() for t in there):
+            there, width = fit.residuals, step
+        return [(b - t) / width for b, t in zip(back, there, strict=True)]
 
     with ThreadPoolExecutor(setting.workers) as pool:
         columns = list(pool.map(column, range(x.size)))
     return tuple(np.stack([c[r] for c in columns], axis=2) for r in range(len(setting.data.records)))
+
+
+def _beside(x: Array, i: int, step: float) -> tuple[Array, Array]:
+    """Return `x` with parameter `i` a step further and a step back."""
+    there, back = x.copy(), x.copy()
+    there[i], back[i] = x[i] + step, x[i] - step
+    return there, back
 
 
 def _difference(x: float) -> float:
@@ -333,7 +357,7 @@ def _parameters(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[_Sc
                 if p.size
                 else (start[p.name] if log else max(abs(start[p.name]), 1e-12))
             )
-            scale = _Scale(i, p.name, unit, log, p.low, p.high)
+            scale = _Scale(i, p.name, unit, log, p.size, p.low, p.high)
             value = float(np.clip(start[p.name], p.low, p.high))
             scales.append(scale)
             x.append(scale.forth(value))

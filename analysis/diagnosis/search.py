@@ -30,7 +30,7 @@ _NEAR = 0.3
 shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
 
 
-_IMITATED = 1e-4
+IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
 _TRUSTED = 3.0
@@ -206,7 +206,7 @@ def _shortlist(found: Screen) -> list[int]:
     if not significant:
         return []
     # what the knobs can imitate gains by tiny differences, which a refit rarely confirms: one of its kind is enough
-    fresh = [i for i in significant if found.freshness[i] > _IMITATED]
+    fresh = [i for i in significant if found.freshness[i] > IMITATED]
     limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
     imitated = [i for i in significant if i not in fresh][:1]
     return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.refit import Fit
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import Found, score
+from analysis.diagnosis.search import IMITATED, Found, score
 from sim_backend.effects.base import Effect
 from sim_backend.model import Model
 
@@ -67,7 +67,8 @@ def adequate(found: Found) -> bool:
     """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
     best, tuned = found.best, found.tuned
     if not found.setting.whitener.repeats:
-        return found.last.gains.size == 0 or bool(np.max(found.last.gains) <= max(found.last.threshold, _left(found)))
+        fresh = found.last.gains[found.last.freshness > IMITATED]
+        return bool(np.max(fresh, initial=0.0) <= max(found.last.threshold, _left(found)))
     # the noise level itself is known from as many numbers again: twice the variance of a mean square
     spread = 5.0 * np.sqrt(4.0 / best.rows) + 0.002
     excess = best.misfit / best.rows - 1.0
