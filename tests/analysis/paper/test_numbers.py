@@ -37,9 +37,13 @@ def test_mistakes_are_named(written, words):
         parse_numbers(written, "here")
 
 
+CHOSEN_IN_THE_CAMPAIGN = ("learning time of θx: 10 s in campaigns/paper.toml, chosen knowing what 8 s and 20 s give",)
+"""Free settings of the campaign that were chosen with the outcome known: what they decide is no prediction."""
+
+
 def test_every_calibrated_row_names_a_calibrated_parameter_of_the_bench_and_none_is_left_out():
     """The labels are held to the model file: what it calibrates is calibrated here, and nothing else is."""
-    sources = _calibrated_sources(load_model("as-built"))
+    sources = [*_calibrated_sources(load_model("as-built")), *CHOSEN_IN_THE_CAMPAIGN]
     rows = [n for table in paper_tables().values() for n in table.rows]
     for row in rows:
         assert (row.label == "calibrated") == bool(row.target), row.key
