@@ -80,6 +80,19 @@ class Fit:
         """Twice the negative log posterior up to a constant."""
         return self.misfit + self.penalty
 
+    def held(self, keep: Sequence[int] | None = None) -> tuple[list[Candidate], Array]:
+        """Return where another refit of these effects (or those numbered in `keep`) starts: shapes and sizes as fitted.
+
+        Sizes are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
+        """
+        chosen = range(len(self.effects)) if keep is None else keep
+        candidates, sizes = [], np.zeros(0)
+        for candidate, effect in ((self.candidates[i], self.effects[i]) for i in chosen):
+            candidates.append(replace(candidate, shapes={n: getattr(effect, n) for n in candidate.shapes}))
+            own = [getattr(effect, n) / unit for n, unit in candidate.unit_sizes.items()] or [1.0]
+            sizes = np.append(sizes, own)
+        return candidates, sizes
+
 
 @dataclass(frozen=True)
 class _Scale:
@@ -298,16 +311,7 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     By central differences of the full simulation: what is screened beside these columns is compared with noise, and
     an error of a thousandth in a knob's column can be far above it.
     """
-    sizes = np.concatenate(
-        [
-            [getattr(e, n) / unit for n, unit in c.unit_sizes.items()] or [1.0]
-            for c, e in zip(fit.candidates, fit.effects, strict=True)
-        ]
-    )
-    held = [
-        replace(c, shapes={n: getattr(e, n) for n in c.shapes})
-        for c, e in zip(fit.candidates, fit.effects, strict=True)
-    ]
+    held, sizes = fit.held()
     scales, x = _parameters(held, sizes)
     problem = _Problem(setting, tuple(held), scales)
     x = np.concatenate([fit.change, x])

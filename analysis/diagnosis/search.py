@@ -213,8 +213,7 @@ def _shortlist(found: Screen) -> list[int]:
 
 
 def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> Fit:
-    before = [replace_shapes(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)]
-    held = np.concatenate([sizes_of(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)] or [np.zeros(0)])
+    before, held = fit.held()
     # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
     near = _TRUSTED * np.array([k.sd for k in setting.knobs])
     return refit(setting, (*before, candidate), np.concatenate([held, sizes]), np.clip(fit.change, -near, near))
@@ -222,21 +221,8 @@ def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) ->
 
 def _again(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` refitted under a setting whose noise or starts have changed."""
-    candidates = [replace_shapes(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)]
-    sizes = np.concatenate([sizes_of(c, e) for c, e in zip(fit.candidates, fit.effects, strict=True)] or [np.zeros(0)])
+    candidates, sizes = fit.held()
     return refit(setting, candidates, sizes, fit.change, iterations=8)
-
-
-def replace_shapes(candidate: Candidate, effect: Effect) -> Candidate:
-    """Return the candidate with the shapes of a fitted effect."""
-    return replace(candidate, shapes={n: getattr(effect, n) for n in candidate.shapes})
-
-
-def sizes_of(candidate: Candidate, effect: Effect) -> Array:
-    """Return a fitted effect's sizes in units of the candidate's columns."""
-    if not candidate.unit_sizes:
-        return np.ones(1)
-    return np.array([getattr(effect, n) / unit for n, unit in candidate.unit_sizes.items()])
 
 
 def _pruned(setting: Setting, best: Fit) -> tuple[Fit, list[Fit]]:
@@ -247,8 +233,7 @@ def _pruned(setting: Setting, best: Fit) -> tuple[Fit, list[Fit]]:
         smaller = []
         for i in range(len(best.candidates)):
             keep = [k for k in range(len(best.candidates)) if k != i]
-            candidates = [replace_shapes(best.candidates[k], best.effects[k]) for k in keep]
-            sizes = np.concatenate([sizes_of(best.candidates[k], best.effects[k]) for k in keep])
+            candidates, sizes = best.held(keep)
             smaller.append(refit(setting, candidates, sizes, best.change, iterations=8))
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
