@@ -11,11 +11,11 @@ import click
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-BENCHES: Final = ("sim", "sim:MODEL", "emulator", "serial:DEVICE", "tcp:HOST:PORT")
+BENCHES: Final = ("sim[:MODEL]", "emulator[:MODEL]", "serial:DEVICE[@BAUD]", "tcp:HOST:PORT")
 
 
 class BenchAddress(click.ParamType[str]):
-    """`sim`, `sim:MODEL`, `emulator`, `serial:DEVICE` or `tcp:HOST:PORT`: its form is checked, its text passed on."""
+    """An address of one of the forms in BENCHES: its form is checked, its text passed on."""
 
     name = "bench"
 
@@ -26,7 +26,7 @@ class BenchAddress(click.ParamType[str]):
         host, _, port = rest.rpartition(":")
         well_formed = {
             "sim": not colon or bool(rest),
-            "emulator": not colon,
+            "emulator": not colon or bool(rest),
             "serial": bool(rest),
             "tcp": bool(host) and port.isdecimal() and 0 < int(port) < 65536,
         }

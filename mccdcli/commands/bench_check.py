@@ -20,6 +20,7 @@ def check(bench: str, seed: int, as_json: bool) -> int:
     \b
     Examples:
       mccd bench check --bench emulator
+      mccd bench check --bench emulator:my-bench.toml
       mccd bench check --bench serial:/dev/ttyUSB0
       mccd bench check --bench tcp:192.168.1.20:5025 --json
     """

@@ -62,7 +62,17 @@ def test_help_shows_them_in_one_order_whatever_the_order_of_naming() -> None:
 
 @pytest.mark.parametrize(
     "address",
-    ["sim", "sim:printed", "emulator", "serial:/dev/ttyUSB0", "serial:COM3", "tcp:bench.local:5025", "tcp:[::1]:5025"],
+    [
+        "sim",
+        "sim:printed",
+        "emulator",
+        "emulator:my models/bench.toml",
+        "serial:/dev/ttyUSB0",
+        "serial:/dev/ttyUSB0@921600",
+        "serial:COM3",
+        "tcp:bench.local:5025",
+        "tcp:[::1]:5025",
+    ],
 )
 def test_a_bench_address_is_passed_on_as_it_stands(address: str) -> None:
     assert parse(["--bench", address])["bench"] == address
@@ -73,6 +83,7 @@ def test_a_bench_address_is_passed_on_as_it_stands(address: str) -> None:
     [
         "",
         "sim:",
+        "emulator:",
         "serial:",
         "serial",
         "tcp:host",
@@ -90,7 +101,7 @@ def test_a_bench_address_without_its_form_is_refused(address: str) -> None:
 
     done = CliRunner().invoke(command, ["--bench", address])
     assert done.exit_code == 2
-    known = "sim, sim:MODEL, emulator, serial:DEVICE, tcp:HOST:PORT"
+    known = "sim[:MODEL], emulator[:MODEL], serial:DEVICE[@BAUD], tcp:HOST:PORT"
     assert f"{address!r} is not a bench; a bench is {known}." in done.output
 
 

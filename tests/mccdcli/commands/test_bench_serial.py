@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import pytest
 
 from sim_backend.model import dump_model
@@ -62,12 +63,34 @@ def test_the_table_for_a_person() -> None:
     assert len(rows) == 18 and all(row.startswith("ok  ") for row in rows)
 
 
+def test_a_test_on_the_emulated_bench_of_a_model_file_records_what_the_simulated_one_does(
+    model: str, tmp_path: Path
+) -> None:
+    recorded = {}
+    for kind in ("sim", "emulator"):
+        log = tmp_path / f"{kind}.h5"
+        done = subprocess.run(
+            [*MCCD[:-1], "hysteresis", "--bench", f"{kind}:{model}", "--seed", "3", "-o", str(log)],
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert log.exists(), done.stderr
+        with h5py.File(log) as file:
+            assert f'"kind": "{kind}"' in file.attrs["bench"] and '"name": "small"' in file.attrs["bench"]
+            recorded[kind] = {name: data[:].tobytes() for name, data in file["channels"].items()}
+    assert recorded["sim"] == recorded["emulator"]
+    assert any(any(data) for data in recorded["sim"].values())
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
         (("check", "--bench", "sim"), 2, "has no line"),
         (("check", "--bench", "tcp:127.0.0.1:9"), 3, "cannot be reached"),
         (("check", "--bench", "serial:/dev/no-such-device"), 3, "cannot be opened"),
+        (("check", "--bench", "emulator:"), 2, "emulator[:MODEL]"),
+        (("check", "--bench", "emulator:none.toml"), 2, "model 'none.toml': no such file"),
         (("serve", "--faults", "7/burn=1"), 2, "the kinds are flip"),
         (("serve", "--model", "no-such-model"), 2, "no-such-model"),
         (("serve", "--transport", "tcp", "--host", "192.0.2.1"), 3, "cannot listen on 192.0.2.1"),
