@@ -102,6 +102,10 @@ class Measured:
                 return entry.run
         return None
 
+    def settings(self, test: str) -> list[dict[str, Any]]:
+        """Return the settings of every run of a test, in the order of their file names."""
+        return [entry.settings for entry in self._entries if entry.run.header.test == test]
+
     def _once(self, key: tuple[object, ...], run: Run | None, measure: Callable[[Run], T]) -> T | None:
         """Measure a run once; whoever asks is told to rest on it."""
         if run is None:

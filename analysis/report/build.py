@@ -14,6 +14,7 @@ from analysis.paper.figures import FIGURES, make_figure
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Row, Table
 from analysis.paper.tables import TABLES, make_table
+from analysis.report.explore import make_explorers
 from analysis.report.page import FigurePart, render_page, render_table
 from analysis.report.tables import write_table
 from campaigns.version import tool_commit, tool_version
@@ -75,22 +76,28 @@ def build_report(logs: Path, out: Path, progress: Progress | None = None) -> Rep
             if canvas is not None:
                 figures[key] = _write_figure(key, canvas, measured, out / "figures")
         tell(total - 1.0, total, "page")
+        explorers = make_explorers(measured)
+        _write_json({one.key: one.as_json() for one in explorers}, out / "explore.json", indent=None)
         evidence = [make() for make in EVIDENCE]
         _write_evidence(evidence, out / "tables")
         page = out / "index.html"
-        page.write_text(render_page(measured.runs, tables, figures, evidence), encoding="utf-8")
+        page.write_text(render_page(measured.runs, tables, figures, evidence, explorers), encoding="utf-8")
     report = Report(out, tables, {key: part.path for key, part in figures.items()}, page, out / "report.json")
-    text = json.dumps(report.content(relative=True), indent=2, ensure_ascii=False, allow_nan=False)
-    report.json.write_text(text + "\n", encoding="utf-8")
+    _write_json(report.content(relative=True), report.json)
     return report
+
+
+def _write_json(content: dict[str, Any], path: Path, indent: int | None = 2) -> None:
+    path.write_text(json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _write_figure(key: str, canvas: Canvas, measured: Measured, folder: Path) -> FigurePart:
     path = folder / f"figure-{key}.svg"
     svg = canvas.svg(_stamp(canvas, measured))
     path.write_text(svg, encoding="utf-8")
-    canvas.numbers().to_csv(path.with_suffix(".csv"), index=False, lineterminator="\n", float_format="%.9g")
-    return FigurePart(key, canvas.title, canvas.caption, svg, path, canvas.run_uids)
+    numbers = canvas.numbers()
+    numbers.to_csv(path.with_suffix(".csv"), index=False, lineterminator="\n", float_format="%.9g")
+    return FigurePart(key, canvas.title, canvas.caption, svg, path, canvas.run_uids, numbers)
 
 
 def _stamp(canvas: Canvas, measured: Measured) -> str:

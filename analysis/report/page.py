@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jinja2
+import pandas as pd
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
 from analysis.paper.evidence import Evidence
 from analysis.paper.rows import Row, Table, label_counts
+from analysis.report.explore.view import Explorer
 from analysis.report.formats import exact, shown
 from analysis.report.svg import inlined
 from analysis.report.tables import display_frame
@@ -28,6 +31,16 @@ class FigurePart:
     svg: str
     path: Path
     run_uids: tuple[str, ...]
+    numbers: pd.DataFrame
+
+    def digest(self) -> pd.DataFrame:
+        """Return what each curve spans, one row per curve: for readers who cannot see the drawing."""
+        rows = []
+        for (panel, series), part in self.numbers.groupby(["panel", "series"], sort=False):
+            x, y = part["x"], part["y"]
+            rows.append((panel, series, str(len(part)), x.min(), x.max(), y.min(), y.mean(), y.max()))
+        heads = ("panel", "curve", "points", "x from", "to", "lowest", "mean", "highest")
+        return pd.DataFrame(rows, columns=list(heads))
 
 
 @dataclass(frozen=True)
@@ -59,6 +72,11 @@ def verdict_of(tables: dict[str, Table]) -> Verdict:
     )
 
 
+def embedded(value: object) -> Markup:
+    """Return `value` as JSON that may stand in a script element: without `<`, `>` and `&`, finite numbers only."""
+    return htmlsafe_json_dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+
+
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("analysis.report", "templates"),
@@ -69,6 +87,7 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["shown"] = shown
     environment.filters["exact"] = exact
+    environment.filters["embedded"] = embedded
     environment.globals["frame_of"] = display_frame
     return environment
 
@@ -79,7 +98,11 @@ def render_table(table: Table) -> str:
 
 
 def render_page(
-    runs: Sequence[Run], tables: dict[str, Table], figures: dict[str, FigurePart], evidence: Sequence[Evidence]
+    runs: Sequence[Run],
+    tables: dict[str, Table],
+    figures: dict[str, FigurePart],
+    evidence: Sequence[Evidence],
+    explorers: Sequence[Explorer] = (),
 ) -> str:
     """Return the whole page. It holds no time of its own, so identical logs give identical bytes."""
     environment = _environment()
@@ -91,6 +114,7 @@ def render_page(
         figures=figures,
         drawings={key: Markup(svg) for key, svg in drawings.items()},
         evidence=evidence,
+        explorers=explorers,
         verdict=verdict_of(tables),
         counts=label_counts(list(tables.values())),
         version=f"{tool_version()} ({tool_commit()})",

@@ -1,0 +1,205 @@
+"""The page in a real browser: it asks for nothing, its controls work, and it shows the numbers of the JSON."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.paper.numbers import PaperNumber, PaperTable
+from analysis.paper.rows import Ours, build_table
+from analysis.report.explore.view import Explorer, Facts, Panel, Series, View
+from analysis.report.page import render_page
+
+_FILE = Path(__file__).parents[2] / "headless.py"
+_SPEC = importlib.util.spec_from_file_location("headless", _FILE)
+assert _SPEC is not None and _SPEC.loader is not None
+headless = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(headless)
+
+pytestmark = pytest.mark.skipif(
+    headless.installed() is None, reason="no Chromium is installed; MCCD_BROWSER may name one"
+)
+
+EVIL = '</script><script>document.title="taken"</script><img src="http://192.0.2.1/x" onerror="document.title=1">'
+SHIFT = 8
+
+
+def explorer() -> Explorer:
+    """Two choices; a log axis; names that try to break out of the page."""
+    f = np.geomspace(1.0, 1000.0, 301)
+    views = {}
+    for axis, gain in (("θx", 1.0), ("θy", 2.0)):
+        for form in ("up", EVIL):
+            curve = Series.of("model & <b>", f, 20.0 * np.log10(gain / np.abs(1.0 + 1j * f / 30.0)))
+            points = Series.of("sweep", f[::30], curve.y[::30] + 0.5, "points")
+            panel = Panel("frequency (Hz)", "magnitude (dB)", (points, curve), log_x=True, band=(-3.0, 3.0, "±3 dB"))
+            views[axis, form] = View((panel,), Facts(("mode", "frequency (Hz)"), (("1", (30.125 * gain, None)),)))
+    return Explorer("bode", "Response " + EVIL, EVIL, {"axis": ("θx", "θy"), "form": ("up", EVIL)}, views, ("0" * 32,))
+
+
+def table():
+    shared = {"label": "predicted", "tolerance": 0.4, "why": EVIL, "requirement": 5.0}
+    rows = (
+        PaperNumber(key="a", row="settling", unit="ms", value=5.6, **shared),
+        PaperNumber(key="b", row=EVIL, unit="ms", value=None, **shared),
+    )
+    return build_table(
+        "6.6", PaperTable(title="Performance", note=EVIL, rows=rows), {"a": Ours(0.1 + 0.2, note=EVIL)}, ("0" * 32,)
+    )
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    path.write_text(render_page([], {"6.6": table()}, {}, [], [explorer()]), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with headless.browser() as tab:
+        yield tab
+
+
+@pytest.fixture
+def tab(browser, page):
+    browser.open(page)
+    return browser
+
+
+def shown_x(tab) -> list[float]:
+    """The x of every value that the table under the plot lists."""
+    tab.run("document.querySelector('.explorer details').open = true")
+    cells = "[...document.querySelectorAll('.values tbody tr')].map(r => r.cells[2].textContent)"
+    return [float(text.replace("−", "-")) for text in tab.run(f"new Promise(r => setTimeout(() => r({cells}), 50))")]
+
+
+def button(tab, name: str) -> None:
+    tab.run(f"document.querySelector('button[aria-label=\"{name}\"]').click()")
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, page, width, scheme):
+    browser.open(page, width=width, prefers_color_scheme=scheme)
+    assert browser.complaints() == []
+    assert browser.requests() == [page.resolve().as_uri()]
+    # the page itself never scrolls sideways; wide tables do so on their own
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    ground = browser.run("getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, ground[4:-1].split(","))) > 3 * 128) == (scheme == "light")
+
+
+def test_text_from_data_stays_text(tab):
+    assert tab.run("document.title").startswith("Test campaign")
+    assert tab.run("document.querySelectorAll('img, script[src]').length") == 0
+    for where in ("#explore-bode h3", "#explore-bode .remark", "option:nth-child(2)", "th small"):
+        assert EVIL in tab.run(f"[...document.querySelectorAll('{where}')].map(e => e.textContent).join(' ')"), where
+
+
+def test_the_numbers_on_the_page_are_those_of_the_json(tab):
+    cells = tab.run("[...document.querySelectorAll('td.ours data')].map(e => e.value)")
+    assert [float(c) if c else None for c in cells] == [row["ours"] for row in table().as_json()]
+    assert tab.run("document.querySelector('td.ours data').textContent") == "300.00"
+    data = tab.run("document.querySelector('.explorer script').textContent")
+    assert json.loads(data) == json.loads(json.dumps(explorer().as_json()))
+    facts = tab.run("[...document.querySelectorAll('.facts data')].map(e => e.value)")
+    assert facts == ["30.125", ""]
+
+
+def test_choosing_shows_the_other_view(tab):
+    assert tab.run("document.querySelector('.facts data').textContent") == "30.13"
+    tab.run("{const s = document.querySelector('select'); s.value = 'θy'; s.dispatchEvent(new Event('change'))}")
+    assert tab.run("document.querySelector('.facts data').value") == "60.25"
+
+
+def test_a_box_hides_its_curve(tab):
+    count = "document.querySelectorAll('.panel circle').length"
+    assert tab.run(count) == 11
+    tab.run("document.querySelector('.legend input').click()")
+    assert tab.run(count) == 0
+    assert tab.run("document.querySelectorAll('.panel path.curve').length") == 1
+
+
+def test_the_buttons_zoom_move_and_reset(tab):
+    everything = shown_x(tab)
+    button(tab, "Zoom in")
+    middle = shown_x(tab)
+    # half of three decades about their middle
+    assert min(middle) == pytest.approx(10.0**0.75, rel=0.03) and max(middle) == pytest.approx(10.0**2.25, rel=0.03)
+    button(tab, "Move right")
+    assert max(shown_x(tab)) == pytest.approx(10.0 ** (2.25 + 0.375), rel=0.03)
+    button(tab, "Zoom out")
+    button(tab, "Show everything")
+    assert shown_x(tab) == everything
+
+
+def test_dragging_zooms_to_what_was_marked(tab):
+    area = tab.run(
+        "{const e = document.querySelector('.panel'); e.scrollIntoView({behavior: 'instant', block: 'center'});"
+        "const a = e.getBoundingClientRect(), f = e.querySelector('.frame');"
+        "[a.left + +f.getAttribute('x'), a.top + +f.getAttribute('y'), +f.getAttribute('width')]}"
+    )
+    left, top, width = area
+    tab.drag((left + width / 3, top + 40), (left + 2 * width / 3, top + 42))
+    found = shown_x(tab)
+    assert min(found) == pytest.approx(10.0, rel=0.05) and max(found) == pytest.approx(100.0, rel=0.05)
+
+
+def test_everything_can_be_done_by_keyboard(tab):
+    tab.run("document.querySelector('select').focus()")
+    places = []
+    for _ in range(10):
+        tab.key("Tab", 9)
+        places.append(tab.run("document.activeElement.className || document.activeElement.ariaLabel || ''"))
+    assert places.index("Zoom in") < places.index("canvas")
+    tab.run("document.querySelector('.canvas').focus()")
+    tab.key("+", 187)
+    assert min(shown_x(tab)) > 5.0
+    tab.run("document.querySelector('.canvas').focus()")
+    tab.key("ArrowRight", 39, SHIFT)
+    said = tab.run("document.querySelector('output').textContent")
+    # the next point of the sweep after the middle of the axis
+    assert "frequency (Hz): 63.1" in said and "model & <b> −" in said
+    tab.key("0", 48)
+    assert min(shown_x(tab)) == 1.0
+
+
+def test_whoever_hears_the_page_is_told_what_there_is(tab):
+    labels = tab.run("[...document.querySelectorAll('svg.panel')].map(e => e.getAttribute('aria-label'))")
+    assert labels == ["magnitude (dB) over frequency (Hz): sweep (11 points), model & <b> (301 points)"]
+    nameless = (
+        "[...document.querySelectorAll('button, input, select, [tabindex], [role=group], svg[role=img]')]"
+        ".filter(e => !(e.ariaLabel || e.labels?.[0]?.textContent.trim() || e.textContent.trim())).length"
+    )
+    assert tab.run(nameless) == 0
+    tree = tab.call("Accessibility.getFullAXTree")["nodes"]
+    roles = {node["role"]["value"] for node in tree if not node.get("ignored")}
+    assert {"table", "columnheader", "rowheader", "combobox", "checkbox", "button", "main", "navigation"} <= roles
+
+
+def test_text_is_readable_on_its_ground_in_both_schemes(browser, page):
+    script = """
+      const parse = c => c.match(/[\\d.]+/g).map(Number);
+      const linear = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+      const light = c => { const [r, g, b] = parse(c).map(linear); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+      const ground = e => { for (; e; e = e.parentElement) {
+        const c = getComputedStyle(e).backgroundColor; if (!/, 0\\)$/.test(c)) return c; }
+        return "rgb(255, 255, 255)"; };
+      [...document.querySelectorAll('h1, p, th, td, a, button, .label, .met, .mark, strong')].map(e => {
+        const [a, b] = [light(getComputedStyle(e).color), light(ground(e))].sort((x, y) => y - x);
+        return (a + 0.05) / (b + 0.05); }).reduce((x, y) => Math.min(x, y))
+    """
+    for scheme in ("light", "dark"):
+        browser.open(page, prefers_color_scheme=scheme)
+        # WCAG 2, level AA, for text of any size
+        assert browser.run(script) >= 4.5, scheme
+
+
+def test_it_prints_without_its_controls(tab):
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    assert tab.run("getComputedStyle(document.querySelector('.controls')).display") == "none"
+    assert tab.pdf().startswith(b"%PDF")
