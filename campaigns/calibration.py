@@ -20,14 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from sim_backend import kernel
-from sim_backend.assembly import Places, effects_of
+from sim_backend.along import torque_along
 from sim_backend.control.feedback import theta_controller
 from sim_backend.control.feedforward import least_norm
-from sim_backend.effects import make_effect
 from sim_backend.kinematics import dof_from_points, points_from_dof
 from sim_backend.linear import discretise
-from sim_backend.model import EffectEntry, Model, load_model, number
+from sim_backend.model import Model, load_model, number
 
 Array = NDArray[np.float64]
 
@@ -120,16 +118,6 @@ def magnetic_stiffness_nm_rad(bench: Model, dof: str, swing_rad: float) -> float
     angle = swing_rad * np.sin(2.0 * np.pi * np.arange(3 * n) / n)
     torque = sum((torque_along(e, angle) for e in entries), np.zeros(angle.size))[-n:]
     return float((torque[n // 4] - torque[3 * n // 4]) / (2.0 * swing_rad))
-
-
-def torque_along(entry: EffectEntry, angle_rad: Array) -> Array:
-    """Return the torque (n,) that a structural effect adds along a slow path `angle_rad` (n,) from its virgin state."""
-    effect = make_effect(entry.effect, "path", {k: number(v) for k, v in entry.parameters.items()})
-    alone = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1))
-    arrays, _ = effects_of([effect], alone)
-    out, nothing = np.zeros(angle_rad.size), np.zeros(angle_rad.size)
-    kernel.contribution_along(arrays, 0, nothing, angle_rad, nothing, nothing, 1e-4, out)
-    return out
 
 
 def bare_frequency_hz(bench: Model, design: Model, axis: int) -> float:

@@ -20,6 +20,8 @@ from campaigns.benches import bench_kind, open_bench
 from campaigns.campaign import Campaign, run_seed
 from campaigns.interrupts import Interrupts
 from campaigns.log import read_run, sidecar_of
+from campaigns.log.read import has_writer
+from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
 from campaigns.runner import Report, fingerprint, fingerprint_of, run_plan
 from campaigns.version import tool_version
@@ -72,7 +74,8 @@ def run_campaign(
 
     With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing
     moves unless all segments of all runs keep the limits. The first Ctrl-C ends it after the current segment, as
-    *paused*. Raises ConfigError for another campaign's folder, and whatever a run raises.
+    *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or
+    a disk with too little room for what is missing, and whatever a run raises.
     """
     home, plans = Path(folder), campaign.plans()
     survey = _survey(campaign, address, seed)
@@ -84,15 +87,16 @@ def run_campaign(
     whole = _whole_fingerprint(campaign, states, address, seed)
     with _locked(home):
         _claim(home, campaign, whole, resume)
+        _refuse_open_logs(states)
         states = {name: _found(state) for name, state in states.items()}
-        status = "aborted"
+        require_free(home, sum(estimates[name].bytes for name, state in states.items() if state.status != "complete"))
         try:
             status = _play_missing(plans, states, estimates, address, report)
-        except Exception:
-            status = "failed"
+        except BaseException as error:
+            with contextlib.suppress(DataError):  # the error that ended the campaign is the one to report
+                _write_state(home, campaign, whole, "failed" if isinstance(error, Exception) else "aborted", states)
             raise
-        finally:
-            _write_state(home, campaign, whole, status, states)
+        _write_state(home, campaign, whole, status, states)
     return CampaignOutcome(campaign.name, home, status, tuple(states.values()))
 
 
@@ -189,6 +193,13 @@ def _claim(home: Path, campaign: Campaign, whole: dict[str, str], resume: bool) 
         raise ConfigError(f"{home} cannot be resumed: {changes}; repeat the old settings or choose another folder")
 
 
+def _refuse_open_logs(states: dict[str, RunState]) -> None:
+    """Raise DataError for a log that another program holds open for writing: it must neither be kept nor moved."""
+    for state in states.values():
+        if state.log.exists() and has_writer(state.log, unknown=False):
+            raise DataError(f"{state.log} is open for writing in another program; close it there, then --resume")
+
+
 def _found(state: RunState) -> RunState:
     """The run as its log tells it; raises ConfigError for a log of another configuration."""
     if not state.log.exists():
@@ -243,7 +254,7 @@ def _shifted(report: Report | None, before: float, total: float, name: str) -> R
 def _write_state(
     home: Path, campaign: Campaign, whole: dict[str, str], status: str, states: dict[str, RunState]
 ) -> None:
-    """Write the state file in one step: a reader sees the old one or the new one."""
+    """Write the state file in one step: a reader sees the old one or the new one. Raises DataError if it cannot."""
     runs = [
         {"name": s.name, "plan": s.plan, "log": s.log.name, "seed": s.seed, "status": s.status, "run_uid": s.run_uid}
         for s in states.values()
@@ -255,9 +266,17 @@ def _write_state(
         "status": status,
         "runs": runs,
     }
-    handle, name = tempfile.mkstemp(prefix=f".{STATE_FILE}.", dir=home)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(json.dumps(content, indent=2) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(name, home / STATE_FILE)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{STATE_FILE}.", dir=home)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(json.dumps(content, indent=2) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(name, home / STATE_FILE)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        reason = f"{error.strerror}; check the folder, its rights and the free space"
+        raise DataError(f"cannot write {home / STATE_FILE}: {reason}") from None

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.controller import Controller, load_controller
 from sim_backend.assembly import places_of, retuned
 from sim_backend.bench import Learning
 from sim_backend.control.blocks import DiscreteFilter
@@ -32,15 +33,26 @@ def feedback_of(dof: str, rate_hz: float, factor: float = 1.0) -> DiscreteFilter
 
 @dataclass(frozen=True)
 class Design:
-    """A design model at the sample rate of the bench that it is for."""
+    """A design model at the sample rate of the bench that it is for, and the controller designed on it, if any."""
 
     model: Model
     rate_hz: float
+    controller: Controller | None = None
 
     @classmethod
     def load(cls, name_or_path: str, rate_hz: float) -> Design:
         """Return the design on a bundled model or a file; raises ConfigError when there is none."""
         return cls(load_model(name_or_path), rate_hz)
+
+    @classmethod
+    def controlled(cls, path: str, rate_hz: float) -> Design:
+        """Return the design in a controller file; raises ConfigError as its loader, and for another sample rate."""
+        controller = load_controller(path)
+        if controller.sample_rate_hz != rate_hz:
+            raise ConfigError(
+                f"{path} is for {controller.sample_rate_hz:g} Hz, the bench runs at {rate_hz:g} Hz; design it for that"
+            )
+        return cls(controller.model, rate_hz, controller)
 
     def axis(self, dof: str) -> ModalModel:
         """Return the modes from the input to the output of one degree of freedom, one input, one output.

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from campaigns.interrupts import Interrupts
 from campaigns.log import LogWriter
+from campaigns.log.room import require_free
 from campaigns.plans.base import Estimate, Plan, checked_segments, estimate
 from campaigns.version import tool_commit, tool_version
 from sim_backend.bench import Bench
@@ -62,10 +63,11 @@ def run_plan(
 
     Nothing moves unless all segments keep the bench's limits. The first Ctrl-C ends the run after its segment as
     *paused*, the second as *aborted* (KeyboardInterrupt), an error as *failed*; the bench is made safe in each case.
-    Raises ConfigError for what the bench cannot be asked, DataError for a log that cannot be written, HardwareError
-    for a bench that fails.
+    Raises ConfigError for what the bench cannot be asked, DataError for a log that cannot be written (a segment for
+    which the disk has no room is not played), HardwareError for a bench that fails.
     """
     total = estimate(plan, bench)
+    require_free(Path(path).absolute().parent, total.bytes)
     channels = set(plan.channels(bench))
     writer = LogWriter.create(
         path,
@@ -103,6 +105,7 @@ def _play_all(
             break
         if report is not None:
             report(samples, total.samples, segment.label)
+        writer.reserve(segment.n_samples)  # what is measured has its place before it is measured
         with signals.abortable():
             record = bench.play(segment)
         with writer.segment(segment.label, segment.settings):

@@ -1,21 +1,19 @@
 """Strategies by name: from a chop to the stages in which it is played. STRATEGIES is the only list.
 
-A strategy sees the task and a design model; what it returns is data. It begins at rest at zero. Every stage is a
-period that repeats; the period starts with the move to position 2, so that a chop from zero starts from rest.
+A strategy sees the task and a design model; what it returns is data, as `campaigns.stages` describes it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.design import Design, feedback_of
-from sim_backend.bench import Gate, Learning, Segment
-from sim_backend.control.blocks import DiscreteFilter
+from campaigns.designed import designed
+from campaigns.stages import Program, Stage, Strategy, Task, chop_of, held, moving, stage_of
+from sim_backend.bench import Gate
 from sim_backend.control.chop import AxisProgram, Chop
 from sim_backend.control.hybrid import hybrid
 from sim_backend.control.mbff import mbff
@@ -32,67 +30,6 @@ LEARNING_S = {"theta_x": 10.0, "theta_y": 4.7}
 k_r = 0.1 the 23 periods of 4.7 s would leave 9 % of it; "after 10 seconds of chopping" (section 6.5) is the only
 other time of learning in the paper.
 """
-
-
-class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What strategies leave free.
-
-    `move_s` is the time of a transition: exactly that of the feed-forward, at most that of the learned reference
-    (whose limits the paper does not print: the fourth-order profile that the derivative of jerk alone bounds).
-    After `learning_s` (by default the longest LEARNING_S of the axes that move) a learned input is frozen, or, with
-    `keeps_learning`, learned on, and the feedback closes with its gain times `feedback_factor`. `learning_modes` is how
-    many modes L inverts: the printed one inverts one.
-    """
-
-    move_s: float = 0.005
-    learning_s: float | None = None
-    feedback_factor: float = 1.5
-    learning_modes: int = 1
-    keeps_learning: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("move_s", "learning_s", "feedback_factor", "learning_modes"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise ConfigError(f"strategy: {name} is {value}; it must be a finite number above zero")
-
-
-@dataclass(frozen=True)
-class Task:
-    """A chop of all axes between `position_1` and `position_2` (n_axes,), each held for `dwell_samples`."""
-
-    axes: tuple[str, ...]
-    position_1: Array
-    position_2: Array
-    dwell_samples: int
-    tuning: Tuning
-
-    @property
-    def period(self) -> int:
-        """Samples in one period."""
-        return 2 * self.dwell_samples
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A period of waveforms and loops, played for `n_samples`, or to the end when that is None.
-
-    `reference` and `feedforward` are (period, n_axes). The period begins `shift` samples after the move to position
-    2, so that a stage can take over within a period.
-    """
-
-    label: str
-    n_samples: int | None
-    reference: Array
-    feedforward: Array
-    feedback: tuple[DiscreteFilter | None, ...]
-    gates: tuple[Gate, ...]
-    learning: tuple[Learning | None, ...] = ()
-    shift: int = 0
-
-
-Strategy = Callable[[Task, Design], tuple[Stage, ...]]
-Program = Callable[[Chop, int], AxisProgram]
 
 
 def hybrid_stages(task: Task, design: Design) -> tuple[Stage, ...]:
@@ -147,6 +84,10 @@ STRATEGIES: dict[str, Strategy] = {
     "repetitive": repetitive_stages,
     "learned-hybrid": learned_hybrid_stages,
     "learned-mbff": learned_mbff_stages,
+    "designed-linear": designed("linear"),
+    "designed-modes": designed("modes"),
+    "designed-hysteresis": designed("hysteresis"),
+    "designed": designed("learned"),
 }
 
 
@@ -175,94 +116,20 @@ def move_profile_limits(distance: float, move_s: float, rate_hz: float) -> Motio
     return MotionLimits(free, free, free, abs(distance) / (8.0 * t_s**4) if distance else 1.0)
 
 
-def stage_segments(
-    task: Task,
-    stage: Stage,
-    n_samples: int,
-    longest: int,
-    record: tuple[str, ...],
-    settings: dict[str, float | str],
-) -> Iterator[Segment]:
-    """Cut `n_samples` of a stage into segments of whole periods, each of about `longest` samples at most.
-
-    Their settings say where in the period the moves to the two positions begin, so that analysis needs no guess.
-    """
-    whole = max(longest // task.period, 1) * task.period
-    own: dict[str, float | str] = {
-        "phase": stage.label,
-        "period_samples": task.period,
-        "dwell_samples": task.dwell_samples,
-        "position_2_at": (-stage.shift) % task.period,
-        "position_1_at": (task.dwell_samples - stage.shift) % task.period,
-    }
-    for first in range(0, n_samples, whole):
-        count = min(whole, n_samples - first)
-        yield Segment(
-            label=stage.label if n_samples <= whole else f"{stage.label} {first // whole + 1}",
-            n_samples=count,
-            reference=stage.reference,
-            feedforward=stage.feedforward,
-            feedback=stage.feedback,
-            gates=stage.gates,
-            learning=stage.learning,
-            record=record,
-            settings={**own, "first_sample": first, **settings},
-        )
-
-
 def _move_samples(task: Task, design: Design) -> int:
     return max(round(task.tuning.move_s * design.rate_hz), 1)
-
-
-def _chop(task: Task, design: Design, axis: int) -> Chop:
-    levels = (float(task.position_2[axis]), float(task.position_1[axis]))
-    return Chop(levels, task.dwell_samples, design.rate_hz)
-
-
-def _held(chop: Chop, axis: int) -> AxisProgram:
-    return AxisProgram(np.zeros(chop.period), np.zeros(chop.period), (Gate(0, axis, True, 0.0),))
-
-
-def _moving(task: Task) -> list[bool]:
-    return [bool(a or b) for a, b in zip(task.position_1, task.position_2, strict=True)]
-
-
-def _stage(
-    label: str,
-    n_samples: int | None,
-    programs: list[AxisProgram],
-    feedback: tuple[DiscreteFilter | None, ...],
-    learning: tuple[Learning | None, ...] = (),
-    shift: int = 0,
-) -> Stage:
-    period = programs[0].reference.size
-    gates = [
-        Gate((g.at_sample - shift) % period, g.axis, g.closed, g.integrator)
-        for program in programs
-        for g in program.gates
-    ]
-    return Stage(
-        label,
-        n_samples,
-        np.roll(np.stack([p.reference for p in programs], axis=1), -shift, axis=0),
-        np.roll(np.stack([p.feedforward for p in programs], axis=1), -shift, axis=0),
-        feedback,
-        tuple(gates),
-        learning,
-        shift,
-    )
 
 
 def _approach_and_chop(task: Task, design: Design, program: Program) -> tuple[Stage, ...]:
     """One dwell to reach position 1 from zero, by the same strategy, then the chop."""
     feedback = tuple(feedback_of(dof, design.rate_hz) for dof in task.axes)
     approach, chop = [], []
-    for axis, moves in enumerate(_moving(task)):
-        there = _chop(task, design, axis)
+    for axis, moves in enumerate(moving(task)):
+        there = chop_of(task, design, axis)
         first = Chop((there.levels[1], 0.0), task.dwell_samples, design.rate_hz)
-        approach.append(program(first, axis) if moves else _held(first, axis))
-        chop.append(program(there, axis) if moves else _held(there, axis))
-    return _stage("approach", task.dwell_samples, approach, feedback), _stage("chop", None, chop, feedback)
+        approach.append(program(first, axis) if moves else held(first, axis))
+        chop.append(program(there, axis) if moves else held(there, axis))
+    return stage_of("approach", task.dwell_samples, approach, feedback), stage_of("chop", None, chop, feedback)
 
 
 def _always_closed(task: Task) -> Program:
@@ -278,15 +145,15 @@ def _profile(task: Task, chop: Chop) -> Array:
 
 def _learn_then(task: Task, design: Design, program: Program, factor: float) -> tuple[Stage, ...]:
     tuning = task.tuning
-    moving = [dof for dof, moves in zip(task.axes, _moving(task), strict=True) if moves]
-    learning_s = tuning.learning_s or max(LEARNING_S.get(dof, 0.0) for dof in moving)
+    movers = [dof for dof, moves in zip(task.axes, moving(task), strict=True) if moves]
+    learning_s = tuning.learning_s or max(LEARNING_S.get(dof, 0.0) for dof in movers)
     n_learning = max(round(learning_s * design.rate_hz), 1)
     learn, after, learning, frozen, feedback, final = [], [], [], [], [], []
-    for axis, (dof, moves) in enumerate(zip(task.axes, _moving(task), strict=True)):
-        chop = _chop(task, design, axis)
+    for axis, (dof, moves) in enumerate(zip(task.axes, moving(task), strict=True)):
+        chop = chop_of(task, design, axis)
         quiet = AxisProgram(_profile(task, chop), np.zeros(chop.period), (Gate(0, axis, False),))
-        learn.append(quiet if moves else _held(chop, axis))
-        after.append(program(chop, axis) if moves else _held(chop, axis))
+        learn.append(quiet if moves else held(chop, axis))
+        after.append(program(chop, axis) if moves else held(chop, axis))
         one = design.learning(dof, task.period, tuning.learning_modes) if moves else None
         learning.append(one)
         frozen.append(one if one is None else replace(one, active=tuning.keeps_learning))
@@ -294,6 +161,6 @@ def _learn_then(task: Task, design: Design, program: Program, factor: float) -> 
         final.append(feedback_of(dof, design.rate_hz, factor if moves else 1.0))
     shift = n_learning % task.period
     return (
-        _stage("learning", n_learning, learn, tuple(feedback), tuple(learning)),
-        _stage("chop", None, after, tuple(final), tuple(frozen), shift),
+        stage_of("learning", n_learning, learn, tuple(feedback), tuple(learning)),
+        stage_of("chop", None, after, tuple(final), tuple(frozen), shift),
     )

@@ -212,11 +212,12 @@ def parse_model(text: str, where: str) -> Model:
         raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see docs/model-file.md for the fields") from None
-    _check(model, where)
+    check_model(model, where)
     return model
 
 
-def _check(model: Model, where: str) -> None:
+def check_model(model: Model, where: str) -> None:
+    """Raise ConfigError for port names, frequencies or numbers that cannot be; `where` names the file in it."""
     if not 0.0 < model.sample_rate_hz < 1e9:
         raise ConfigError(f"{where}: sample_rate_hz is {model.sample_rate_hz:g}; it must lie between 0 and 1e9")
     if not model.inputs or not model.outputs:

@@ -24,10 +24,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """What a replay gives: readings and true positions (n, n_y), and the final modal states (m, 2)."""
+    """What a replay gives: readings and positions (n, n_y), torques on the structure (n, n_u), final states (m, 2).
+
+    Torques are those at the beginning of each sample, everything that acts at an input added up.
+    """
 
     reading: Array
     position: Array
+    torque: Array
     states: Array
 
 
@@ -65,7 +69,7 @@ def replay(
     mem = refit_memory(fresh_memory(plant, n_u, transducers.heating[0]), ctl)
     if start is not None:
         mem.x[: start.shape[0]] = start
-    out = _readings_and_positions(n, n_u, transducers)
+    out = _what_is_kept(n, n_u, transducers)
     wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
     n_y, n_s = transducers.to_reading.shape
     kernel.run(n, plant, transducers, fx, ctl, wave, mem, bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s), out)
@@ -74,13 +78,19 @@ def replay(
         if effect.site is Site.RECORD:
             at = places.find(places.outputs, effect.where, effect.name)
             reading[:, at] = effect.rewrite(reading[:, at], rate_hz)
-    return Motion(reading, out.position, mem.x)
+    return Motion(reading, out.position, out.torque, mem.x)
 
 
-def _readings_and_positions(n: int, n_u: int, transducers: layout.Transducers) -> layout.Output:
+def _what_is_kept(n: int, n_u: int, transducers: layout.Transducers) -> layout.Output:
     n_y, n_s = transducers.to_reading.shape
     n_a = transducers.to_torque.shape[1]
     none = np.zeros((0, n_u))
     return layout.Output(
-        none, none, np.zeros((0, n_a)), np.zeros((n, n_y)), np.zeros((n, n_y)), np.zeros((0, n_s)), np.zeros(0)
+        none,
+        np.zeros((n, n_u)),
+        np.zeros((0, n_a)),
+        np.zeros((n, n_y)),
+        np.zeros((n, n_y)),
+        np.zeros((0, n_s)),
+        np.zeros(0),
     )

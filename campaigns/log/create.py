@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from campaigns.log.room import header_bytes, take
 from campaigns.log.schema import CHANNELS, COMMITTED, SCHEMA, SEGMENTS, Channel, Header, segment_dtype, to_json
 from sim_backend.errors import ConfigError
 
@@ -18,7 +19,11 @@ SEGMENTS_PER_CHUNK = 64
 def lay_out(
     file: h5py.File, header: Header, channels: tuple[Channel, ...], chunk_rows: int, settings_bytes: int
 ) -> None:
-    """Write the header, the empty channels, the empty table of segments and the counter into a new file."""
+    """Write the header, the empty channels, the empty table of segments and the counter into a new file.
+
+    Raises OSError, with nothing written, when the disk has no room for them.
+    """
+    take(file, header_bytes(sum(len(str(value)) for value in astuple(header)), len(channels)))
     file.attrs["schema"] = SCHEMA
     for field in fields(Header):
         value = getattr(header, field.name)

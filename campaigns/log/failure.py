@@ -15,7 +15,7 @@ from sim_backend.errors import DataError
 _SYSTEM_MESSAGE = re.compile(r"error message = '([^']*)'")
 
 
-def cannot(verb: str, path: Path, error: Exception) -> DataError:
+def cannot(verb: str, path: Path, error: Exception, more: str = "") -> DataError:
     """Return the error for a log that could not be made, written or completed, with the system's own reason."""
     found = _SYSTEM_MESSAGE.search(str(error))
     if found:
@@ -24,7 +24,7 @@ def cannot(verb: str, path: Path, error: Exception) -> DataError:
         detail = os.strerror(error.errno)
     else:
         detail = (str(error).splitlines() or [type(error).__name__])[0]
-    return DataError(f"cannot {verb} the log {path}: {detail}; check the folder, its rights and the free space")
+    return DataError(f"cannot {verb} the log {path}: {detail}{more}; check the folder, its rights and the free space")
 
 
 def let_go(file: h5py.File) -> None:

@@ -236,19 +236,19 @@ def _header(path: Path, file: h5py.File) -> Header:
     return Header(bench=bench, seed=None if seed is None else int(seed), **texts)
 
 
-def has_writer(path: Path) -> bool:
-    """Return whether a process holds the lock that HDF5 takes for writing; True where locks do not exist."""
+def has_writer(path: Path, *, unknown: bool = True) -> bool:
+    """Return whether a process holds the lock that HDF5 takes for writing; `unknown` where locks do not exist."""
     try:
         import fcntl
     except ImportError:
-        return True
+        return unknown
     with path.open("rb") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
         except OSError:  # a file system without locks
-            return True
+            return unknown
     return False
 
 

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from campaigns.log.checksum import write_sidecar
-from campaigns.log.create import give_name, lay_out, storable
+from campaigns.log.create import SEGMENTS_PER_CHUNK, give_name, lay_out, storable
 from campaigns.log.failure import cannot, let_go
+from campaigns.log.room import CLOSING_BYTES, give_back, rows_bytes, take
 from campaigns.log.schema import (
     CHANNELS,
     COMMITTED,
@@ -66,6 +67,7 @@ class LogWriter:
         self._in_segment = False
         self._closed = False
         self._broken = False
+        self._room_rows, self._room_segments = -1, 0  # for which room is taken, besides that for closing
 
     @classmethod
     def create(
@@ -117,17 +119,28 @@ class LogWriter:
                 file.flush()
                 give_name(hidden, target)
             except BaseException:
-                file.close()
-                hidden.unlink(missing_ok=True)
+                let_go(file)
                 raise
-        except (OSError, RuntimeError) as error:
-            raise cannot("make", target, error) from None
+        except BaseException as error:
+            with contextlib.suppress(OSError):  # the first error is the one to report
+                hidden.unlink()
+            if isinstance(error, OSError | RuntimeError):
+                raise cannot("make", target, error) from None
+            raise
         return cls(target, file, columns, chunk_rows)
 
     @property
     def rows(self) -> int:
         """Rows appended so far, committed or waiting for their chunk to fill."""
         return self.committed_rows + self._fill
+
+    def reserve(self, rows: int) -> None:
+        """Take the room on the disk for `rows` more rows, before they are measured; it is kept until they come.
+
+        Raises DataError when the disk has not so much; what was committed can still be completed.
+        """
+        self._require_open()
+        self._take_room(rows)
 
     def begin_segment(self, label: str, settings: Mapping[str, Any] | None = None) -> None:
         """Let the rows that follow belong to the segment `label`, which must be new in this log.
@@ -139,12 +152,14 @@ class LogWriter:
         text = to_json(settings or {}, f"settings of segment '{label}'").encode()
         if self._in_segment or label in self._labels or len(text) > self._settings_bytes:
             raise ConfigError(self._refusal(label, len(text)))
+        self._need_room(0, 1)
         index = len(self._labels)
         row = np.array((label.encode(), self.rows, OPEN_STOP, text), dtype=self._segments.dtype)
         with self._writing():
             self._segments.resize((index + 1,))
             self._segments[index] = row
         self._labels.add(label)
+        self._room_segments -= 1
         self._in_segment = True
 
     def end_segment(self) -> None:
@@ -212,7 +227,9 @@ class LogWriter:
             let_go(self._file)
             raise error if isinstance(error, MccdError) else cannot("complete", self.path, error) from None
         try:
+            size_bytes = self._file.id.get_filesize()
             self._file.close()
+            give_back(self.path, size_bytes)
             write_sidecar(self.path)
         except (OSError, RuntimeError) as error:
             raise cannot("complete", self.path, error) from None
@@ -234,6 +251,7 @@ class LogWriter:
             self.close()
 
     def _finish(self) -> None:
+        self._need_room(0, 0)
         for dataset in self._datasets:  # an interrupt may have left some columns longer than the others
             dataset.resize((self.committed_rows,))
         tail, self._fill = self._buffer[:, : self._fill], 0
@@ -251,6 +269,7 @@ class LogWriter:
 
     def _commit(self, columns: list[NDArray[np.float64]]) -> None:
         first, last = self.committed_rows, self.committed_rows + columns[0].size
+        self._need_room(columns[0].size, 0)
         with self._writing():
             for dataset, column in zip(self._datasets, columns, strict=True):
                 dataset.resize((last,))
@@ -259,6 +278,21 @@ class LogWriter:
             self._file[COMMITTED][()] = last
             self._file.flush()
         self.committed_rows = last
+        self._room_rows -= columns[0].size
+
+    def _need_room(self, rows: int, segments: int) -> None:
+        """Take room only where `reserve` has not: the disk may have filled since."""
+        if rows > self._room_rows or segments > self._room_segments:
+            self._take_room(max(rows, self._room_rows, 0))
+
+    def _take_room(self, rows: int) -> None:
+        need = rows_bytes(self._fill + rows, self._buffer.shape[1], len(self.channels)) + CLOSING_BYTES
+        need += SEGMENTS_PER_CHUNK * int(self._segments.dtype.itemsize)
+        try:
+            take(self._file, need)
+        except OSError as error:
+            raise cannot("write", self.path, error, f" ({rows} rows more take {need / 1e6:.3g} MB)") from None
+        self._room_rows, self._room_segments = self._fill + rows, SEGMENTS_PER_CHUNK
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:

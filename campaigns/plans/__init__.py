@@ -10,6 +10,7 @@ from campaigns.plans.endstops import EndStops
 from campaigns.plans.freerun import FreeRun
 from campaigns.plans.hysteresis import Hysteresis
 from campaigns.plans.multisine import Multisine
+from campaigns.plans.rest import Rest
 from campaigns.plans.settling import Settling
 from campaigns.plans.sinesweep import SineSweep
 from campaigns.plans.theodolite import Theodolite
@@ -24,6 +25,7 @@ PLANS: dict[str, type[Plan]] = {
         FreeRun,
         Hysteresis,
         Multisine,
+        Rest,
         Settling,
         SineSweep,
         Theodolite,

@@ -28,6 +28,30 @@ SEGMENT_S = 10.0
 BYTES_PER_VALUE = 8
 
 
+@dataclass(frozen=True)
+class Reach:
+    """How far a plan may go on a bench: the `axes` to move, and the largest `command` of each axis of the bench.
+
+    `command` has the shape (n_axes,), in input units; zero for an axis that must not move.
+    """
+
+    axes: tuple[str, ...]
+    command: Array
+
+    def scaled(self, level: float) -> Reach:
+        """Return the same axes with `level` times the command."""
+        return Reach(self.axes, level * self.command)
+
+    def sizes(self, bench: Bench) -> dict[str, float]:
+        """Return the largest command on an angle as `torque`, the smallest among the axes, and that on z as `force`.
+
+        An axis kind that is not to move is left out.
+        """
+        own = {axis: float(self.command[axis_of(bench, axis)]) for axis in self.axes}
+        angles = [size for axis, size in own.items() if axis != "z"]
+        return ({"torque": min(angles)} if angles else {}) | ({"force": own["z"]} if "z" in own else {})
+
+
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of all plans; a subclass adds its settings, its `name`, its `title` and `segments`."""
 
@@ -55,6 +79,19 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         """Return what decides the segments: plan, settings, and the text of every design model."""
         models = {name: dump_model(load_model(name)) for name in self.design_models()}
         return {"plan": self.name, "settings": self.settings(), "design_models": models}
+
+    @classmethod
+    def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
+        """Yield the forms in which this plan could be the next experiment, none using more of the bench than `reach`.
+
+        The same forms in the same order for any size of `reach`; a plan that is no experiment of its own yields none.
+        """
+        yield from ()
+
+    def changes(self) -> dict[str, Any]:
+        """Return the settings that differ from the plan's defaults, as plain values."""
+        usual = type(self)().settings()
+        return {name: value for name, value in self.settings().items() if value != usual[name]}
 
     @classmethod
     def of(cls, settings: dict[str, Any]) -> Self:

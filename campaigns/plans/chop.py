@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from campaigns.controller import dump_controller, load_controller
 from campaigns.design import Design
 from campaigns.plans.base import SEGMENT_S, Plan, channels_of, rate_of, samples_of
-from campaigns.strategies import Task, Tuning, stage_segments, stages_of
+from campaigns.stages import Task, Tuning, stage_segments
+from campaigns.strategies import stages_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -21,7 +23,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
     """Chop by `from_rad` to `to_rad` about the axis at `alpha_deg` (0 is θx, 90 is θy), with `strategy`.
 
     `cycles` whole periods of 1/`frequency_hz`; the last `window_s` of each dwell are the observation. The strategy is
-    designed on `model`, a design model by name or path.
+    designed on `model`, a design model by name or path; the designed strategies play the file `controller`.
     """
 
     name: ClassVar[str] = "chop"
@@ -36,6 +38,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
     strategy: str = "hybrid"
     model: str = "design-4th-order"
     tuning: Tuning = Tuning()
+    controller: str | None = None
 
     def __post_init__(self) -> None:
         self.require_positive("frequency_hz", "cycles", "window_s")
@@ -49,6 +52,15 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
     def design_models(self) -> tuple[str, ...]:
         """Return the design model."""
         return (self.model,)
+
+    def configuration(self) -> dict[str, Any]:
+        """Return what decides the segments, the text of the controller included."""
+        whole = super().configuration()
+        return (
+            whole
+            if self.controller is None
+            else {**whole, "controller": dump_controller(load_controller(self.controller))}
+        )
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return commands and readings."""
@@ -67,9 +79,14 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         }
         record, longest = self.channels(bench), samples_of(SEGMENT_S, rate)
         chopping = self.cycles * task.period
-        for stage in stages_of(self.strategy, task, Design.load(self.model, rate)):
+        for stage in stages_of(self.strategy, task, self._design(rate)):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
             yield from stage_segments(task, stage, n_samples, longest, record, settings)
+
+    def _design(self, rate_hz: float) -> Design:
+        if self.controller is None:
+            return Design.load(self.model, rate_hz)
+        return Design.controlled(self.controller, rate_hz)
 
     def _task(self, bench: Bench, rate_hz: float) -> Task:
         dwell = 0.5 * rate_hz / self.frequency_hz

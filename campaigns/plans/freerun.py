@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.plans.base import Plan, axis_of, channels_of, open_loop, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, samples_of, smooth_ramp
 from campaigns.plans.multisine import orthogonal
 from sim_backend.bench import Bench, Segment
 
@@ -43,6 +43,20 @@ class FreeRun(Plan, frozen=True, kw_only=True):
         self.require_positive("held_out_gain", "held_out_s")
         self.require(self.seed >= 0, "seed", "zero or more")
         self.require(bool(self.axes), "axes", "at least one axis")
+
+    @classmethod
+    def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
+        """Yield a run of a few seconds."""
+        sizes = reach.sizes(bench)
+        yield cls(
+            axes=reach.axes,
+            torque_nm=sizes.get("torque", cls().torque_nm),
+            force_n=sizes.get("force", cls().force_n),
+            noise_stop_hz=min(200.0, 0.2 * rate_of(bench)),
+            steps_s=4.0,
+            noise_s=2.0,
+            held_out_s=1.5,
+        )
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return commands and readings, and the temperature."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from campaigns.design import Design
-from campaigns.plans.base import Plan, channels_of, on_axis, open_loop, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, on_axis, open_loop, rate_of, samples_of, smooth_ramp
 from sim_backend.bench import Bench, Segment
 from sim_backend.control.feedforward import StepInput
 
@@ -45,6 +45,20 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
     def design_models(self) -> tuple[str, ...]:
         """Return the linear model that the steps are designed on."""
         return (self.model,)
+
+    @classmethod
+    def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
+        """Yield loops of three amplitudes on each axis: slow ones, and ones ten times faster to show what rate does."""
+        for axis in reach.axes:
+            top = float(reach.command[axis_of(bench, axis)])
+            for frequency_hz, cycles in ((0.5, 2), (5.0, 8)):
+                yield cls(
+                    axis=axis,
+                    torques_nm=(0.3 * top, 0.6 * top, top),
+                    frequency_hz=frequency_hz,
+                    cycles=cycles,
+                    offsets_rad=(),
+                )
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return commands and readings."""

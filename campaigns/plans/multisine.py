@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.plans.base import Plan, axis_of, channels_of, open_loop, rate_of, samples_of
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, samples_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
+
+
+PEAK_FACTOR = 3.5
+"""Peak over rms of a random-phase multisine of some hundred lines, as of normal numbers: exceeded once in 2000."""
 
 
 class Multisine(Plan, frozen=True, kw_only=True):
@@ -45,6 +49,21 @@ class Multisine(Plan, frozen=True, kw_only=True):
         self.require(self.transient_periods >= 0 and self.seed >= 0, "transient_periods", "zero or more, as the seed")
         self.require(bool(self.axes), "axes", "at least one axis")
         self.require(self.stop_hz >= self.start_hz, "stop_hz", f"at least start_hz, {self.start_hz:g}")
+
+    @classmethod
+    def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
+        """Yield two bands: all frequencies, and those up to 20 Hz, where the same torque goes with more travel."""
+        sizes = reach.sizes(bench)
+        for stop_hz, period_s in ((min(2000.0, 0.4 * rate_of(bench)), 0.5), (20.0, 2.0)):
+            yield cls(
+                axes=reach.axes,
+                torque_rms_nm=sizes.get("torque", cls().torque_rms_nm) / PEAK_FACTOR,
+                force_rms_n=sizes.get("force", cls().force_rms_n) / PEAK_FACTOR,
+                stop_hz=stop_hz,
+                period_s=period_s,
+                start_hz=1.0 / period_s,
+                realisations=1,
+            )
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return commands and readings, and the temperature."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from campaigns.design import feedback_of
-from campaigns.plans.base import Plan, axis_of, channels_of, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, samples_of, smooth_ramp
 from sim_backend.bench import Bench, Gate, Segment
 
 
@@ -34,6 +34,16 @@ class Theodolite(Plan, frozen=True, kw_only=True):
         self.require_positive("radius_rad", "move_s", "settle_s", "hold_s")
         for name in ("x_rad", "y_rad"):
             self.require(all(math.isfinite(a) for a in getattr(self, name)), name, "finite angles")
+
+    @classmethod
+    def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
+        """Yield a coarse grid over most of the travel, on a bench that has the instrument and both axes."""
+        if not channels_of(bench, (), ("theodolite_",)) or not {"theta_x", "theta_y"} <= set(bench.axes):
+            return
+        limit = bench.limits.reference[[bench.axes.index("theta_x"), bench.axes.index("theta_y")]]
+        if np.all(np.isfinite(limit)):
+            x, y = (0.7 * limit).tolist()
+            yield cls(x_rad=(-x, 0.0, x), y_rad=(-y, 0.0, y), radius_rad=float(np.max(limit)))
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return the readings, and the instrument where the bench has one."""

@@ -139,6 +139,45 @@ def filter_from_tf(numerator: ArrayLike, denominator: ArrayLike, rate_hz: float)
     return filter_from_zpk(scaled_roots(num), scaled_roots(den), float(num[0] / den[0]), rate_hz)
 
 
+def filter_from_state_space(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, rate_hz: float) -> DiscreteFilter:
+    """Return c (zI - a)^-1 b + d of one input and one output as blocks, by the eigenvectors of `a` (n, n).
+
+    A pole at z = 1 becomes the integrator block. Raises ConfigError when the eigenvectors do not span the states, as
+    with repeated poles: the blocks would then give another response.
+    """
+    states, into = np.asarray(a, dtype=float), np.asarray(b, dtype=float).reshape(-1, 1)
+    out, direct = np.asarray(c, dtype=float).reshape(1, -1), float(np.asarray(d, dtype=float).reshape(()))
+    poles, vectors = np.linalg.eig(states)
+    residues = (out @ vectors)[0] * np.linalg.solve(vectors, into.astype(complex))[:, 0]
+    at_one = np.abs(poles - 1.0) < _INTEGRATOR_TOLERANCE
+    chosen = [i for i, p in enumerate(poles) if p.imag >= 0.0]
+    chosen.sort(key=lambda i: not at_one[i])
+    m = len(chosen)
+    aa, bb, cc = np.zeros((m, 2, 2)), np.zeros((m, 2)), np.zeros((m, 2))
+    for k, i in enumerate(chosen):
+        p, r = poles[i], residues[i]
+        if p.imag > 0.0:
+            aa[k] = [[0.0, 1.0], [-(abs(p) ** 2), 2.0 * p.real]]
+            bb[k], cc[k] = [0.0, 1.0], [-2.0 * (r * p.conjugate()).real, 2.0 * r.real]
+        else:
+            aa[k, 0, 0], bb[k, 0], cc[k, 0] = (1.0 if at_one[i] else p.real), r.real, 1.0
+    made = DiscreteFilter(aa, bb, cc, direct, float(rate_hz), 0 if at_one.any() else None)
+    _require_same(made, states, into, out, direct)
+    return made
+
+
+def _require_same(made: DiscreteFilter, a: Array, b: Array, c: Array, d: float) -> None:
+    """Raise ConfigError unless blocks and matrices answer alike at some points of the unit circle."""
+    f = np.geomspace(1e-4, 0.49, 12) * made.rate_hz
+    z = np.exp(2j * np.pi * f / made.rate_hz)
+    wanted = np.array([(c @ np.linalg.solve(x * np.eye(a.shape[0]) - a, b))[0, 0] + d for x in z])
+    error = float(np.max(np.abs(made.frequency_response(f) - wanted)) / (np.max(np.abs(wanted)) or 1.0))
+    if not error < 1e-6:
+        raise ConfigError(
+            f"filter: its blocks answer differently by {error:.2g}, the limit is 1e-6: poles repeat; move them apart"
+        )
+
+
 def tustin_zpk(
     zeros_1_s: ArrayLike, poles_1_s: ArrayLike, gain: float, rate_hz: float
 ) -> tuple[ComplexArray, ComplexArray, float]:

@@ -26,7 +26,7 @@ class AmplifierSaturation(Effect):
     symptom = "appears only while the command is beyond a fixed level"
     step = _step
 
-    limit: float = shape("largest magnitude that the amplifier gives", math.inf, u=1, low=0.0)
+    limit: float = shape("largest magnitude that the amplifier gives", math.inf, u=1, low=0.0, spread=0.4)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

@@ -98,7 +98,8 @@ class Parameter:
     With all *sizes* neutral the effect adds nothing, and for fixed *shapes* the contribution is linear in the sizes.
     An effect without sizes is neutral at its shapes' neutral values (a limit at infinity, say).
     Bounds are absolute; `log` says that the parameter is searched on a logarithmic scale. A `fixed` parameter is a
-    constant of the description that no data can tell from another parameter; a fit leaves it where it is.
+    constant of the description that no data can tell from another parameter; a fit leaves it where it is. `spread` is
+    how far a shape may plausibly lie from where `guess` looks for it, as a standard deviation of its logarithm.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Parameter:
     size: bool
     log: bool
     fixed: bool
+    spread: float
     about: str
 
 
@@ -137,9 +139,10 @@ def shape(
     low: float = 0.0,
     high: float = math.inf,
     log: bool = True,
+    spread: float = 2.0,
 ) -> Any:
     """Declare a shape parameter (the contribution depends on it nonlinearly) as a dataclass field."""
-    return _declare(neutral, Dimension(u, y, s, k), low, high, log=log, about=about)
+    return _declare(neutral, Dimension(u, y, s, k), low, high, log=log, spread=spread, about=about)
 
 
 def constant(
@@ -170,8 +173,10 @@ def _declare(
     size: bool = False,
     log: bool = False,
     fixed: bool = False,
+    spread: float = 0.0,
 ) -> Any:
-    meta = {"dimension": dim, "low": low, "high": high, "size": size, "log": log, "fixed": fixed, "about": about}
+    meta = {"dimension": dim, "low": low, "high": high, "size": size, "log": log, "fixed": fixed, "spread": spread}
+    meta["about"] = about
     return field(default=neutral, metadata=meta)
 
 

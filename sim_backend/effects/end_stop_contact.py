@@ -35,7 +35,7 @@ class EndStopContact(Effect):
 
     stiffness: float = size("stiffness of the stop", u=1, y=-1, low=0.0)
     damping: float = size("damping of the stop per depth", u=1, y=-2, s=1, low=0.0)
-    gap: float = shape("travel to either side until the touch", 0.01, y=1)
+    gap: float = shape("travel to either side until the touch", 0.01, y=1, spread=0.4)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

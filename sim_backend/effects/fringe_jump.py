@@ -37,7 +37,7 @@ class FringeJump(Effect):
     step = _step
 
     fringe: float = size("reading of one fringe", y=1)
-    rate_limit: float = shape("rate beyond which a fringe is missed", 1.0, y=1, s=-1, low=1e-12)
+    rate_limit: float = shape("rate beyond which a fringe is missed", 1.0, y=1, s=-1, low=1e-12, spread=0.4)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

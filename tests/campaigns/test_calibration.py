@@ -11,8 +11,8 @@ from campaigns.calibration import (
     main,
     scatter_of_sigma,
     stability_rad,
-    torque_along,
 )
+from sim_backend.along import torque_along
 from sim_backend.bench import Gate, Segment
 from sim_backend.control.feedback import theta_controller
 from sim_backend.model import EffectEntry, load_model, number

@@ -22,6 +22,7 @@ SHORT = {
     "freerun": {"steps_s": 0.5, "noise_s": 0.2, "held_out_s": 0.2},
     "hysteresis": {"frequency_hz": 5.0, "settle_s": 0.05, "ramp_s": 0.05},
     "multisine": {"period_s": 0.05, "start_hz": 20.0, "realisations": 1},
+    "rest": {"duration_s": 0.5, "settle_s": 0.1},
     "settling": {"cycles": 2, "strategy": "repetitive", "tuning": {"learning_s": 0.5}},
     "sinesweep": {"bands": [{"start_hz": 20.0, "stop_hz": 60.0, "step_hz": 20.0, "settle_s": 0.05, "measure_s": 0.1}]},
     "theodolite": {"move_s": 0.02, "settle_s": 0.02, "hold_s": 0.02},

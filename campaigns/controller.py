@@ -1,0 +1,149 @@
+"""Controller ↔ file: what `mccd design` writes and the designed strategies play, with the model that it rests on.
+
+One TOML file: the identified model, and for every designed axis its move, its feedback, its learning filter and how
+long it learns. Feed-forward is not stored: it follows from the model for any two positions.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+import tomli_w
+
+from sim_backend.control.blocks import DiscreteFilter
+from sim_backend.control.concentrated import concentrated_move
+from sim_backend.control.repetitive import q_taps
+from sim_backend.errors import ConfigError
+from sim_backend.model import Model, check_model
+
+MAX_FILE_BYTES = 10_000_000
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """Base of all tables: unknown fields are errors, defaults are not written."""
+
+
+class Blocks(_Strict, frozen=True, kw_only=True):
+    """A discrete filter as second-order blocks; see `sim_backend.control.blocks`."""
+
+    a: list[list[list[float]]]
+    b: list[list[float]]
+    c: list[list[float]]
+    d: float
+    integrator: int | None = None
+
+    @classmethod
+    def of(cls, made: DiscreteFilter) -> Blocks:
+        """Return the blocks of a filter."""
+        return cls(a=made.a.tolist(), b=made.b.tolist(), c=made.c.tolist(), d=made.d, integrator=made.integrator)
+
+    def filter(self, rate_hz: float) -> DiscreteFilter:
+        """Return the filter; raises ConfigError when shapes do not fit."""
+        try:
+            a, b, c = np.array(self.a, dtype=float), np.array(self.b, dtype=float), np.array(self.c, dtype=float)
+        except ValueError:
+            raise ConfigError("filter: its blocks have different lengths; give 2 × 2, 2 and 2 numbers each") from None
+        return DiscreteFilter(a.reshape(-1, 2, 2) if a.size == 0 else a, b, c, self.d, rate_hz, self.integrator)
+
+
+class AxisControl(_Strict, frozen=True, kw_only=True):
+    """How one axis is controlled.
+
+    A move takes `move_samples` with the given `concentration` (`sim_backend.control.concentrated`). The feedback is
+    always closed. After `wait_periods` the input is learned for one period with each of `gains`, through `learning`
+    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
+    """
+
+    dof: str
+    move_samples: int
+    concentration: float
+    feedback: Blocks
+    learning: Blocks
+    lead_samples: int
+    q_cutoff_hz: float
+    q_half_length: int
+    wait_periods: int
+    gains: list[float]
+
+
+class Controller(_Strict, frozen=True, kw_only=True):
+    """A whole controller file."""
+
+    schema: Literal["mccd-controller/1"] = "mccd-controller/1"
+    name: str
+    sample_rate_hz: float
+    model: Model
+    axes: list[AxisControl]
+
+    def axis(self, dof: str) -> AxisControl | None:
+        """Return the control of an axis, None for one that was not designed."""
+        return next((one for one in self.axes if one.dof == dof), None)
+
+
+def parse_controller(text: str, where: str) -> Controller:
+    """Return the controller written in `text`; `where` names it in errors.
+
+    Raises ConfigError for broken TOML, unknown fields, and values that no strategy could play.
+    """
+    try:
+        found = msgspec.convert(tomllib.loads(text), Controller)
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise ConfigError(f"{where}: {error}; write it with `mccd design`") from None
+    check_model(found.model, where)
+    if not found.axes or len({one.dof for one in found.axes}) < len(found.axes):
+        raise ConfigError(f"{where}: {len(found.axes)} axes; a controller needs one or more, each once")
+    for one in found.axes:
+        _check(one, found.sample_rate_hz, where)
+    return found
+
+
+def _check(one: AxisControl, rate_hz: float, where: str) -> None:
+    place = f"{where}, axis '{one.dof}'"
+    if not all(math.isfinite(g) and 0.0 < g <= 1.0 for g in one.gains):
+        raise ConfigError(f"{place}: learning gains {one.gains}; each must be above zero and at most 1")
+    if one.wait_periods < 1 or one.lead_samples < 0:
+        raise ConfigError(
+            f"{place}: {one.wait_periods} periods of waiting and a lead of {one.lead_samples} samples; "
+            "wait for one period or more, and do not lag"
+        )
+    try:
+        concentrated_move(one.move_samples, one.concentration)
+        q_taps(one.q_cutoff_hz, one.q_half_length, rate_hz)
+        one.feedback.filter(rate_hz)
+        one.learning.filter(rate_hz)
+    except ConfigError as error:
+        raise ConfigError(f"{place}: {error}") from None
+
+
+def load_controller(path: str | Path) -> Controller:
+    """Return the controller in a file; raises ConfigError when there is none, it is too large, or as its parser."""
+    file = Path(path)
+    if not file.is_file():
+        raise ConfigError(f"controller '{path}': no such file; write one with `mccd design`")
+    if file.stat().st_size > MAX_FILE_BYTES:
+        raise ConfigError(f"{file}: {file.stat().st_size} bytes; a controller file holds at most {MAX_FILE_BYTES}")
+    try:
+        return parse_controller(file.read_text(encoding="utf-8"), str(file))
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: not UTF-8 text at byte {error.start}; write it with `mccd design`") from None
+
+
+def dump_controller(controller: Controller) -> str:
+    """Return the TOML text of a controller; `parse_controller` gives the same controller back."""
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(controller)))
+
+
+def _without_none(node: object) -> dict[str, object]:
+    assert isinstance(node, dict)
+    return {k: _cleaned(v) for k, v in node.items() if v is not None}
+
+
+def _cleaned(node: object) -> object:
+    if isinstance(node, dict):
+        return _without_none(node)
+    return [_cleaned(v) for v in node] if isinstance(node, list) else node

@@ -1,0 +1,153 @@
+"""Inverting a response: the input of a periodic motion, and the filter by which repetitive control learns.
+
+    u_k = Q (u_{k-N} + k_r z^lead L e_{k-N})      converges fastest where z^lead S_p L = 1
+
+The input of a periodic motion is its Fourier series over the response, line by line, which no zero outside the unit
+circle hinders. The learning filter has to run sample by sample: it is the sum of second-order blocks with chosen
+poles whose numerators bring z^lead S_p L nearest to 1 in the sense of least squares. The lead makes room for the part
+of the inverse that looks ahead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigvals
+
+from sim_backend.control.blocks import DiscreteFilter
+from sim_backend.errors import ConfigError
+from sim_backend.linear import DiscreteModel, ModalModel, discretise
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+SPARE_POLES = tuple(0.6 * np.exp(1j * np.pi * angle) for angle in np.linspace(0.08, 0.92, 8))
+"""Fast poles spread over all angles: blocks that ring for five samples form what looks ahead of the inverse."""
+
+LEAK_HZ = 0.1
+"""The feedback's integrator, of which the inverse has a copy, leaks by this: an input has no pole at rest to learn."""
+
+_NEAR_ONE = 1e-6
+_FAR_ZERO = 1e3
+_SINGULAR = 1e-12
+
+
+def periodic_input(plant: ModalModel, motion: ArrayLike, rate_hz: float) -> Array:
+    """Return the input (n,) that holds `plant` (one input, one output) on the periodic `motion` (n,), samplewise.
+
+    Raises ConfigError when the plant does not answer at a frequency of the motion.
+    """
+    wanted = np.asarray(motion, dtype=float)
+    lines = np.fft.rfft(wanted)
+    f = np.linspace(0.0, rate_hz * (lines.size - 1) / wanted.size, lines.size)
+    answer = discretise(plant, rate_hz).frequency_response(f)[:, 0, 0]
+    if not np.all(np.abs(answer) > 0.0):
+        raise ConfigError(
+            f"the plant does not answer at {f[np.argmin(np.abs(answer))]:g} Hz; no input holds it on this motion"
+        )
+    drive = lines / answer
+    if wanted.size % 2 == 0:
+        drive[-1] = drive[-1].real
+    drive[0] = drive[0].real
+    return np.fft.irfft(drive, wanted.size)
+
+
+def siso_matrices(plant: DiscreteModel) -> tuple[Array, Array, Array]:
+    """Return A (n, n), B (n, 1) and C (1, n) of a plant of one input and output, its whole samples of delay included.
+
+    Raises ConfigError for a part of a sample of delay, or a direct feedthrough.
+    """
+    delay = float(plant.delay_samples[0])
+    if abs(delay - round(delay)) > 1e-9 or np.any(plant.d):
+        raise ConfigError(
+            f"delay of {delay} samples and feedthrough {float(plant.d[0, 0]):g}; design needs whole samples and none"
+        )
+    m, n_delay = plant.a.shape[0], round(delay)
+    n = 2 * m + n_delay
+    a, b, c = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
+    for i in range(m):
+        a[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = plant.a[i]
+    entry = plant.b[:, :, 0].reshape(-1)
+    c[0, : 2 * m] = plant.c[0].reshape(-1)
+    if n_delay == 0:
+        b[:, 0] = entry
+    else:  # a shift register in front of the plant
+        a[: 2 * m, 2 * m] = entry
+        a[range(2 * m, n - 1), range(2 * m + 1, n)] = 1.0
+        b[-1, 0] = 1.0
+    return a, b, c
+
+
+def transmission_zeros(plant: DiscreteModel) -> ComplexArray:
+    """Return the finite zeros in z of a plant of one input and output; raises as `siso_matrices`."""
+    a, b, c = siso_matrices(plant)
+    n = a.shape[0]
+    unit = np.zeros((n + 1, n + 1))
+    unit[:n, :n] = np.eye(n)
+    found = eigvals(np.block([[a, b], [c, np.zeros((1, 1))]]), unit)
+    return np.asarray(found[np.isfinite(found) & (np.abs(found) < _FAR_ZERO)], dtype=complex)
+
+
+def inverse_poles(plant: DiscreteModel, controller: DiscreteFilter) -> list[complex]:
+    """Return the poles in z, one of each pair, of (1 + P C)/P = 1/P + C as far as it is causal and stable, and more.
+
+    The plant's zeros within the unit circle, the controller's poles with its integrator leaking, and SPARE_POLES.
+    """
+    zeros = transmission_zeros(plant)
+    own = controller.poles()
+    own = own[(np.abs(own) > _NEAR_ONE) & (np.abs(own - 1.0) > _NEAR_ONE)]
+    both = np.concatenate([zeros[np.abs(zeros) < 1.0 - _NEAR_ONE], own])
+    upper = [complex(p) for p in both if p.imag > 1e-9]
+    real = [complex(p.real) for p in both if abs(p.imag) <= 1e-9]
+    leak = complex(np.exp(-2.0 * np.pi * LEAK_HZ / controller.rate_hz))
+    return [*upper, *real, leak, *SPARE_POLES]
+
+
+def fitted_inverse(
+    frequency_hz: ArrayLike,
+    process: ArrayLike,
+    weight: ArrayLike,
+    poles: list[complex],
+    lead_samples: int,
+    rate_hz: float,
+) -> DiscreteFilter:
+    """Return L with the given `poles` that brings z^lead · process · L nearest to 1, weighed, by least squares.
+
+    `process` (n_f,) is the sampled response from the learned input to the output, `weight` (n_f,). `poles` hold one of
+    every conjugate pair. Raises ConfigError when a pole is not inside the unit circle, or the lead is negative.
+    """
+    f, w = np.asarray(frequency_hz, dtype=float), np.asarray(weight, dtype=float)
+    if lead_samples < 0 or not all(abs(p) < 1.0 for p in poles):
+        raise ConfigError(
+            f"learning filter: lead {lead_samples}, largest pole {max(map(abs, poles)):.4g} from zero; "
+            "the lead must not be negative, every pole inside the unit circle"
+        )
+    z = np.exp(2j * np.pi * f / rate_hz)
+    pairs = [abs(p.imag) > 0.0 for p in poles]
+    columns = [np.ones_like(z)]
+    for p, paired in zip(poles, pairs, strict=True):
+        if paired:
+            below = z**2 - 2.0 * p.real * z + abs(p) ** 2
+            columns += [1.0 / below, z / below]
+        else:
+            columns.append(1.0 / (z - p.real))
+    design = (w * z**lead_samples * np.asarray(process))[:, None] * np.stack(columns, axis=1)
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    stacked = np.vstack([(design / size).real, (design / size).imag])
+    found = np.linalg.lstsq(stacked, np.concatenate([w, np.zeros_like(w)]), rcond=_SINGULAR)[0] / size
+    return _filter(poles, pairs, found, rate_hz)
+
+
+def _filter(poles: list[complex], pairs: list[bool], found: Array, rate_hz: float) -> DiscreteFilter:
+    m, k = len(poles), 1
+    a, b, c = np.zeros((m, 2, 2)), np.zeros((m, 2)), np.zeros((m, 2))
+    for i, (p, paired) in enumerate(zip(poles, pairs, strict=True)):
+        if paired:
+            a[i], b[i] = [[0.0, 1.0], [-(abs(p) ** 2), 2.0 * p.real]], [0.0, 1.0]
+            c[i] = found[k : k + 2]
+            k += 2
+        else:
+            a[i, 0, 0], b[i, 0], c[i, 0] = p.real, 1.0, found[k]
+            k += 1
+    return DiscreteFilter(a, b, c, float(found[0]), float(rate_hz))

@@ -1,0 +1,103 @@
+"""Feedback of least variance against measured noise: linear-quadratic Gaussian control with an integrator.
+
+The plant is driven by a torque disturbance of first order (the amplifiers') and by a slow drift, and read with white
+noise. A Kalman filter estimates plant, disturbance and drift, from the newest reading on; the regulator cancels what
+it estimates of both torques and returns the plant to rest. Because the drift never dies out, the controller has a
+pole at z = 1, an integrator. Two numbers trade variance for robustness: `effort` limits the regulator, `distrust`
+tells the filter of a white torque that is not there, which recovers margins at the plant's input (Doyle and Stein,
+IEEE Transactions on Automatic Control 24, 1979).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError, solve_discrete_are
+
+from sim_backend.control.blocks import DiscreteFilter, filter_from_state_space
+from sim_backend.control.inversion import siso_matrices
+from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel, discretise
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+DRIFT = 0.03
+"""Steps of the drift per sample, in standard deviations of the disturbance: it sets how fast the integrator is."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What shakes one axis, as standard deviations.
+
+    A torque `torque_nm` within `bandwidth_hz` (first order), and the white noise of one reading, `reading_rad`. Raises
+    ConfigError when one is not a finite number above zero.
+    """
+
+    torque_nm: float
+    bandwidth_hz: float
+    reading_rad: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0.0):
+                raise ConfigError(f"noise: {name} is {value}; it must be a finite number above zero")
+
+    def forget(self, rate_hz: float) -> float:
+        """Return by how much the disturbance shrinks from one sample to the next."""
+        return float(np.exp(-2.0 * np.pi * self.bandwidth_hz / rate_hz))
+
+    def colour(self, frequency_hz: ArrayLike, rate_hz: float) -> Array:
+        """Return the magnitude (n_f,) by which the disturbance's spectrum differs from that of white noise."""
+        a = self.forget(rate_hz)
+        z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=float) / rate_hz)
+        return np.asarray(np.sqrt(1.0 - a**2) / np.abs(1.0 - a / z))
+
+
+def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, rate_hz: float) -> DiscreteFilter:
+    """Return the controller, output per error, of a plant of one input and one output.
+
+    The regulator weighs a torque of 1 N m like an error of `effort_rad_nm` rad; `distrust` is the fictitious white
+    torque in units of `noise.torque_nm`. Raises ConfigError when the Riccati equations have no solution, or as
+    `siso_matrices`.
+    """
+    a, b, c = siso_matrices(discretise(plant, rate_hz))
+    n, forget = a.shape[0], noise.forget(rate_hz)
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n], whole[:n, n:], whole[n, n], whole[n + 1, n + 1] = a, b, forget, 1.0
+    enters, seen = np.vstack([b, np.zeros((2, 1))]), np.hstack([c, np.zeros((1, 2))])
+    driven = np.zeros((n + 2, n + 2))
+    driven[:n, :n] = (distrust * noise.torque_nm) ** 2 * (b @ b.T)
+    driven[n, n] = noise.torque_nm**2 * (1.0 - forget**2)
+    driven[n + 1, n + 1] = (DRIFT * noise.torque_nm) ** 2
+    # angles in units of one reading's noise, so that no number of the equations is far from 1
+    unit = noise.reading_rad**2
+    effort = np.eye(1) * effort_rad_nm**2 / unit
+    try:
+        spread = solve_discrete_are(whole.T, seen.T, driven / unit, np.eye(1))
+        cost = solve_discrete_are(a, b, c.T @ c / unit, effort)
+    except (LinAlgError, ValueError) as error:
+        raise ConfigError(f"feedback: the Riccati equations have no solution ({error}); use another model") from None
+    blend = spread @ seen.T / (seen @ spread @ seen.T + 1.0)
+    gain = np.linalg.solve(b.T @ cost @ b + effort, b.T @ cost @ a)
+    full = np.hstack([gain, np.ones((1, 2))])
+    # estimate from the newest reading: x+ = x + blend (y - C x); u = -full x+; the filter sees the error -y
+    correct = np.eye(n + 2) - blend @ seen
+    step = whole - enters @ full
+    return filter_from_state_space(step @ correct, -step @ blend, -full @ correct, full @ blend, rate_hz)
+
+
+def reading_spectrum(
+    frequency_hz: ArrayLike, plant: ArrayLike, controller: ArrayLike, noise: Noise, rate_hz: float
+) -> tuple[Array, Array]:
+    """Return what torque and reading noise each give to the closed loop's reading, as power per sample (n_f,).
+
+    Its mean over frequencies spread evenly up to half the rate is the variance (Parseval). `plant` and `controller`
+    are sampled responses (n_f,).
+    """
+    p, k = np.asarray(plant), np.asarray(controller)
+    sensitivity = 1.0 / (1.0 + p * k)
+    torque = noise.torque_nm * np.abs(p * sensitivity) * noise.colour(frequency_hz, rate_hz)
+    return np.asarray(torque**2), np.asarray((noise.reading_rad * np.abs(sensitivity)) ** 2)
