@@ -35,12 +35,18 @@ class Scales:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect class at one place with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns."""
+    """One effect class at one place with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns.
+
+    `centres` are the middles of all starts of the shapes: what is known of them before the data speak; `choices` is
+    among how many shapes the starts were chosen by looking at the residual.
+    """
 
     effect: type[Effect]
     where: str
     shapes: dict[str, float]
     unit_sizes: dict[str, float]
+    centres: dict[str, float]
+    choices: int = 1
 
     @property
     def key(self) -> tuple[str, str]:
@@ -56,10 +62,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Motion:
-    """The measured motion of one record: `u` (n, n_u), `position` and `rate` (n, n_y), `residual` (n, n_y)."""
+    """The measured motion of one record: `u` (n, n_u), `position` and `rate` (n, n_y), `residual` (n, n_y).
+
+    `sensed` (n, n_y) is what the sensors saw before any error of theirs.
+    """
 
     u: Array
     position: Array
+    sensed: Array
     rate: Array
     residual: Array
     temperature_k: Array | None
@@ -88,8 +98,22 @@ def enumerate_candidates(
             if effect.aux is Aux.TEMPERATURE and view.temperature_k is None:
                 continue
             units = unit_sizes(effect, where, places, scales)
-            for shapes in effect.guess(view):
-                yield Candidate(effect, where, shapes, units)
+            guesses = effect.guess(view)
+            centres = _centres(effect, guesses)
+            for shapes in guesses:
+                yield Candidate(effect, where, shapes, units, centres, max(effect.choices(view), 1))
+
+
+def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:
+    """Return the middle of the starts of each shape, geometric where it is searched on a logarithmic scale."""
+    centres = {}
+    for p in effect.parameters():
+        values = np.array([g[p.name] for g in guesses if p.name in g and not p.size])
+        if values.size:
+            centres[p.name] = float(
+                np.exp(np.mean(np.log(values))) if p.log and np.all(values > 0.0) else values.mean()
+            )
+    return centres
 
 
 def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales) -> dict[str, float]:
@@ -127,8 +151,9 @@ def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motio
     site = Site(int(np.searchsorted(fx.first, 1)) - 1)
     channel = int(fx.channel[0])
     added = np.empty(n)
-    signal = motion.position[:, channel] if site in (Site.READING, Site.HEAD) else motion.u[:, channel]
-    position, speed = motion.position @ fx.read[0], motion.rate @ fx.read[0]
+    seen = motion.sensed if site in (Site.READING, Site.HEAD) else motion.position
+    signal = seen[:, channel] if site in (Site.READING, Site.HEAD) else motion.u[:, channel]
+    position, speed = seen @ fx.read[0], motion.rate @ fx.read[0]
     kernel.contribution_along(
         fx,
         0,
@@ -149,7 +174,7 @@ def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motio
 
 def _of_record(candidate: Candidate, places: Places, motion: Motion, rate_hz: float) -> Array:
     o = places.outputs.index(candidate.where)
-    values = np.ascontiguousarray(motion.position[:, o])
+    values = np.ascontiguousarray(motion.sensed[:, o])
     out = np.zeros((*motion.position.shape, max(len(candidate.unit_sizes), 1)))
     for k, (name, unit) in enumerate(candidate.unit_sizes.items()):
         # a clock's error adds up over the record: a tenth of a sample at its end is still first order
@@ -167,7 +192,8 @@ def _auxiliary(effect: Effect, column: int, motion: Motion) -> Array:
     if effect.aux is Aux.SOURCE_COMMAND:
         return np.ascontiguousarray(motion.u[:, column])
     if effect.aux is Aux.SOURCE_POSITION:
-        return np.ascontiguousarray(motion.position[:, column])
+        seen = motion.sensed if effect.site in (Site.READING, Site.HEAD) else motion.position
+        return np.ascontiguousarray(seen[:, column])
     return np.zeros(motion.u.shape[0])
 
 

@@ -3,6 +3,9 @@
 Effects act along the true motion. Where the nominal model is good the two hardly differ; where it is not (a rigid
 axis under unmodelled friction, say) the simulation alone would drift away. The residual is cleaned of noise by a
 Wiener filter.
+
+An error of a sensor is another matter: the residual is the error then, and none of the motion. If it were taken as
+motion, a sensor's gain, of which the knobs can imitate everything but that residual, would explain whatever is there.
 """
 
 from __future__ import annotations
@@ -21,12 +24,19 @@ _OVERSUBTRACTION = 6.0
 """A frequency counts as motion only where the smoothed power is this many times the noise: beyond its chance
 fluctuations."""
 
+_STRAYED = 0.3
+"""A simulation whose residual is more than this part of the output has lost the motion; then the measured one counts."""
+
 
 def measured_motion(record: Record, simulated: Array, residual: Array, whitener: Whitener, rate_hz: float) -> Motion:
     """Return the motion of a record from its `simulated` position and the fit's `residual`, both (n, n_y)."""
     cleaned = np.stack([_clean(residual[:, o], whitener, o) for o in range(record.y.shape[1])], axis=1)
     position = simulated + cleaned
-    return Motion(record.u, position, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k)
+    strayed = np.sqrt(np.mean(residual**2, axis=0)) > _STRAYED * np.std(record.y, axis=0)
+    sensed = np.where(strayed, position, simulated)
+    return Motion(
+        record.u, position, sensed, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k
+    )
 
 
 def _clean(x: Array, whitener: Whitener, output: int) -> Array:

@@ -48,8 +48,13 @@ class Whitener:
 
     def apply(self, values: Array, output: int) -> Array:
         """Return `values` (n, k) of one output, whitened, same shape; the start is filtered from zeros."""
-        out = np.empty_like(values)
-        _fir(self.taps[output], np.ascontiguousarray(values), out)
+        return np.asarray(self._filtered(values, output).T)
+
+    def _filtered(self, values: Array, output: int) -> Array:
+        """Return `values` (n, k), whitened, with time along the rows: (k, n)."""
+        series = np.ascontiguousarray(values.T)
+        out = np.empty_like(series)
+        _fir(self.taps[output], series, out)
         return out
 
     def rows(self, values: Array, mask: Mask, output: int) -> Array:
@@ -57,18 +62,17 @@ class Whitener:
 
         Each unbroken run of rows is taken into the cosine basis, where a band's level is a plain factor.
         """
-        white = self.apply(values, output)
+        white = self._filtered(values, output)
         if not self.levels.size:
-            return white[mask]
+            return np.asarray(white[:, mask].T)
         parts = []
         for start, stop in runs_of(mask):
-            spectrum = dct(white[start:stop], axis=0, norm="ortho")
-            weight = np.ones(stop - start)
+            spectrum = dct(white[:, start:stop], axis=1, norm="ortho", overwrite_x=True)
             band = np.searchsorted(self.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
-            low = band < self.levels.shape[1]
-            weight[low] = 1.0 / np.sqrt(self.levels[output][band[low]])
-            parts.append(spectrum * weight[:, None])
-        return np.concatenate(parts) if parts else white[mask]
+            low = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency
+            spectrum[:, :low] /= np.sqrt(self.levels[output][band[:low]])
+            parts.append(spectrum)
+        return np.asarray((np.concatenate(parts, axis=1) if parts else white[:, mask]).T)
 
 
 def runs_of(mask: Mask) -> list[tuple[int, int]]:
@@ -78,15 +82,18 @@ def runs_of(mask: Mask) -> list[tuple[int, int]]:
 
 
 @njit(cache=True, nogil=True)
-def _fir(taps, values, out):  # type: ignore[no-untyped-def]
-    n, k = values.shape
-    for row in range(n):
-        for j in range(k):
-            out[row, j] = taps[0] * values[row, j]
-        for lag in range(1, min(taps.size, row + 1)):
-            w = taps[lag]
-            for j in range(k):
-                out[row, j] += w * values[row - lag, j]
+def _fir(taps, series, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (k, n) with each row of `series` filtered by `taps`; stretches of it stay in the fastest memory."""
+    k, n = series.shape
+    for j in range(k):
+        for first in range(0, n, 2048):
+            last = min(first + 2048, n)
+            for i in range(first, last):
+                out[j, i] = taps[0] * series[j, i]
+            for lag in range(1, taps.size):
+                w = taps[lag]
+                for i in range(max(first, lag), last):
+                    out[j, i] += w * series[j, i - lag]
 
 
 def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Array:

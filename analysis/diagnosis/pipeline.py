@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Scales
 from analysis.diagnosis.dataset import Dataset
 from analysis.diagnosis.evidence import evidence
+from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.gain import gain_of
 from analysis.diagnosis.noise import whitener_from
-from analysis.diagnosis.refit import Setting
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search import Found, Progress, Rules, search, tune

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from sim_backend.linear import DiscreteModel
 
 Array = NDArray[np.float64]
 
@@ -63,11 +63,11 @@ def response(model: DiscreteModel, force: Array, input_index: int, *, through_de
     return out
 
 
-def simulate(model: DiscreteModel, u: Array) -> Array:
-    """Return the outputs (n, n_y) to commands `u` (n, n_u) from rest."""
+def simulate(model: DiscreteModel, u: Array, *, through_delay: bool = True) -> Array:
+    """Return the outputs (n, n_y) to commands (or torques, without `through_delay`) `u` (n, n_u) from rest."""
     out = np.zeros((u.shape[0], model.c.shape[0]))
     for j in range(u.shape[1]):
-        out += response(model, u[:, j], j, through_delay=True)
+        out += response(model, u[:, j], j, through_delay=through_delay)
     return out
 
 
@@ -81,20 +81,3 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
             _block(model.a[i], np.zeros(2), still, 1.0 - k, float(k), states)
             out[:, :, 2 * i + k] = states @ model.c[:, i, :].T
     return out
-
-
-def motion(linear: ModalModel, u: Array, rate_hz: float, start: Array) -> tuple[Array, Array]:
-    """Return positions and rates (n, n_y) under commands `u` (n, n_u) from states `start` (m, 2)."""
-    model = discretise(linear, rate_hz)
-    position, rate = np.zeros((u.shape[0], model.c.shape[0])), np.zeros((u.shape[0], model.c.shape[0]))
-    states, still = np.empty((u.shape[0], 2)), np.zeros(u.shape[0])
-    for m in np.flatnonzero(np.any(start != 0.0, axis=1)):
-        _block(model.a[m], np.zeros(2), still, start[m, 0], start[m, 1], states)
-        position += states @ model.c[:, m, :].T
-        rate += states @ model.rate_c[:, m, :].T
-    for j in range(u.shape[1]):
-        f = np.ascontiguousarray(delayed(u[:, j], float(model.delay_samples[j])))
-        b = np.ascontiguousarray(model.b[:, :, j])
-        _propagate(model.a, b, model.c, np.ascontiguousarray(model.d[:, j]), f, position)
-        _propagate(model.a, b, model.rate_c, np.ascontiguousarray(model.rate_d[:, j]), f, rate)
-    return position, rate

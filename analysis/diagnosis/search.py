@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
+from analysis.diagnosis.fit import Fit, Setting, positions
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.motions import measured_motion
 from analysis.diagnosis.noise import whitener_from
-from analysis.diagnosis.refit import Fit, Setting, exact_sensitivities, positions, refit
-from analysis.diagnosis.retune import retune
+from analysis.diagnosis.refit import exact_sensitivities, refit
 from analysis.diagnosis.screening import Problem, gram_of
 from analysis.diagnosis.starts import stack_white, starts_of
 from analysis.diagnosis.tuning import turned
@@ -29,6 +29,9 @@ _NEAR = 0.3
 """Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
 shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
 
+
+SURE = 0.99
+"""An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""
 
 IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
@@ -61,6 +64,11 @@ class Screen:
     freshness: Array
     threshold: float
 
+    @property
+    def price(self) -> float:
+        """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
+        return 2.0 * float(np.log(SURE / (1.0 - SURE)) + np.log(max(len({c.key for c in self.candidates}), 1)))
+
     def best_per_key(self) -> list[int]:
         """Return the index of the best start of each (effect, place), best first."""
         seen: dict[tuple[str, str], int] = {}
@@ -85,20 +93,25 @@ def settle(setting: Setting, fit: Fit) -> Setting:
 
 def tune(setting: Setting, passes: int = 4) -> tuple[Setting, Fit]:
     """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it."""
-    fit = retune(setting, np.zeros(len(setting.knobs)))
+    none = np.zeros(0)
+    fit = refit(setting, (), none, np.zeros(len(setting.knobs)))
     for _ in range(passes):
         setting = settle(setting, fit)
         before = fit.objective
-        fit = retune(setting, fit.change)
+        fit = refit(setting, (), none, fit.change)
         if abs(before - fit.objective) < 1e-4 * fit.objective:
             break
     return setting, fit
 
 
 def score(fit: Fit, known_noise: bool) -> float:
-    """Return the Bayesian information criterion of a fit: lower is better by twice the logarithm of the evidence."""
+    """Return minus twice the logarithm of the evidence of a fit (Laplace's approximation), up to a constant.
+
+    The price of a parameter is what the data narrowed it by: one that they do not determine costs nothing, and one
+    that has to be far from where it is plausible pays for the distance in the fit's penalty.
+    """
     misfit = fit.objective if known_noise else fit.rows * np.log(max(fit.objective, 1e-300))
-    return float(misfit + fit.values.size * np.log(fit.rows))
+    return float(misfit + 2.0 * fit.occam)
 
 
 def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
@@ -120,7 +133,9 @@ def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
 def _evidence(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
     reduced = gram.without(gram.knob_columns())
     solved = [gram.solve(reduced, i) for i in range(len(candidates))]
-    gains = gram.gains(reduced, float(reduced[0, 0]))
+    # the largest of M chance findings is larger by 2 log M than one of them
+    chosen = 2.0 * np.log([max(c.choices, 1) for c in candidates])
+    gains = np.maximum(gram.gains(reduced, float(reduced[0, 0])) - chosen, 0.0)
     maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
     threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
     return Screen(tuple(candidates), gains, tuple(s for _, s in solved), gram.freshness(reduced), threshold)
@@ -188,7 +203,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         with ThreadPoolExecutor(setting.workers) as pool:
             trials = list(pool.map(trial, range(len(picks))))
         top = min(trials, key=lambda f: score(f, known))
-        if score(top, known) >= score(best, known):
+        if score(top, known) + last.price >= score(best, known):
             rivals += trials
             break
         setting = replace(settle(setting, top), substeps=rules.substeps)
@@ -196,7 +211,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
         rivals = [*trials, _again(setting, rivals[0])]
         last = screen(setting, best, rules, scales)
-    best, pruned = _pruned(setting, best)
+    best, pruned = _pruned(setting, best, first.price)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last)
 
 
@@ -222,11 +237,11 @@ def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) ->
 def _again(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` refitted under a setting whose noise or starts have changed."""
     candidates, sizes = fit.held()
-    return refit(setting, candidates, sizes, fit.change, iterations=8)
+    return refit(setting, candidates, sizes, fit.change, steps=8, exact=True)
 
 
-def _pruned(setting: Setting, best: Fit) -> tuple[Fit, list[Fit]]:
-    """Return `best` without any effect that its score does not need, and the fits tried on the way."""
+def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
+    """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way."""
     tried: list[Fit] = []
     known = setting.whitener.repeats
     while len(best.candidates) > 1:
@@ -234,10 +249,10 @@ def _pruned(setting: Setting, best: Fit) -> tuple[Fit, list[Fit]]:
         for i in range(len(best.candidates)):
             keep = [k for k in range(len(best.candidates)) if k != i]
             candidates, sizes = best.held(keep)
-            smaller.append(refit(setting, candidates, sizes, best.change, iterations=8))
+            smaller.append(refit(setting, candidates, sizes, best.change, steps=8, exact=True))
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
-        if score(least, known) > score(best, known):
+        if score(least, known) > score(best, known) + price:
             break
         best = least
     return best, tried

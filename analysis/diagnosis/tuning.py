@@ -72,15 +72,22 @@ def turned(linear: ModalModel, knobs: list[Knob], change: Array) -> ModalModel:
     return linear.with_(**fields)
 
 
-def sensitivities(linear: ModalModel, knobs: list[Knob], u: Array, rate_hz: float) -> Array:
+def sensitivities(
+    linear: ModalModel, knobs: list[Knob], u: Array, rate_hz: float, *, through_delay: bool = True
+) -> Array:
     """Return the change of the outputs per unit of each knob, shape (n, n_y, n_knobs), by central differences.
 
-    Only the knob's own mode is simulated, so that the cost is that of two modes per knob.
+    `u` (n, n_u) are commands or, without `through_delay`, torques. Only the knob's own mode is simulated, so that the
+    cost is that of two modes per knob.
     """
     out = np.empty((u.shape[0], linear.n_outputs, len(knobs)))
     for k, knob in enumerate(knobs):
         sides = [
-            simulate(discretise(_only(turned(linear, [knob], np.array([sign * _STEP])), knob.mode), rate_hz), u)
+            simulate(
+                discretise(_only(turned(linear, [knob], np.array([sign * _STEP])), knob.mode), rate_hz),
+                u,
+                through_delay=through_delay,
+            )
             for sign in (1.0, -1.0)
         ]
         out[:, :, k] = (sides[0] - sides[1]) / (2.0 * _STEP)

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnosis.refit import Fit
+from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import IMITATED, Found, score
+from analysis.diagnosis.search import IMITATED, SURE, Found, score
 from sim_backend.effects.base import Effect
 from sim_backend.model import Model
-
-SURE = 0.99
-"""A cause is named when the rivals together have less than one chance in a hundred."""
 
 EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that

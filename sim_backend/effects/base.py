@@ -247,6 +247,14 @@ class Effect:
         """
         return [{}]
 
+    @classmethod
+    def choices(cls, view: RecordView) -> int:
+        """Return among how many independent shapes `guess` chose by looking at the residual; 1 when it did not look.
+
+        Noise alone stands out somewhere among so many, and a screening has to allow for it.
+        """
+        return 1
+
     def start(self) -> Array:
         """Return the state before the first sample, shape (n_state,)."""
         return np.zeros(self.n_state)

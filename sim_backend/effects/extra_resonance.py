@@ -35,6 +35,11 @@ class ExtraResonance(Effect):
         lines = [f for f in view.residual_lines_hz(4) if f > 0.0]
         return [{"frequency_hz": f, "damping_ratio": z} for f in lines for z in (0.005, 0.05)]
 
+    @classmethod
+    def choices(cls, view: RecordView) -> int:
+        """Return the number of lines that are compared: every frequency of the residual's spectrum."""
+        return view.residual.size // 2
+
     def retune(self, model: ModalModel, input_index: int, output_index: int) -> ModalModel:
         """Return `model` with the mode appended."""
         if self.is_neutral():

@@ -35,3 +35,8 @@ class PeriodicTorque(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the distances at which the residual repeats most."""
         return [{"period": max(distance, 1e-12)} for distance in view.residual_periods(4)]
+
+    @classmethod
+    def choices(cls, view: RecordView) -> int:
+        """Return the number of lines that are compared: every distance of the residual's spectrum over the position."""
+        return 1024

@@ -38,3 +38,8 @@ class VibrationLine(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the strongest lines of the residual."""
         return [{"frequency_hz": f} for f in view.residual_lines_hz(5) if f > 0.0]
+
+    @classmethod
+    def choices(cls, view: RecordView) -> int:
+        """Return the number of lines that are compared: every frequency of the residual's spectrum."""
+        return view.residual.size // 2

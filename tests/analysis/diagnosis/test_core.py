@@ -10,7 +10,7 @@ from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import Whitener, fit_ar, whitener_from
-from analysis.diagnosis.responses import free_responses, motion, simulate
+from analysis.diagnosis.responses import free_responses, simulate
 from analysis.diagnosis.starts import stack_white, start_of
 from analysis.diagnosis.tuning import knobs_of, sensitivities, turned
 from sim_backend.assembly import places_of, transducers_of
@@ -69,7 +69,11 @@ def test_simulation_is_the_exact_hold_of_scipy() -> None:
 def test_start_states_are_recovered_and_projected_out() -> None:
     linear, u = linear_model(), drive(800)
     states = np.array([[1e-3, 0.05], [2e-4, -0.1]])
-    y = motion(linear, u, RATE_HZ, states)[0] - motion(linear, u, RATE_HZ, np.zeros((2, 2)))[0]
+    moved, still = (
+        replay(linear, [], places_of(one_axis()), transducers_of(one_axis()), u, RATE_HZ, start=x)
+        for x in (states, np.zeros((2, 2)))
+    )
+    y = moved.position - still.position
     # the free response itself, against the matrix exponential
     from scipy.linalg import expm
 
@@ -181,14 +185,15 @@ def test_false_alarms_come_as_often_as_the_threshold_says() -> None:
 def test_signature_is_the_first_order_of_the_simulation() -> None:
     model, u = one_axis(), drive(2000)
     linear, places = model.linear(), places_of(model)
-    position, rate = motion(linear, u, RATE_HZ, np.zeros((2, 2)))
-    seen = Motion(u, position, rate, np.zeros_like(position), None)
+    position = simulate(discretise(linear, RATE_HZ), u)
+    rate = np.gradient(position, 1.0 / RATE_HZ, axis=0)
+    seen = Motion(u, position, position, rate, np.zeros_like(position), None)
     hidden = {"cubic-stiffness": {"stiffness": 20.0}, "coulomb-friction": {"torque": 1e-6, "breakaway_rate": 0.01}}
     for name, parameters in hidden.items():
         cls = effect_class(name)
         shapes = {k: v for k, v in parameters.items() if k in cls.shapes()}
         sizes = {k: v for k, v in parameters.items() if k in cls.sizes()}
-        column = signature(Candidate(cls, "theta_x", shapes, sizes), linear, places, seen, RATE_HZ)[:, 0, 0]
+        column = signature(Candidate(cls, "theta_x", shapes, sizes, shapes), linear, places, seen, RATE_HZ)[:, 0, 0]
         exact = replay(linear, [cls("theta_x", **parameters)], places, transducers_of(model), u, RATE_HZ, substeps=8)
         change = (exact.reading - position)[:, 0]
         # held over a sample, a motion-dependent torque acts half a sample late: pi f / rate = 5 % at 30 Hz
@@ -217,7 +222,8 @@ def test_descent_finds_what_scipy_finds() -> None:
 
 def test_every_effect_is_tried_at_every_place_it_can_act() -> None:
     model, u = one_axis(), drive(2000)
-    position, rate = motion(model.linear(), u, RATE_HZ, np.zeros((2, 2)))
+    position = simulate(discretise(model.linear(), RATE_HZ), u)
+    rate = np.gradient(position, 1.0 / RATE_HZ, axis=0)
     view = RecordView(
         RATE_HZ, u[:, 0], position[:, 0], rate[:, 0], 1e-6 * position[:, 0], np.linspace(70, 80, 2000), 30.0
     )

@@ -1,0 +1,113 @@
+"""A fitted hypothesis, and what stays the same while hypotheses are fitted to one data set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates import Candidate
+from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.noise import Whitener
+from analysis.diagnosis.starts import Start
+from analysis.diagnosis.tuning import Knob, turned
+from sim_backend import layout
+from sim_backend.assembly import Places
+from sim_backend.effects.base import Effect, Site
+from sim_backend.linear import ModalModel
+from sim_backend.replay import Motion, replay
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record."""
+
+    data: Dataset
+    nominal: ModalModel
+    known: tuple[Effect, ...]
+    places: Places
+    transducers: layout.Transducers
+    knobs: list[Knob]
+    whitener: Whitener
+    starts: tuple[Start, ...]
+    states: tuple[Array, ...]
+    substeps: int
+    workers: int = 2
+
+    @property
+    def rows(self) -> int:
+        """Number of fitted numbers: rows times outputs."""
+        return sum(int(r.fitted().sum()) for r in self.data.records) * self.data.n_outputs
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis: `change` of the knobs, the `effects`, and the objective with its parts.
+
+    `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
+    standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter). `occam`
+    is by how much the data narrowed all parameters, knobs included: the logarithm of the ratio of the prior's volume
+    to the posterior's.
+    """
+
+    candidates: tuple[Candidate, ...]
+    change: Array
+    effects: tuple[Effect, ...]
+    misfit: float
+    penalty: float
+    rows: int
+    occam: float
+    names: tuple[tuple[int, str], ...]
+    values: Array
+    std: Array
+    residuals: tuple[Array, ...]
+
+    @property
+    def objective(self) -> float:
+        """Twice the negative log posterior up to a constant."""
+        return self.misfit + self.penalty
+
+    def held(self, keep: Sequence[int] | None = None) -> tuple[list[Candidate], Array]:
+        """Return where another refit of these effects (or those numbered in `keep`) starts: shapes and sizes as fitted.
+
+        Sizes are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
+        """
+        chosen = range(len(self.effects)) if keep is None else keep
+        candidates, sizes = [], np.zeros(0)
+        for candidate, effect in ((self.candidates[i], self.effects[i]) for i in chosen):
+            candidates.append(replace(candidate, shapes={n: getattr(effect, n) for n in candidate.shapes}))
+            own = [getattr(effect, n) / unit for n, unit in candidate.unit_sizes.items()] or [1.0]
+            sizes = np.append(sizes, own)
+        return candidates, sizes
+
+
+def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> list[Motion]:
+    """Return every record replayed through `linear` with the known effects and `effects`.
+
+    Between samples only what acts on the structure changes; without such effects one step per sample is exact.
+    """
+    acting = [*setting.known, *effects]
+    substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
+    return [
+        replay(
+            linear,
+            acting,
+            setting.places,
+            setting.transducers,
+            record.u,
+            setting.data.rate_hz,
+            temperature_k=record.temperature_k,
+            start=states,
+            substeps=substeps,
+        )
+        for record, states in zip(setting.data.records, setting.states, strict=True)
+    ]
+
+
+def positions(setting: Setting, fit: Fit) -> list[Array]:
+    """Return the true positions (n, n_y) of every record under a fit."""
+    return [m.position for m in simulated(setting, turned(setting.nominal, setting.knobs, fit.change), fit.effects)]
