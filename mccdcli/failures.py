@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from sim_backend.errors import ConfigError, DataError, MccdError
 USAGE = ConfigError.exit_code
 BUG = 70  # EX_SOFTWARE of sysexits.h
 INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
+DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 BROKEN_PIPE = 141  # 128 + SIGPIPE
 
 
@@ -43,10 +45,12 @@ def exit_code_of(run: Callable[[], object]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except OSError as error:
-        # with a file name it is the state of the user's disk or folder; without one we forgot to say which
-        if error.filename is None:
+        # with a file name, or for these reasons, it is the state of the user's disk or folder
+        if error.filename is None and error.errno not in DISK:
             return _report_bug(error)
-        return _refuse(f"{os.fsdecode(error.filename)}: {error.strerror}", DataError.exit_code)
+        where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        fix = "check the folder, its rights and the free space"
+        return _refuse(f"{where}{error.strerror}; {fix}", DataError.exit_code)
     except Exception as error:
         return _report_bug(error)
 

@@ -49,7 +49,18 @@ def test_an_interrupt_ends_with_130(error: BaseException, capsys: pytest.Capture
 
 def test_the_state_of_the_disk_is_no_bug(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code_of(lambda: Path("/no/such/folder/file").read_text()) == 4
-    assert capsys.readouterr().err == "mccd: error: /no/such/folder/file: No such file or directory\n"
+    said = "/no/such/folder/file: No such file or directory; check the folder, its rights and the free space"
+    assert capsys.readouterr().err == f"mccd: error: {said}\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("arguments", [("bench", "list"), ("bench", "list", "--json"), ("--help",)])
+def test_a_full_disk_behind_the_standard_output_is_no_bug(arguments: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "mccdcli", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 4
+    assert done.stderr.startswith("mccd: error: No space left on device; check") and done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("division by zero"), OSError("no file named"), KeyError("x")])

@@ -1,5 +1,6 @@
 """What LogWriter leaves in the file, read back with plain h5py."""
 
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -10,8 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
-from campaigns.log import Channel, LogWriter, read_run
+from campaigns.log import Channel, LogWriter, read_run, verify
 from sim_backend.errors import ConfigError, DataError
+from tests.small_disk import on_small_disk
 
 BENCH = {"kind": "sim"}
 
@@ -211,12 +213,12 @@ del log
 """
 
 
-def check_cut_short(path: Path, result: subprocess.CompletedProcess[str], reason: str) -> int:
+def check_cut_short(path: Path, result: subprocess.CompletedProcess[str], reason: str, status: str) -> int:
     assert result.returncode == 0, result.stderr
     committed, message = result.stdout.split(" ", 1)
     assert f"cannot write the log {path}: {reason}" in message and message.count("\n") == 1
     with read_run(path) as run:
-        assert (run.status, run.rows) == ("crashed", int(committed))
+        assert (run.status, run.rows) == (status, int(committed))
         np.testing.assert_array_equal(run.read("z"), np.repeat(np.arange(run.rows // 512, dtype=float), 512))
     return int(committed)
 
@@ -226,26 +228,60 @@ def test_a_file_that_can_no_longer_be_written_is_a_clear_error_and_keeps_its_row
     path = tmp_path / "a.h5"
     command = [sys.executable, "-c", FILL_UP, str(path), "20"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert check_cut_short(path, result, "Bad file descriptor") == 20 * 512
+    assert check_cut_short(path, result, "Bad file descriptor", "crashed") == 20 * 512
 
 
 def test_a_full_disk_is_a_clear_error_and_keeps_the_committed_rows(tmp_path):
-    """A real small disk, mounted in a namespace of its own and copied out before it disappears."""
-    disk, path = tmp_path / "disk", tmp_path / "a.h5"
-    disk.mkdir()
-    mounted = 'mount -t tmpfs -o size=300k none "$1" || exit 77; "$2" -c "$3" "$1/a.h5" -1; code=$?; '
-    command = ["unshare", "-Urm", "sh", "-c", mounted + 'cp "$1/a.h5" "$4"; exit $code', "sh", str(disk)]
+    disk = tmp_path / "disk"
+    script = '"$1" -c "$2" "$3/a.h5" -1'
+    result = on_small_disk(disk, "300k", script, sys.executable, FILL_UP, str(disk))
+    # 300 kB hold 73 chunks of 4 kB, less the file's own tables, the 75 kB that segments may take and those of closing
+    assert check_cut_short(disk / "a.h5", result, "No space left on device", "failed") >= 20 * 512
+    assert verify(disk / "a.h5").ok
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="this system cannot take room before it is needed")
+@pytest.mark.parametrize("filled", [0, 100, 511, 512])
+def test_rows_that_have_their_room_fit_whatever_happens_to_the_rest_of_the_disk(tmp_path, filled):
+    """Rows in chunks of 512; after `reserve` others take all that is left, and the log is still completed."""
+    script = """
+import sys
+import numpy as np
+from campaigns.log import Channel, LogWriter
+channels = [Channel(n, "m", "output", n, 1e4) for n in "xyz"]
+with LogWriter.create("a.h5", channels, test="t", bench={}, chunk_rows=512) as log:
+    filled, rows = int(sys.argv[1]), 5000
+    log.append({n: np.arange(filled, dtype=float) for n in "xyz"})
+    log.reserve(rows)
     try:
-        result = subprocess.run(
-            [*command, sys.executable, FILL_UP, str(path)], capture_output=True, text=True, timeout=60
-        )
-    except FileNotFoundError:
-        pytest.skip("needs unshare to make a small disk")
-    if result.returncode == 77 or "unshare" in result.stderr:
-        pytest.skip(f"may not make a small disk here: {result.stderr.strip()}")
-    result.stdout = result.stdout.replace(str(disk / "a.h5"), str(path))
-    # 300 kB hold 73 chunks of 4 kB, less the file's own tables and the 75 kB that the segments may take
-    assert check_cut_short(path, result, "No space left on device") >= 40 * 512
+        with open("ballast", "wb", buffering=0) as ballast:
+            while ballast.write(bytes(4096)):
+                pass
+    except OSError as error:
+        assert error.errno == 28
+    for first in range(filled, filled + rows, 100):
+        with log.segment(f"from {first}", {}):
+            log.append({n: np.arange(first, first + 100, dtype=float) for n in "xyz"})
+"""
+    disk = tmp_path / "disk"
+    done = on_small_disk(disk, "1m", '"$1" -c "$2" "$3"', sys.executable, script, str(filled))
+    assert (done.returncode, done.stderr) == (0, "")
+    with read_run(disk / "a.h5") as run:
+        assert (run.status, run.rows) == ("complete", filled + 5000)
+        assert all(np.array_equal(run.read(name), np.arange(run.rows)) for name in "xyz")
+    assert verify(disk / "a.h5").ok
+
+
+def test_room_that_was_not_needed_is_given_back(tmp_path, channels):
+    sizes = []
+    for rows in (0, 10**6):
+        path = tmp_path / f"{rows}.h5"
+        with LogWriter.create(
+            path, channels, test="t", bench=BENCH, run_uid="x", started_utc="2026-01-01T00:00Z"
+        ) as log:
+            log.reserve(rows)
+        sizes.append(path.stat().st_size)
+    assert sizes[0] == sizes[1] < 2**17
 
 
 def test_writing_with_checksums_keeps_up_with_fifty_benches(tmp_path):
