@@ -39,8 +39,8 @@ class Reach:
     command: Array
 
     def scaled(self, level: float) -> Reach:
-        """Return the same axes with `level` times the command."""
-        return Reach(self.axes, level * self.command)
+        """Return the same axes with `level` times the command, in two digits, as a person would set it."""
+        return Reach(self.axes, np.array([rounded(level * c) for c in self.command]))
 
     def sizes(self, bench: Bench) -> dict[str, float]:
         """Return the largest command on an angle as `torque`, the smallest among the axes, and that on z as `force`.
@@ -90,8 +90,8 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     def changes(self) -> dict[str, Any]:
         """Return the settings that differ from the plan's defaults, as plain values."""
-        usual = type(self)().settings()
-        return {name: value for name, value in self.settings().items() if value != usual[name]}
+        usual, own = (msgspec.json.decode(msgspec.json.encode(plan)) for plan in (type(self)(), self))
+        return {name: value for name, value in own.items() if value != usual[name]}
 
     @classmethod
     def of(cls, settings: dict[str, Any]) -> Self:
@@ -132,6 +132,11 @@ class Estimate:
     limit_current_a: float
     peak_reference: dict[str, float]
     limit_reference: dict[str, float]
+
+
+def rounded(value: float) -> float:
+    """Return `value` in two digits."""
+    return float(f"{value:.2g}")
 
 
 def rate_of(bench: Bench) -> float:

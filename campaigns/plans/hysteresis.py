@@ -9,7 +9,18 @@ from typing import ClassVar, Self
 import numpy as np
 
 from campaigns.design import Design
-from campaigns.plans.base import Plan, Reach, axis_of, channels_of, on_axis, open_loop, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import (
+    Plan,
+    Reach,
+    axis_of,
+    channels_of,
+    on_axis,
+    open_loop,
+    rate_of,
+    rounded,
+    samples_of,
+    smooth_ramp,
+)
 from sim_backend.bench import Bench, Segment
 from sim_backend.control.feedforward import StepInput
 
@@ -54,7 +65,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
             for frequency_hz, cycles in ((0.5, 2), (5.0, 8)):
                 yield cls(
                     axis=axis,
-                    torques_nm=(0.3 * top, 0.6 * top, top),
+                    torques_nm=(rounded(0.3 * top), rounded(0.6 * top), top),
                     frequency_hz=frequency_hz,
                     cycles=cycles,
                     offsets_rad=(),

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, samples_of
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, rounded, samples_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -57,8 +57,8 @@ class Multisine(Plan, frozen=True, kw_only=True):
         for stop_hz, period_s in ((min(2000.0, 0.4 * rate_of(bench)), 0.5), (20.0, 2.0)):
             yield cls(
                 axes=reach.axes,
-                torque_rms_nm=sizes.get("torque", cls().torque_rms_nm) / PEAK_FACTOR,
-                force_rms_n=sizes.get("force", cls().force_rms_n) / PEAK_FACTOR,
+                torque_rms_nm=rounded(sizes["torque"] / PEAK_FACTOR) if "torque" in sizes else cls().torque_rms_nm,
+                force_rms_n=rounded(sizes["force"] / PEAK_FACTOR) if "force" in sizes else cls().force_rms_n,
                 stop_hz=stop_hz,
                 period_s=period_s,
                 start_hz=1.0 / period_s,

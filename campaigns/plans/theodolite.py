@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from campaigns.design import feedback_of
-from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, rounded, samples_of, smooth_ramp
 from sim_backend.bench import Bench, Gate, Segment
 
 
@@ -42,7 +42,7 @@ class Theodolite(Plan, frozen=True, kw_only=True):
             return
         limit = bench.limits.reference[[bench.axes.index("theta_x"), bench.axes.index("theta_y")]]
         if np.all(np.isfinite(limit)):
-            x, y = (0.7 * limit).tolist()
+            x, y = (rounded(0.7 * each) for each in limit.tolist())
             yield cls(x_rad=(-x, 0.0, x), y_rad=(-y, 0.0, y), radius_rad=float(np.max(limit)))
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
