@@ -22,6 +22,11 @@ Mask = NDArray[np.bool_]
 
 _MAX_ORDER = 40
 _BAND_ROWS, _MAX_BANDS = 12, 24
+_KNOWN_ROWS = 24
+"""The mean square of so many normal numbers is known to 30 %."""
+
+_GROWTH = 1.5
+"""Ratio of a band's edges: spectra of noise are smooth on a logarithmic scale, and high bands hold rows enough."""
 _MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
 
@@ -32,8 +37,7 @@ class Whitener:
 
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
     apart from any error of the model. `edges` (k + 1,) in cycles per sample and `levels` (n_y, k) say how much stronger
-    than white the filtered noise still is in the lowest bands, which neither differences of periods nor a short filter
-    can see.
+    than white the filtered noise still is in the bands that the filter is too short for.
     """
 
     taps: Array
@@ -45,6 +49,11 @@ class Whitener:
     def order(self) -> int:
         """Length of the filter's memory in samples."""
         return int(self.taps.shape[1]) - 1
+
+    @property
+    def outputs(self) -> range:
+        """Numbers of the outputs."""
+        return range(self.taps.shape[0])
 
     def apply(self, values: Array, output: int) -> Array:
         """Return `values` (n, k) of one output, whitened, same shape; the start is filtered from zeros."""
@@ -149,37 +158,83 @@ def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = 
 
 
 def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:
-    """Return the whitener with the levels of the bands below what its filter was estimated from.
+    """Return the whitener with the levels of low bands, for which its filter is too short.
 
-    Medians, so that the lines of a periodic excitation, where an error of the model stands, do not count as noise.
+    Below two lines of the period, where differences of periods see nothing, levels are medians of the residual, so
+    that the lines of a periodic excitation, where an error of the model stands, do not count as noise. Above, where
+    there are differences, levels are their means: they hold noise alone.
     """
     periods = [w.period for r in data.records for w in r.windows if w.period]
     highest = min(2.0 / min(periods) if plain.repeats and periods else 0.5 / max(plain.order, 1), 0.25)
-    bands = []
-    for o in range(data.n_outputs):
-        found = []
-        for record, residual in zip(data.records, residuals, strict=True):
-            white = plain.apply(residual[:, o : o + 1], o)[:, 0]
-            for start, stop in runs_of(record.fitted()):
-                power = dct(white[start:stop], norm="ortho") ** 2
-                found.append((np.arange(stop - start) / (2.0 * (stop - start)), power))
-        bands.append((np.concatenate([f for f, _ in found]), np.concatenate([p for _, p in found])))
-    below = np.sort(bands[0][0][bands[0][0] < highest])
+    whole = [
+        [(r[:, o], record.fitted()) for record, r in zip(data.records, residuals, strict=True)] for o in plain.outputs
+    ]
+    edges, levels = _levels([_powers(plain, parts, o) for o, parts in enumerate(whole)], highest)
+    if not plain.repeats:
+        return Whitener(plain.taps, False, edges, levels)
+    repeated = [
+        [
+            part
+            for record, r in zip(data.records, residuals, strict=True)
+            for part in _differences(record.windows, r[:, o])
+        ]
+        for o in plain.outputs
+    ]
+    more, upper = _repeated_levels([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest)
+    if edges.size < 2:
+        edges, levels = np.array([highest]), np.ones((len(repeated), 0))
+    return Whitener(plain.taps, True, np.concatenate([edges, more]), np.concatenate([levels, upper], axis=1))
+
+
+def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tuple[Array, Array]:
+    """Return frequency (cycles per sample) and power of all rows of the whitened series in `parts`."""
+    frequency, power = [np.zeros(0)], [np.zeros(0)]
+    for x, mask in parts:
+        white = plain.apply(x[:, None], output)[:, 0]
+        for start, stop in runs_of(mask):
+            power.append(dct(white[start:stop], norm="ortho") ** 2)
+            frequency.append(np.arange(stop - start) / (2.0 * (stop - start)))
+    return np.concatenate(frequency), np.concatenate(power)
+
+
+def _levels(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
+    """Return edges and levels of the bands below `highest` from medians; nothing where there are too few rows."""
+    below = np.sort(spectra[0][0][spectra[0][0] < highest])
     count = min(below.size // _BAND_ROWS, _MAX_BANDS)
     if count < 1:
-        return plain
+        return np.zeros(1), np.zeros((len(spectra), 0))
     # bands hold growing numbers of rows, so that they are narrow where the level changes fast
     share = np.linspace(0.0, 1.0, count + 1) ** 2
     at = np.unique(np.maximum((share * below.size).astype(int), _BAND_ROWS * np.arange(count + 1)))
     edges = np.append(below[np.minimum(at[:-1], below.size - 1)], highest)
-    levels = np.ones((data.n_outputs, edges.size - 1))
-    for o, (frequency, power) in enumerate(bands):
+    levels = np.ones((len(spectra), edges.size - 1))
+    for o, (frequency, power) in enumerate(spectra):
         band = np.searchsorted(edges, frequency, side="right") - 1
         for b in range(edges.size - 1):
             inside = power[band == b]
             if inside.size:
                 levels[o, b] = max(1.0, float(np.median(inside)) / _MEDIAN_OF_SQUARE)
-    return Whitener(plain.taps, plain.repeats, edges, levels)
+    return edges, levels
+
+
+def _repeated_levels(spectra: list[tuple[Array, Array]], lowest: float) -> tuple[Array, Array]:
+    """Return upper edges and levels of the bands above `lowest`, each wide enough for its mean."""
+    frequency = np.sort(spectra[0][0][spectra[0][0] >= lowest])
+    edges, at = [lowest], 0
+    while frequency.size - at >= 2 * _KNOWN_ROWS:
+        at = max(at + _KNOWN_ROWS, int(np.searchsorted(frequency, _GROWTH * edges[-1])))
+        if at >= frequency.size - _KNOWN_ROWS:
+            break
+        edges.append(float(frequency[at]))
+    edges.append(0.5)
+    levels = np.ones((len(spectra), len(edges) - 1))
+    for o, (f, power) in enumerate(spectra):
+        band = np.searchsorted(edges, f, side="right") - 1
+        for b in range(len(edges) - 1):
+            inside = power[band == b]
+            if inside.size >= _KNOWN_ROWS:
+                levels[o, b] = float(inside.mean())
+    return np.array(edges[1:]), levels
 
 
 def _differences(windows, x: Array) -> list[tuple[Array, Mask]]:  # type: ignore[no-untyped-def]
