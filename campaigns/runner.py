@@ -79,6 +79,7 @@ def run_plan(
         run_uid=run_uid,
         tool_version=tool_version(),
         tool_commit=tool_commit(),
+        expected_rows=total.samples,
     )
     with _own(interrupts) as signals, writer:
         try:

@@ -30,6 +30,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.bench_list:list_benches",
             "List the benches that --bench can name, and the models that a simulated one can run.",
         ),
+        "watch": Entry(
+            "mccdcli.commands.watch:watch",
+            "Watch a run while it is recorded: angles, residual against a model, status, time left.",
+        ),
         "campaign list": Entry(
             "mccdcli.commands.campaign_list:list_campaigns",
             "List the campaigns that come with mccd, or the plans that campaigns are made of.",

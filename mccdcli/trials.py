@@ -144,7 +144,7 @@ def _described(one: Estimate) -> tuple[str, ...]:
     for axis, peak in one.peak_reference.items():
         if peak:
             unit = "m" if axis == "z" else "rad"
-            reach.append(f"{axis} {_quantity(peak, unit)} of {_quantity(one.limit_reference[axis], unit)}")
+            reach.append(f"{axis} {quantity(peak, unit)} of {quantity(one.limit_reference[axis], unit)}")
     current = f"{one.peak_current_a:.3g} of {one.limit_current_a:.3g} A"
     return (str(one.segments), *_amount([one]), current, ", ".join(reach) or "none")
 
@@ -165,7 +165,7 @@ def conclude(
     ok = all(check.ok for check in checks)
     described = [{**plain(check), "ok": check.ok} for check in checks]
     rows = [
-        (c.name, _quantity(c.value, c.unit), "" if c.limit is None else _quantity(c.limit, c.unit), _verdict(c))
+        (c.name, quantity(c.value, c.unit), "" if c.limit is None else quantity(c.limit, c.unit), _verdict(c))
         for c in checks
     ]
     text = "\n\n".join(
@@ -188,7 +188,8 @@ def _verdict(check: Check) -> str:
     return "ok" if check.ok else "FAILED"
 
 
-def _quantity(value: float, unit: str) -> str:
+def quantity(value: float, unit: str) -> str:
+    """Return a value in SI as people read it, in four digits."""
     scales = [scale for scale in SHOWN.get(unit, ((0.0, unit, 1.0),)) if abs(value) >= scale[0]]
     _, name, per = scales[-1] if scales else (0.0, unit, 1.0)
     return f"{value * per:.4g} {name}"

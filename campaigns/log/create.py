@@ -10,14 +10,29 @@ import h5py
 import numpy as np
 
 from campaigns.log.room import header_bytes, take
-from campaigns.log.schema import CHANNELS, COMMITTED, SCHEMA, SEGMENTS, Channel, Header, segment_dtype, to_json
+from campaigns.log.schema import (
+    CHANNELS,
+    COMMITTED,
+    EXPECTED,
+    SCHEMA,
+    SEGMENTS,
+    Channel,
+    Header,
+    segment_dtype,
+    to_json,
+)
 from sim_backend.errors import ConfigError
 
 SEGMENTS_PER_CHUNK = 64
 
 
 def lay_out(
-    file: h5py.File, header: Header, channels: tuple[Channel, ...], chunk_rows: int, settings_bytes: int
+    file: h5py.File,
+    header: Header,
+    channels: tuple[Channel, ...],
+    chunk_rows: int,
+    settings_bytes: int,
+    expected_rows: int | None,
 ) -> None:
     """Write the header, the empty channels, the empty table of segments and the counter into a new file.
 
@@ -34,6 +49,8 @@ def lay_out(
             file.attrs["bench"] = storable(to_json(value, "bench identity"))
         else:
             file.attrs[field.name] = storable(value)
+    if expected_rows is not None:
+        file.attrs[EXPECTED] = np.int64(expected_rows)
     group = file.create_group(CHANNELS)
     for index, channel in enumerate(channels):
         dataset = group.create_dataset(

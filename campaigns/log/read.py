@@ -25,6 +25,7 @@ from campaigns.log.guard import (
 from campaigns.log.schema import (
     CHANNELS,
     COMMITTED,
+    EXPECTED,
     OPEN_STATUS,
     OPEN_STOP,
     SCHEMA,
@@ -45,8 +46,9 @@ _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
 class Run:
     """One recorded run, opened by `probe.read_run`; close it or use it as a context manager.
 
-    `rows` is the number of committed rows of every channel; nothing beyond is ever read. `channels` and
-    `segments` describe, `read`, `window` and `blocks` give values in SI units.
+    `rows` is the number of committed rows of every channel; nothing beyond is ever read. `expected_rows` is what a
+    complete run has, None where nobody knew. `channels` and `segments` describe, `read`, `window` and `blocks` give
+    values in SI units.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class Run:
     segments: tuple[LogSegment, ...]
     _file: h5py.File = field(repr=False, compare=False)
     _datasets: Mapping[str, h5py.Dataset] = field(repr=False, compare=False)
+    expected_rows: int | None = None
 
     @property
     def run_uid(self) -> str:
@@ -212,7 +215,17 @@ def _described_run(path: Path, file: h5py.File) -> Run:
     rows = _committed(path, file)
     datasets, channels = _channels(path, group, rows)
     segments = _segments(path, file, rows)
-    return Run(path, header, rows, MappingProxyType(channels), segments, file, MappingProxyType(datasets))
+    expected = number_attribute(file, EXPECTED, path)
+    return Run(
+        path,
+        header,
+        rows,
+        MappingProxyType(channels),
+        segments,
+        file,
+        MappingProxyType(datasets),
+        None if expected is None else int(expected),
+    )
 
 
 def _header(path: Path, file: h5py.File) -> Header:

@@ -23,6 +23,7 @@ HELD_OUT = "held-out"
 CHANNELS = "channels"
 SEGMENTS = "segments"
 COMMITTED = "committed_rows"
+EXPECTED = "expected_rows"
 OPEN_STOP = -1
 LABEL_BYTES = 128
 MAX_NAME_BYTES = 128

@@ -85,12 +85,13 @@ class LogWriter:
         tool_commit: str = "unknown",
         chunk_rows: int = CHUNK_ROWS,
         settings_bytes: int = SETTINGS_BYTES,
+        expected_rows: int | None = None,
     ) -> LogWriter:
         """Make the file, complete with its header, under a hidden name and only then give it its own.
 
         `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the room
-        for each segment's settings as JSON. Raises ConfigError for an existing path or a header that a log
-        cannot hold, DataError when the file cannot be made.
+        for each segment's settings as JSON, `expected_rows` how long a complete run is. Raises ConfigError for an
+        existing path or a header that a log cannot hold, DataError when the file cannot be made.
         """
         header = Header(
             run_uid=uuid.uuid4().hex if run_uid is None else run_uid,
@@ -115,7 +116,7 @@ class LogWriter:
         try:
             file = h5py.File(hidden, "x")
             try:
-                lay_out(file, header, columns, chunk_rows, settings_bytes)
+                lay_out(file, header, columns, chunk_rows, settings_bytes, expected_rows)
                 file.flush()
                 give_name(hidden, target)
             except BaseException:

@@ -1,0 +1,129 @@
+"""`mccd watch` beside a process that writes: it sees the run grow, is right about it, and leaves it alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, dlsim
+
+from analysis.watching import Watch
+from campaigns.log import Channel, LogWriter, read_run, verify
+from mccdcli.main import main
+from sim_backend.model import dump_model
+from tests.small_bench import bench_model
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def writing(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
+    """A log that a process of its own is writing, ten segments with a pause after each."""
+    log = tmp_path / "run.h5"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.campaigns.slow_run", "run", str(log), "-"],
+        cwd=ROOT,
+        env=os.environ | {"SLOW_S": "0.15"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    yield log, process
+    process.kill()
+    process.communicate()
+
+
+def test_it_follows_a_run_to_its_end_without_disturbing_it(writing, tmp_path, capsys):
+    log, process = writing
+    model = tmp_path / "model.toml"
+    model.write_text(dump_model(bench_model()), encoding="utf-8")
+    assert main(["watch", str(log), "--wait", "--every", "0.1", "--model", str(model), "--json"]) == 0
+    seen = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert process.communicate(timeout=30)[0].splitlines()[-1] == "complete"
+
+    # it grew before its eyes, and was known to be running
+    assert len(seen) > 4 and {one["status"] for one in seen[:-1]} == {"running"} and seen[-1]["status"] == "complete"
+    assert all(a["rows"] <= b["rows"] for a, b in pairwise(seen)) and seen[0]["rows"] < seen[-1]["rows"]
+    with read_run(log) as run:
+        assert {one["expected_rows"] for one in seen} == {run.rows} == {seen[-1]["rows"]}
+        assert seen[-1]["readings"][0]["last"] == run.read(seen[-1]["readings"][0]["name"])[-1]
+        assert seen[-1]["segment"] == run.segments[-1].label
+    left = [one["left_s"] for one in seen if one["left_s"] is not None]
+    assert left and left[-1] == 0.0 and max(left) < 60.0
+
+    # the writer ended as if nobody had looked: every chunk and the checksum are right
+    assert verify(log).ok
+
+    # the residual, against another simulation of the same model over the same seconds
+    with read_run(log) as run:
+        u = np.zeros((run.rows, 3))  # the sweep drives θx alone
+        u[:, 0] = run.read(run.names("input")[0])
+        names = [port.name for port in bench_model().outputs]
+        a, b, c, d = bench_model().linear().state_space()
+        ad, bd, cd, dd, dt = cont2discrete((a, b, c, d), 1.0 / run.sample_rate_hz)
+        _, simulated, _ = dlsim((ad, bd, cd, dd, dt), u)
+        last = slice(run.rows - round(2.0 * run.sample_rate_hz), None)
+        for k, name in enumerate(names):
+            expected = np.sqrt(np.mean((run.read(name)[last] - simulated[last, k]) ** 2))
+            assert seen[-1]["misfits"][k]["residual_rms"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_once_shows_a_finished_run_as_text_and_as_json(tmp_path, capsys):
+    path = tmp_path / "run.h5"
+    angle = 1e-3 * np.sin(np.linspace(0.0, 20.0, 1000))
+    with LogWriter.create(
+        path, [Channel("theta_x", "rad", "output", "theta_x", 1e4)], test="chop", bench={}, expected_rows=4000
+    ) as log:
+        with log.segment("half way", {}):
+            log.append({"theta_x": angle})
+        log.set_status("paused", "by hand\x1b[2J")
+    assert main(["watch", str(path), "--once"]) == 0
+    out = capsys.readouterr().out
+    assert "paused (by hand\\x1b[2J)" in out and "1000 of 4000 rows (25%)" in out and "0 s" in out
+    assert "\x1b" not in out and "▁" in out and "█" in out
+    assert main(["watch", str(path), "--once", "--json"]) == 0
+    one = json.loads(capsys.readouterr().out)
+    reading = one["readings"][0]
+    assert (reading["last"], reading["low"], reading["high"]) == (angle[-1], angle.min(), angle.max())
+
+
+def test_a_run_that_failed_is_a_failed_check_and_a_missing_one_is_refused(tmp_path, capsys):
+    path = tmp_path / "run.h5"
+    with pytest.raises(ValueError, match="broken"):
+        with LogWriter.create(path, [Channel("a", "rad", "output", "", 1e4)], test="t", bench={}):
+            raise ValueError("broken")
+    assert main(["watch", str(path)]) == 1
+    assert main(["watch", str(tmp_path / "none.h5"), "--once"]) == 4
+    assert "none.h5" in capsys.readouterr().err
+
+
+def test_a_delay_and_blocks_of_any_length_give_what_one_pass_gives(tmp_path):
+    # two samples and a part of one
+    model = msgspec.structs.replace(bench_model(), delay_s={"torque_x": 2.3e-4})
+    rng = np.random.default_rng(5)
+    u = 1e-3 * rng.normal(size=(3000, 3))
+    ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
+    channels = [Channel(p.name, p.unit, "input", p.dof, 1e4) for p in model.inputs]
+    channels += [Channel(p.name, p.unit, "output", p.dof, 1e4) for p in model.outputs]
+    late = np.concatenate([np.zeros((3, 3)), u])
+    shifted = u.copy()
+    shifted[:, 0] = (0.7 * late[1:-2] + 0.3 * late[:-3])[:3000, 0]
+    a, b, c, d = model.linear().state_space()
+    _, simulated, _ = dlsim(cont2discrete((a, b, c, d), 1e-4), shifted)
+    watch = Watch(tmp_path, model, window_s=0.05)
+    for stop in (1, 700, 701, 3000):
+        # the file as it stood then; one process cannot write a file and read it without a lock
+        watch.path = tmp_path / f"{stop}.h5"
+        with LogWriter.create(watch.path, channels, test="t", bench={}, chunk_rows=7) as log:
+            log.append(dict(zip(ins + outs, np.hstack([u[:stop], simulated[:stop]]).T, strict=True)))
+        seen = watch.look(time.monotonic())
+        # rounding of a recursion over 3000 samples, against outputs of up to 1e-4
+        assert seen.rows == stop and max(one.residual_rms for one in seen.misfits) < 1e-14
