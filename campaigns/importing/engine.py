@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from sim_backend.errors import ConfigError, DataError, MccdError
 Array = NDArray[np.float64]
 # Two parts of one clock: stamps rounded to 1 % of a period fix the rate of 100 samples to 1e-4.
 RATE_AGREEMENT = 1e-4
+MOST_OPEN = 8
+"""Some sources are processes, and a map may name thousands of files."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +53,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Files:
-    """The sources of one import, each opened once."""
+    """The sources of one import, the last few of them open; `used` names them all."""
 
     folder: Path
     map: ImportMap
+    closing: ExitStack
     opened: dict[str, Source] = field(default_factory=dict)
+    used: dict[str, Path] = field(default_factory=dict)
 
     def source(self, wanted: str | None, part: PartMap | None, what: str) -> Source:
         """Return the file that `wanted` names or is, by default the part's, by default the log's."""
@@ -64,7 +69,11 @@ class _Files:
         named = self.map.sources | (part.sources if part else {})
         name = named.get(given, given)
         if name not in self.opened:
-            self.opened[name] = open_source(self.folder / name, self.map.log.delimiter, self.map.log.decimal)
+            if len(self.opened) == MOST_OPEN:
+                self.closing.close()
+                self.opened.clear()
+            log, self.used[name] = self.map.log, self.folder / name
+            self.opened[name] = open_source(self.folder / name, self.closing, log.delimiter, log.decimal)
         return self.opened[name]
 
 
@@ -80,9 +89,10 @@ def import_run(map_path: str | os.PathLike[str], target: str | os.PathLike[str])
         raise ConfigError(f"{target} exists and a log never overwrites: choose another path")
     try:
         units = {name: _unit(name, channel.unit) for name, channel in found.channels.items()}
-        files = _Files(path.parent, found)
         wanted: Sequence[PartMap | None] = found.parts or (None,)
-        parts = [_gather(files, part, units) for part in wanted]
+        with ExitStack() as closing:
+            files = _Files(path.parent, found, closing)
+            parts = [_gather(files, part, units) for part in wanted]
         for name, channel in found.channels.items():
             check_varies([part.columns[name] for part in parts], name, channel)
         rate_hz = _common_rate(parts)
@@ -202,7 +212,7 @@ def _explicit(found: ImportMap, rows: int, period: Mapping[str, int]) -> list[Lo
 
 
 def _configuration(text: str, files: _Files) -> str:
-    sources = [{"file": name, "sha256": sha256_of(source.path)} for name, source in sorted(files.opened.items())]
+    sources = [{"file": name, "sha256": sha256_of(path)} for name, path in sorted(files.used.items())]
     return json.dumps({"map": text, "sources": sources}, ensure_ascii=False)
 
 

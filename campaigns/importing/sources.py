@@ -1,4 +1,8 @@
-"""Files that data can be imported from: one class per kind, all asked for arrays by name."""
+"""Files that data can be imported from: one class per kind, all asked for arrays by name.
+
+The parsers of text and of numpy's files are Python's own and cannot crash; HDF5 and MATLAB files are read by a
+process of its own, see `isolated`.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +10,20 @@ import difflib
 import math
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
-import h5py
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
+from campaigns.importing.isolated import IsolatedSource
+from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.importing.selecting import parse_selection
 from campaigns.importing.text import TextSource
-from campaigns.log.guard import (
-    FREE_BYTES,
-    MAX_EXPANSION,
-    check_dataset,
-    first_line,
-    link_names,
-    member,
-    open_h5,
-    refuse,
-)
+from campaigns.log.guard import refuse
 from sim_backend.errors import ConfigError, DataError
 
 AnyArray = NDArray[Any]
@@ -62,7 +58,7 @@ class NpySource:
         try:
             return np.load(self.path, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, TypeError, EOFError, SyntaxError, OverflowError, MemoryError) as error:
-            raise _unreadable(self.path, error) from None
+            raise unreadable(self.path, error) from None
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ class NpzSource:
             with zipfile.ZipFile(self.path) as archive:
                 found = archive.infolist()
         except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as error:
-            raise _unreadable(self.path, error) from None
+            raise unreadable(self.path, error) from None
         return {entry.filename.removesuffix(".npy"): entry for entry in found}
 
     def names(self) -> list[str]:
@@ -89,7 +85,7 @@ class NpzSource:
         entry = self._members.get(name)
         if entry is None:
             return None
-        _check_expansion(self.path, name, entry.file_size, entry.compress_size)
+        check_expansion(self.path, name, entry.file_size, entry.compress_size)
         try:
             with zipfile.ZipFile(self.path) as archive, archive.open(entry) as stream:
                 version = np.lib.format.read_magic(stream)
@@ -112,79 +108,17 @@ class NpzSource:
             MemoryError,
             zipfile.BadZipFile,
         ) as error:
-            raise _unreadable(self.path, error) from None
-
-
-@dataclass(frozen=True)
-class Hdf5Source:
-    """Datasets of an HDF5 file by their path; those of a MATLAB 7.3 file with the axes in MATLAB's order."""
-
-    path: Path
-    matlab: bool = False
-
-    def names(self) -> list[str]:
-        """Return the names at the top of the file."""
-        with open_h5(self.path) as file:
-            return [name for name in link_names(file, self.path) if not name.startswith("#")]
-
-    def array(self, name: str) -> AnyArray | None:
-        """Return the dataset at that path, None when there is none; raises DataError when it is refused."""
-        with open_h5(self.path) as file:
-            found: h5py.Group | h5py.Dataset = file
-            for step in name.replace(".", "/").split("/") if self.matlab else name.strip("/").split("/"):
-                if not isinstance(found, h5py.Group) or step not in link_names(found, self.path):
-                    return None
-                found = member(found, step, self.path)
-            if not isinstance(found, h5py.Dataset):
-                return None
-            check_dataset(found, self.path, name)
-            try:
-                values = np.asarray(found[()])
-            except (OSError, RuntimeError, ValueError, TypeError, MemoryError) as error:
-                raise _unreadable(self.path, error) from None
-        return values.T if self.matlab else values
-
-
-@dataclass(frozen=True)
-class MatSource:
-    """Variables of a MATLAB file up to version 7; a field of a structure is selected as `structure.field`."""
-
-    path: Path
-    _shapes: dict[str, tuple[int, ...]] = field(default_factory=dict, repr=False)
-
-    def names(self) -> list[str]:
-        """Return the names of the variables; raises DataError when the file is damaged."""
-        if not self._shapes:
-            found = self._parse(lambda: scipy.io.whosmat(self.path))
-            self._shapes.update({name: tuple(shape) for name, shape, _ in found})
-        return list(self._shapes)
-
-    def array(self, name: str) -> AnyArray | None:
-        """Return the variable or field of that name, None when there is none; raises DataError when damaged."""
-        variable, *fields = name.split(".")
-        if variable not in self.names():
-            return None
-        size = 8 * math.prod(int(length) for length in self._shapes[variable])
-        _check_expansion(self.path, variable, size, self.path.stat().st_size)
-        found = self._parse(lambda: scipy.io.loadmat(self.path, variable_names=[variable])[variable])
-        for step in fields:
-            if not isinstance(found, np.ndarray) or found.size != 1 or step not in (found.dtype.names or ()):
-                return None
-            found = found[step].flat[0]
-        return found if isinstance(found, np.ndarray) else None
-
-    def _parse(self, read: Callable[[], Any]) -> Any:
-        try:
-            return read()
-        except Exception as error:  # a parser of foreign bytes fails in any way; there is no narrower class
-            raise _unreadable(self.path, error) from None
+            raise unreadable(self.path, error) from None
 
 
 SUFFIXES = (".csv", ".tsv", ".npy", ".npz", ".mat", ".h5", ".hdf5")
 
 
-def open_source(path: Path, delimiter: str | None = None, decimal: str = ".") -> Source:
-    """Return the source for the file at `path` by its suffix; raises DataError when it is none of `SUFFIXES`."""
+def open_source(path: Path, closing: ExitStack, delimiter: str | None = None, decimal: str = ".") -> Source:
+    """Return the source for the file at `path` by its suffix; what it holds open is let go with `closing`.
+
+    Raises DataError when the suffix is none of `SUFFIXES`.
+    """
     if not path.is_file():
         raise DataError(f"source {path} is no file: check the path, which counts from the map's folder")
     kind = path.suffix.lower()
@@ -194,10 +128,8 @@ def open_source(path: Path, delimiter: str | None = None, decimal: str = ".") ->
         return NpySource(path)
     if kind == ".npz":
         return NpzSource(path)
-    if kind == ".mat":
-        return Hdf5Source(path, matlab=True) if h5py.is_hdf5(path) else MatSource(path)
-    if kind in (".h5", ".hdf5"):
-        return Hdf5Source(path)
+    if kind in (".mat", ".h5", ".hdf5"):
+        return closing.enter_context(IsolatedSource(path))
     raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join(SUFFIXES)}")
 
 
@@ -223,14 +155,3 @@ def select(source: Source, text: str) -> AnyArray:
         raise ConfigError(
             f"select '{text}' does not fit {source.path}, which holds shape {found.shape}: correct the indices"
         ) from None
-
-
-def _check_expansion(path: Path, item: str, size: int, stored: int) -> None:
-    limit = max(MAX_EXPANSION * stored, FREE_BYTES)
-    if size > limit:
-        what = f"unpacks to {size} bytes of at most {limit} for {stored} stored bytes"
-        raise refuse(path, item, what, "store it with less compression")
-
-
-def _unreadable(path: Path, error: Exception) -> DataError:
-    return DataError(f"cannot read {path}: {first_line(error)}; check that it is what its suffix says")

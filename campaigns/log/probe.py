@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.log.checksum import read_sidecar, sha256_of
+from campaigns.log.child import bound_memory, start_python, time_limit_s
 from campaigns.log.read import BLOCK_ROWS, Run, has_writer, open_run
 from sim_backend.errors import DataError
 
 HASHED_BYTES = 256 * 2**20  # a larger log is taken at its sidecar's word; `verify` reads it all
-MEMORY_BYTES = 2**30
-_START_S = 10.0
-_SLOWEST_BYTES_S = 5e6
 
 
 @dataclass(frozen=True)
@@ -66,18 +64,10 @@ def _vouched(path: Path) -> bool:
 def examine(path: Path) -> Examination:
     """Let a child read the whole log at `path` and return what it found."""
     try:
-        limit_s = _START_S + path.stat().st_size / _SLOWEST_BYTES_S
+        limit_s = time_limit_s(path)
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
-    root = str(Path(__file__).resolve().parents[2])
-    search = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-    with subprocess.Popen(
-        [sys.executable, "-c", "from campaigns.log.probe import child; child()", str(path)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": search},
-    ) as process:
+    with start_python("from campaigns.log.probe import child; child()", str(path)) as process:
         try:
             output, _ = process.communicate(timeout=limit_s)
             end = f"crashes the HDF5 library (exit {process.returncode})"
@@ -107,7 +97,7 @@ def _judged(path: Path, output: str, end: str) -> Examination:
 
 def child() -> None:
     """Read the log named on the command line and tell, line by line, how far that went."""
-    _bound_memory()
+    bound_memory()
     try:
         with open_run(Path(sys.argv[1])) as run:
             _tell(rows=0)
@@ -129,16 +119,6 @@ def _read_all(run: Run) -> str:
         else:
             return ""
     return damage
-
-
-def _bound_memory() -> None:
-    try:
-        import resource
-
-        mapped = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (mapped + MEMORY_BYTES, resource.RLIM_INFINITY))
-    except (ImportError, OSError, ValueError):
-        return  # not Linux, or a tighter limit stands already
 
 
 def _tell(**said: object) -> None:
