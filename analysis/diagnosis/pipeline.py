@@ -12,6 +12,7 @@ from analysis.diagnosis.dataset import Dataset
 from analysis.diagnosis.evidence import evidence
 from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.gain import gain_of
+from analysis.diagnosis.next_experiment import choose
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
@@ -21,6 +22,7 @@ from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.tuning import knobs_of, turned
 from analysis.diagnosis.verdict import causes_of, judge
 from sim_backend.assembly import places_of, retuned, transducers_of
+from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, make_effect
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
@@ -97,9 +99,16 @@ def scales_of(data: Dataset, linear: ModalModel) -> Scales:
     return Scales(np.where(u > 0.0, u, 1.0), np.where(y > 0.0, y, 1.0), float(seconds), 10.0)
 
 
-def diagnose(data: Dataset, model: Model, options: Options | None = None, progress: Progress = _silent) -> Diagnosis:
+def diagnose(
+    data: Dataset,
+    model: Model,
+    options: Options | None = None,
+    progress: Progress = _silent,
+    bench: Bench | None = None,
+) -> Diagnosis:
     """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
 
+    The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`.
     Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
     """
     options = options or Options()
@@ -107,18 +116,19 @@ def diagnose(data: Dataset, model: Model, options: Options | None = None, progre
     progress("weighing the evidence", 0.9)
     setting, best = found.setting, found.best
     judgement = judge(found)
+    choice = choose(found, judgement, model, bench)
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = found.tuned.residuals, best.residuals
     gain = gain_of(data, before, after, setting.whitener, setting.nominal, linear, options.seed)
     causes = causes_of(found, judgement, model)
     return Diagnosis(
         verdict=judgement.verdict,
-        sentence=sentence(judgement.verdict, causes, judgement.tied, gain),
+        sentence=sentence(judgement.verdict, causes, judgement.tied, gain, choice),
         causes=causes,
         ambiguous=judgement.tied,
         evidence=evidence(data, before, setting.whitener, model),
         gain=gain,
-        next_experiment=None,
+        next_experiment=choice.experiment if choice else None,
         data=data,
         nominal=model.linear(),
         linear=linear,
@@ -126,4 +136,5 @@ def diagnose(data: Dataset, model: Model, options: Options | None = None, progre
         before=before,
         after=after,
         considered=judgement.rivals,
+        notes=(choice.reason,) if choice and choice.reason else (),
     )

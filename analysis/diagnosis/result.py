@@ -68,12 +68,26 @@ class Gain:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The plan that best separates what is tied, with the separation it is predicted to give."""
+    """The plan that best separates what is tied, with the settings that differ from its defaults.
+
+    `expected_sigma` is the separation it is predicted to give between the two hypotheses that are hardest to tell
+    apart, `duration_s` the time it takes on the bench.
+    """
 
     test: str
     settings: dict[str, Any]
     separates: tuple[str, ...]
     expected_sigma: float
+    duration_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What to do next, or None, with the reason; `best_sigma` is the largest separation of all that was considered."""
+
+    experiment: NextExperiment | None
+    reason: str
+    best_sigma: float
 
 
 @dataclass(frozen=True)

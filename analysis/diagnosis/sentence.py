@@ -4,11 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from analysis.diagnosis.result import Cause, Gain, Verdict
+from analysis.diagnosis.result import Cause, Choice, Gain, Verdict
 
 
-def sentence(verdict: Verdict, causes: Sequence[Cause], tied: Sequence[Sequence[str]], gain: Gain | None) -> str:
-    """Return the sentence for a verdict."""
+def sentence(
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    tied: Sequence[Sequence[str]],
+    gain: Gain | None,
+    choice: Choice | None = None,
+) -> str:
+    """Return the sentence for a verdict; with `choice` a second one says what to do next, or why nothing helps."""
+    return " ".join(filter(None, (_verdict(verdict, causes, tied, gain), _next(choice))))
+
+
+def _next(choice: Choice | None) -> str:
+    if choice is None:
+        return ""
+    if choice.experiment is None:
+        return f"{choice.reason[0].upper()}{choice.reason[1:]}."
+    plan = choice.experiment
+    return (
+        f"The plan {plan.test} would tell {' from '.join(plan.separates)}: after {plan.duration_s:.3g} s they would "
+        f"differ by {plan.expected_sigma:.2g} sigma."
+    )
+
+
+def _verdict(verdict: Verdict, causes: Sequence[Cause], tied: Sequence[Sequence[str]], gain: Gain | None) -> str:
     if verdict == "consistent":
         return "The simulation is consistent with the data: what it leaves is noise."
     if verdict == "unknown":

@@ -1,0 +1,103 @@
+"""By how many standard deviations an experiment would tell two hypotheses apart, once everything else may adapt.
+
+If one hypothesis is true, fitting the other to the old and the new data together leaves a sum of squares that is
+larger by d², and d is what is called the separation. To second order about the fits to the old data
+
+    d² = min over x of |W (δ - J x)|² + xᵀ M x,
+
+with δ the difference of the two predictions for the new experiment, J the sensitivities of the second one to all its
+parameters (nominal numbers and effects), W the whitening of the noise with the unknown start projected out, and M the
+information that the old data and the prior hold about these parameters. Since J is taken at one point, a full refit
+of a very different hypothesis may leave less than d² says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.dataset import Dataset, Record
+from analysis.diagnosis.fit import Setting, simulated
+from analysis.diagnosis.hypotheses import Hypothesis
+from analysis.diagnosis.refit import exact_sensitivities
+from analysis.diagnosis.starts import Start, stack_white, start_of
+from analysis.diagnosis.tuning import sensitivities, turned
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-12
+"""Directions of the parameters with less information than this part of the largest are left where they are."""
+
+
+def information(setting: Setting, hypothesis: Hypothesis) -> Array:
+    """Return M (k, k): what the data and the prior of `setting` hold about the knobs, then the effects' parameters."""
+    total = _prior(setting, hypothesis)
+    columns = exact_sensitivities(setting, hypothesis.fit)
+    for record, start, part in zip(setting.data.records, setting.starts, columns, strict=True):
+        white = start.project(stack_white(setting.whitener, record, part))
+        total += white.T @ white
+    return total
+
+
+def _prior(setting: Setting, hypothesis: Hypothesis) -> Array:
+    size = len(setting.knobs) + hypothesis.fit.values.size
+    total = np.zeros((size, size))
+    at = np.arange(len(setting.knobs))
+    total[at, at] = [1.0 / k.sd**2 for k in setting.knobs]
+    return total
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a hypothesis expects of a planned record: its `reading` (n, n_y) and `columns` (n, n_y, k), its Jacobian."""
+
+    reading: Array
+    columns: Array
+    start: Start
+
+
+def prediction(setting: Setting, hypothesis: Hypothesis, record: Record, *, exact: bool) -> Prediction:
+    """Return what `hypothesis` expects of `record`, whose inputs are played from rest.
+
+    Columns of the knobs are found with the torques held unless `exact`, which costs two simulations for each.
+    """
+    linear = turned(setting.nominal, setting.knobs, hypothesis.fit.change)
+    data = Dataset(setting.data.rate_hz, (record,))
+    start = start_of(record, linear, setting.whitener, data.rate_hz)
+    planned = replace(setting, data=data, starts=(start,), states=(np.zeros((setting.nominal.n_blocks, 2)),))
+    motion = simulated(planned, linear, hypothesis.fit.effects)[0]
+    fit = replace(hypothesis.fit, residuals=(record.y - motion.reading,))
+    if exact:
+        return Prediction(motion.reading, exact_sensitivities(planned, fit)[0], start)
+    own = exact_sensitivities(replace(planned, nominal=linear, knobs=[]), replace(fit, change=np.zeros(0)))[0]
+    knobs = sensitivities(linear, setting.knobs, motion.torque, data.rate_hz, through_delay=False)
+    return Prediction(motion.reading, np.concatenate([knobs, own], axis=2), start)
+
+
+def separation(setting: Setting, record: Record, expected: Prediction, known: Array) -> float:
+    """Return d in sigma: `record`, as another hypothesis would give it, explained by what one hypothesis `expected`.
+
+    `known` (k, k) is what the old data hold about the parameters of the latter: see `information`. Infinite where no
+    finite number is expected.
+    """
+    difference = record.y - expected.reading
+    if not np.isfinite(difference).all():
+        return float("inf")
+    # a parameter that cannot be moved either way is one that cannot adapt
+    columns = np.where(np.isfinite(expected.columns).all(axis=(0, 1)), expected.columns, 0.0)
+    columns = np.concatenate([difference[:, :, None], columns], axis=2)
+    white = expected.start.project(stack_white(setting.whitener, record, columns))
+    return left_over(white[:, 0], white[:, 1:], known)
+
+
+def left_over(difference: Array, columns: Array, known: Array) -> float:
+    """Return the root of min over x of |difference - columns x|² + xᵀ known x."""
+    normal, slope = columns.T @ columns + known, columns.T @ difference
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    live = values > _ROUNDING * values[-1]
+    x = vectors[:, live] @ ((vectors[:, live].T @ (slope / scale)) / values[live]) / scale
+    rest = difference - columns @ x
+    return float(np.sqrt(rest @ rest + x @ known @ x))
