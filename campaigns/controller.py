@@ -54,12 +54,14 @@ class Blocks(_Strict, frozen=True, kw_only=True):
 class AxisControl(_Strict, frozen=True, kw_only=True):
     """How one axis is controlled.
 
-    A move takes `move_samples` with the given `concentration` (`sim_backend.control.concentrated`). The feedback is
-    always closed. After `wait_periods` the input is learned for one period with each of `gains`, through `learning`
-    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
+    A move of up to `reach_rad` takes `move_samples` with `concentration` (`sim_backend.control.concentrated`); a longer
+    one takes longer by the root of its length, so that its torque is no larger. The feedback is always closed. After
+    `wait_periods` the input is learned for one period with each of `gains`, through `learning` with `lead_samples`,
+    behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
     """
 
     dof: str
+    reach_rad: float
     move_samples: int
     concentration: float
     feedback: Blocks
@@ -69,6 +71,10 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     q_half_length: int
     wait_periods: int
     gains: list[float]
+
+    def samples(self, distance_rad: float) -> int:
+        """Return how many samples a move over a distance takes."""
+        return math.ceil(self.move_samples * math.sqrt(max(abs(distance_rad) / self.reach_rad, 1.0)) - 1e-9)
 
 
 class Controller(_Strict, frozen=True, kw_only=True):
@@ -106,6 +112,8 @@ def _check(one: AxisControl, rate_hz: float, where: str) -> None:
     place = f"{where}, axis '{one.dof}'"
     if not all(math.isfinite(g) and 0.0 < g <= 1.0 for g in one.gains):
         raise ConfigError(f"{place}: learning gains {one.gains}; each must be above zero and at most 1")
+    if not (math.isfinite(one.reach_rad) and one.reach_rad > 0.0):
+        raise ConfigError(f"{place}: reach_rad is {one.reach_rad}; it must be a finite number above zero")
     if one.wait_periods < 1 or one.lead_samples < 0:
         raise ConfigError(
             f"{place}: {one.wait_periods} periods of waiting and a lead of {one.lead_samples} samples; "

@@ -54,14 +54,18 @@ def designed(knowledge: Knowledge) -> Strategy:
 
 def motion_of(control: AxisControl, chop: Chop) -> Array:
     """Return one period (period,) of the reference; raises ConfigError when the move outlasts its dwell."""
-    if control.move_samples >= chop.dwell_samples:
-        raise ConfigError(
-            f"axis '{control.dof}': its move of {control.move_samples} samples outlasts the dwell of "
-            f"{chop.dwell_samples}; slow the chop down"
-        )
-    way = np.ones(chop.dwell_samples)
-    way[: control.move_samples + 1] = concentrated_move(control.move_samples, control.concentration)
-    return np.concatenate([before + (after - before) * way for _, before, after in chop.moves()])
+    out = np.empty(chop.period)
+    for first, before, after in chop.moves():
+        n = control.samples(after - before)
+        if n >= chop.dwell_samples:
+            raise ConfigError(
+                f"axis '{control.dof}': its move of {n} samples outlasts the dwell of {chop.dwell_samples}; "
+                "slow the chop down"
+            )
+        dwell = out[first : first + chop.dwell_samples]
+        dwell[:] = after
+        dwell[: n + 1] = before + (after - before) * concentrated_move(n, control.concentration)
+    return out
 
 
 def feedforward_of(design: Design, dof: str, motion: Array, knowledge: Knowledge) -> Array:

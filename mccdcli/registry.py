@@ -50,6 +50,11 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.chop:chop",
             "Chop between two positions and measure stability, repeatability and accuracy in both directions.",
         ),
+        "design": Entry(
+            "mccdcli.commands.design:design",
+            "Design feed-forward, feedback and learning on an identified model, against the noise of the bench at "
+            "rest.",
+        ),
         "diagnose": Entry(
             "mccdcli.commands.diagnose:diagnose",
             "Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it "

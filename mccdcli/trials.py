@@ -62,6 +62,16 @@ def settings_option(command: F) -> F:
     )(command)
 
 
+def controller_option(command: F) -> F:
+    """Decorator that adds `--controller FILE`, which reaches the command as `controller`: str | None."""
+    return click.option(
+        "--controller",
+        type=click.Path(exists=True, dir_okay=False),
+        metavar="FILE",
+        help="Controller that the designed strategies play; `mccd design` writes one.",
+    )(command)
+
+
 def _parsed(_ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> dict[str, Any]:
     settings = {}
     for text in texts:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from mccdcli.options import common_options
-from mccdcli.trials import Form, conclude, count, play, settings_option
+from mccdcli.trials import Form, conclude, controller_option, count, play, settings_option
 
 
 @click.command()
@@ -18,6 +18,7 @@ from mccdcli.trials import Form, conclude, count, play, settings_option
 @click.option("--cycles", type=int, default=15, show_default=True, help="Cycles to chop.")
 @click.option("--frequency", type=float, default=0.5, show_default=True, help="Chop frequency in Hz.")
 @click.option("--model", default="design-4th-order", show_default=True, help="Design model: a bundled one or a file.")
+@controller_option
 @settings_option
 @common_options()
 def chop(
@@ -33,6 +34,7 @@ def chop(
     cycles: int,
     frequency: float,
     model: str,
+    controller: str | None,
 ) -> int:
     """Chop between two positions and measure stability, repeatability and accuracy in both directions.
 
@@ -53,6 +55,7 @@ def chop(
         "cycles": cycles,
         "frequency_hz": frequency,
         "model": model,
+        "controller": controller,
     }
     plan = make_plan("chop", {**chosen, **settings})
     if dry_run:

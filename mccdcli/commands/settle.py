@@ -8,15 +8,18 @@ from typing import Any
 import click
 
 from mccdcli.options import common_options
-from mccdcli.trials import Form, conclude, count, play, settings_option
+from mccdcli.trials import Form, conclude, controller_option, count, play, settings_option
 
 
 @click.command()
-@click.option("--strategy", default="hybrid", show_default=True, help="hybrid, mbff, repetitive, learned-hybrid …")
+@click.option(
+    "--strategy", default="hybrid", show_default=True, help="hybrid, mbff, repetitive, learned-hybrid, designed …"
+)
 @click.option("--alpha", type=float, default=90.0, show_default=True, help="Direction in degrees: 0 is θx, 90 is θy.")
 @click.option("--form", type=Form(), default="0:+8.5", show_default=True, help="Both positions in mrad.")
 @click.option("--cycles", type=int, default=25, show_default=True, help="Cycles to chop, after any learning.")
 @click.option("--model", default="design-4th-order", show_default=True, help="Design model: a bundled one or a file.")
+@controller_option
 @settings_option
 @common_options()
 def settle(
@@ -31,6 +34,7 @@ def settle(
     form: tuple[float, float],
     cycles: int,
     model: str,
+    controller: str | None,
 ) -> int:
     """Chop at 5 Hz and measure how fast each move settles to ±1.7 µrad, with power and peak current.
 
@@ -40,6 +44,7 @@ def settle(
     Examples:
       mccd settle --strategy repetitive --out repetitive.h5
       mccd settle --strategy mbff --alpha 0 --json
+      mccd settle --strategy designed --controller design/controller.toml --alpha 0
     """
     from campaigns.plans import make_plan
 
@@ -50,6 +55,7 @@ def settle(
         "to_rad": form[1],
         "cycles": cycles,
         "model": model,
+        "controller": controller,
     }
     plan = make_plan("settling", {**chosen, **settings})
     if dry_run:

@@ -1,0 +1,191 @@
+"""From an identified model and recorded noise to a controller, axis by axis, with what it is expected to reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.design.feedback import FeedbackDesign, design_feedback, frequency_grid
+from analysis.design.iron import with_iron
+from analysis.design.learning import WAIT_S, LearningDesign, design_learning
+from analysis.design.moves import CHOP_DWELL_S, Move, chop_of_reach, design_move
+from analysis.design.noise import MeasuredNoise, measure_noise
+from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.recorded.sweep import Sweep, sweep_of
+from analysis.requirements import SETTLING_S, STABILITY_RAD
+from campaigns.controller import AxisControl, Blocks, Controller
+from campaigns.design import Design
+from campaigns.designed import feedforward_of, motion_of
+from campaigns.log import Run
+from sim_backend.bench import Limits
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import ModalModel
+from sim_backend.model import Model
+
+Array = NDArray[np.float64]
+
+CUTOFFS_HZ = (400.0, 500.0, 600.0, 700.0, 800.0, 1000.0, 1200.0, 1500.0)
+"""Bands that may be learned, in Hz: the narrowest that a move fits into is taken."""
+
+TIP_TILT = ("theta_x", "theta_y")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a design aims at and how it doubts: `reach_rad` of the chop, allowed `settling_s`, `periods` of learning."""
+
+    reach_rad: float = 8.5e-3
+    settling_s: float = SETTLING_S
+    periods: int = 10
+    tolerance: Tolerance = Tolerance()
+    plants: int = 40
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("reach_rad", "settling_s"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise ConfigError(f"design: {name} is {value}; it must be a finite number above zero")
+        if self.periods < 2 or self.plants < 2:
+            raise ConfigError(f"design: {self.periods} periods and {self.plants} plants; give two of each or more")
+
+
+@dataclass(frozen=True)
+class AxisDesign:
+    """One designed axis: its control and everything that speaks for it. `peak_a` is the fed-forward current's peak."""
+
+    dof: str
+    control: AxisControl
+    noise: MeasuredNoise
+    feedback: FeedbackDesign
+    learning: LearningDesign
+    move: Move
+    time_s: Array
+    motion_rad: Array
+    drive_nm: Array
+    peak_a: float
+
+
+@dataclass(frozen=True)
+class Designed:
+    """A controller with its axes, the limit of the amplifiers, and what it was made from."""
+
+    controller: Controller
+    axes: tuple[AxisDesign, ...]
+    limit_a: float
+    sources: tuple[str, ...]
+    options: Options
+
+
+def design_controller(
+    model: Model, runs: Sequence[Run], limits: Limits, axes: Sequence[str], options: Options | None = None
+) -> Designed:
+    """Return the controller of every tilt axis that the model, the records and the bench's `axes` share.
+
+    `runs` hold the noise at rest (test `rest`), and, where wanted, sweeps and hysteresis loops. `limits` are the
+    bench's, whose inputs are `axes`. Raises ConfigError for a design that would be unstable, break a limit or miss a
+    requirement, DataError when no log holds the noise.
+    """
+    opts = options or Options()
+    by_test: dict[str, list[Run]] = {}
+    for run in runs:
+        by_test.setdefault(run.header.test, []).append(run)
+    if not by_test.get("rest"):
+        raise DataError("design: no log of the bench at rest is given; record one, as `mccd design --bench` does")
+    known = with_iron(model, by_test.get("hysteresis", []))
+    sweeps = [sweep_of(run) for run in by_test.get("sinesweep", [])]
+    rest, rate = by_test["rest"][0], model.sample_rate_hz
+    if rest.sample_rate_hz != rate:
+        raise ConfigError(f"{rest.path} has {rest.sample_rate_hz:g} Hz, the model {rate:g} Hz; use one rate")
+    driven = [dof for dof in TIP_TILT if dof in axes and dof in {p.dof for p in model.inputs}]
+    if not driven:
+        raise ConfigError(f"model '{model.name}' drives none of {', '.join(TIP_TILT)}; give a model of the tilt axes")
+    rng = np.random.default_rng(opts.seed)
+    made = [
+        _design_axis(known, dof, rest, next((s for s in sweeps if s.axis == dof), None), limits, axes, opts, rng)
+        for dof in driven
+    ]
+    controller = Controller(
+        name=f"designed on {model.name}", sample_rate_hz=rate, model=known, axes=[one.control for one in made]
+    )
+    return Designed(controller, tuple(made), float(limits.current_a), tuple(run.run_uid for run in runs), opts)
+
+
+def _design_axis(
+    model: Model,
+    dof: str,
+    rest: Run,
+    sweep: Sweep | None,
+    limits: Limits,
+    axes: Sequence[str],
+    options: Options,
+    rng: np.random.Generator,
+) -> AxisDesign:
+    rate = model.sample_rate_hz
+    plants = drawn_plants(model, dof, options.tolerance, options.plants, rng)
+    noise = measure_noise(_quiet(rest, dof), plants[0], rate)
+    try:
+        feedback = design_feedback(plants, noise.noise, rate)
+        grid = frequency_grid(plants[0], rate)
+        move, cutoff = _narrowest(plants[0], options, rate)
+        learning = design_learning(plants, feedback.controller, grid, sweep, options.periods, cutoff)
+    except ConfigError as error:
+        raise ConfigError(f"axis '{dof}': {error}") from None
+    control = _control(dof, feedback, learning, move, options, rate)
+    chop = chop_of_reach(control, rate)
+    motion = motion_of(control, chop)
+    drive = feedforward_of(Design(model, rate), dof, motion, "learned")
+    to_current = limits.to_current[:, list(axes).index(dof)]
+    peak_a = float(np.max(np.abs(drive)) * np.max(np.abs(to_current)))
+    _require(dof, "3σ on the worst plant", float(feedback.three_sigma_rad.max()), STABILITY_RAD, "rad")
+    _require(dof, "peak current", peak_a, float(limits.current_a), "A")
+    time_s = np.arange(motion.size) / rate
+    return AxisDesign(dof, control, noise, feedback, learning, move, time_s, motion, drive, peak_a)
+
+
+def _narrowest(plant: ModalModel, options: Options, rate_hz: float) -> tuple[Move, float]:
+    """Return the move that fits into the narrowest band, and that band: what lies above is best left unlearned."""
+    for cutoff in CUTOFFS_HZ:
+        try:
+            return design_move(plant, options.reach_rad, options.settling_s, cutoff, rate_hz), cutoff
+        except ConfigError:
+            if cutoff == CUTOFFS_HZ[-1]:
+                raise
+    raise AssertionError("unreachable: the last cut-off returns or raises")
+
+
+def _quiet(rest: Run, dof: str) -> Array:
+    segments = [s for s in rest.segments if s.settings.get("phase") == "rest"]
+    if not segments or dof not in rest.channels:
+        raise DataError(f"{rest.path} holds no rest of {dof}; record one with the plan 'rest'")
+    return np.asarray(rest.read(dof, segments[0].start, segments[0].stop), dtype=float)
+
+
+def _control(
+    dof: str, feedback: FeedbackDesign, learning: LearningDesign, move: Move, options: Options, rate_hz: float
+) -> AxisControl:
+    return AxisControl(
+        dof=dof,
+        reach_rad=options.reach_rad,
+        move_samples=move.n_samples,
+        concentration=move.concentration,
+        feedback=Blocks.of(feedback.controller),
+        learning=Blocks.of(learning.filter),
+        lead_samples=learning.lead_samples,
+        q_cutoff_hz=learning.cutoff_hz,
+        q_half_length=learning.half_length,
+        wait_periods=max(round(WAIT_S / (2.0 * CHOP_DWELL_S)), 1),
+        gains=list(learning.gains),
+    )
+
+
+def _require(dof: str, what: str, value: float, limit: float, unit: str) -> None:
+    """Raise ConfigError when a number that the design predicts lies beyond its limit."""
+    if not value <= limit:
+        raise ConfigError(
+            f"axis '{dof}': {what} would be {value:.3g} {unit}, the limit is {limit:.3g} {unit}; "
+            "allow more time for the move, or identify the axis better"
+        )

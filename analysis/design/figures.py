@@ -1,0 +1,124 @@
+"""The figures of a design: margins with their band, convergence, noise, and the move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.design.api import AxisDesign, Designed
+from analysis.design.feedback import PEAK_DB, frequency_grid
+from analysis.design.learning import LARGEST_FACTOR
+from analysis.design.uncertainty import drawn_plants
+from analysis.paper.canvas import COLOURS, OURS, Canvas
+from sim_backend.linear import discretise
+
+NAMES = {"theta_x": "θx", "theta_y": "θy"}
+
+
+def design_figures(designed: Designed) -> dict[str, Canvas]:
+    """Return the figures by name."""
+    return {
+        "sensitivity": _sensitivity(designed),
+        "convergence": _convergence(designed),
+        "noise": _noise(designed),
+        "move": _move(designed),
+    }
+
+
+def _grid(designed: Designed, title: str, caption: str) -> Canvas:
+    return Canvas(title, caption, columns=len(designed.axes), size=(4.2 * len(designed.axes), 3.6))
+
+
+def _sensitivity(designed: Designed) -> Canvas:
+    options = designed.options
+    canvas = _grid(
+        designed,
+        "Sensitivity",
+        f"|S| of the closed loop on the identified plant, and the band of {options.plants} plants drawn within its "
+        f"uncertainty. Their limit is {PEAK_DB:g} dB.",
+    )
+    for i, one in enumerate(designed.axes):
+        axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "|S| (dB)")
+        rng = np.random.default_rng(options.seed)
+        plants = drawn_plants(designed.controller.model, one.dof, options.tolerance, options.plants, rng)
+        rate = designed.controller.sample_rate_hz
+        f = frequency_grid(plants[0], rate)
+        f = f[f >= 0.5]
+        k = one.feedback.controller.frequency_response(f)
+        responses = [discretise(p, rate).frequency_response(f)[:, 0, 0] for p in plants]
+        s_db = np.array([-20.0 * np.log10(np.abs(1.0 + p * k)) for p in responses])
+        canvas.line(i, "lowest drawn", f, s_db.min(axis=0), color=COLOURS[5], linewidth=0.7)
+        canvas.line(i, "highest drawn", f, s_db.max(axis=0), color=COLOURS[5], linewidth=0.7)
+        canvas.line(i, "identified", f, s_db[0], color=OURS, linewidth=1.2)
+        axes.axhline(PEAK_DB, color=COLOURS[1], linewidth=0.8, linestyle="--")
+        axes.set_xscale("log")
+        axes.set_ylim(-60.0, 10.0)
+        canvas.legend(i, loc="lower right")
+    return canvas
+
+
+def _convergence(designed: Designed) -> Canvas:
+    canvas = _grid(
+        designed,
+        "Convergence of learning",
+        "What an error shrinks to in one period at gain 1, by frequency: on the identified plant, on the worst drawn "
+        f"one, and at the measured lines with their 2σ bound. The limit is {LARGEST_FACTOR:g}.",
+    )
+    for i, one in enumerate(designed.axes):
+        axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "factor per period")
+        learned = one.learning
+        canvas.line(i, "worst drawn", learned.frequency_hz, learned.worst, color=COLOURS[5], linewidth=0.8)
+        canvas.line(i, "identified", learned.frequency_hz, learned.factor, color=OURS, linewidth=1.2)
+        if learned.lines_hz is not None and learned.at_lines_worst is not None:
+            canvas.points(
+                i, "measured + 2σ", learned.lines_hz, learned.at_lines_worst, color=COLOURS[1], markersize=2.5
+            )
+        axes.axhline(LARGEST_FACTOR, color=COLOURS[1], linewidth=0.8, linestyle="--")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_ylim(1e-4, 2.0)
+        canvas.legend(i, loc="lower left")
+    return canvas
+
+
+def _noise(designed: Designed) -> Canvas:
+    canvas = _grid(
+        designed,
+        "Noise at rest",
+        "Density of the reading with all loops open, and the torque and reading noise fitted to it. Lines near the "
+        "modes took no part.",
+    )
+    for i, one in enumerate(designed.axes):
+        axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "reading (nrad/√Hz)")
+        noise = one.noise
+        canvas.line(i, "measured", noise.frequency_hz, 1e9 * np.sqrt(noise.measured), color=COLOURS[5], linewidth=0.6)
+        canvas.line(i, "fitted", noise.frequency_hz, 1e9 * np.sqrt(noise.fitted), color=OURS, linewidth=1.2)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        canvas.legend(i, loc="upper right")
+    return canvas
+
+
+def _move(designed: Designed) -> Canvas:
+    canvas = Canvas(
+        "The move",
+        "Reference of a move over the designed reach and the torque fed forward for it, before anything is learned.",
+        rows=2,
+        columns=len(designed.axes),
+        size=(4.2 * len(designed.axes), 5.0),
+        share_x=True,
+    )
+    for i, one in enumerate(designed.axes):
+        shown = one.time_s <= 2.0 * designed.options.settling_s
+        t = 1e3 * one.time_s[shown]
+        canvas.panel(i, NAMES[one.dof], "", "angle (mrad)")
+        canvas.line(i, "reference", t, 1e3 * one.motion_rad[shown], color=OURS, linewidth=1.2)
+        below = i + len(designed.axes)
+        canvas.panel(below, f"{NAMES[one.dof]}, torque", "time (ms)", "torque (N m)")
+        canvas.line(below, "fed forward", t, one.drive_nm[shown], color=COLOURS[1], linewidth=1.2)
+    return canvas
+
+
+def peak_factor(one: AxisDesign) -> float:
+    """Return the largest factor per period that was computed for an axis, measured lines included."""
+    lines = one.learning.at_lines_worst
+    return float(max(one.learning.worst.max(), 0.0 if lines is None else lines.max()))

@@ -1,0 +1,212 @@
+"""What a design writes: the controller, its numbers, its figures, and a page that shows them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from analysis.design.api import AxisDesign, Designed
+from analysis.design.figures import NAMES, design_figures, peak_factor
+from analysis.design.stages import STAGES, StageResult
+from analysis.report.svg import inlined
+from analysis.requirements import SETTLING_S, STABILITY_RAD
+from campaigns.controller import dump_controller
+from campaigns.version import tool_commit, tool_version
+from sim_backend.errors import ConfigError
+
+CONTROLLER = "controller.toml"
+
+
+def prepare_folder(folder: Path) -> Path:
+    """Make the folder; raises ConfigError when it holds a controller already or cannot be one."""
+    if (folder / CONTROLLER).exists():
+        raise ConfigError(f"{folder / CONTROLLER} exists and would be overwritten; choose another --out")
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{folder} is a file; choose a folder for --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_controller(designed: Designed, folder: Path) -> Path:
+    """Write the controller file and return its path."""
+    path = folder / CONTROLLER
+    path.write_text(dump_controller(designed.controller), encoding="utf-8")
+    return path
+
+
+def numbers_of(one: AxisDesign) -> dict[str, Any]:
+    """Return everything that speaks for one axis, SI units in the names; bands hold identified plant and worst one."""
+    feedback, learning, noise, move = one.feedback, one.learning, one.noise, one.move
+    margins = feedback.margins
+    return {
+        "stability_3sigma_rad": {
+            "identified": float(feedback.three_sigma_rad[0]),
+            "worst": float(feedback.three_sigma_rad.max()),
+            "from_torque": feedback.from_torque_rad,
+            "from_reading": feedback.from_reading_rad,
+            "bound_of_any_linear_feedback": feedback.least_rad,
+            "limit": STABILITY_RAD,
+        },
+        "settling_s": {"reference_arrives": move.arrival_s, "limit": SETTLING_S},
+        "move": {
+            "samples": move.n_samples,
+            "concentration": move.concentration,
+            "peak_torque_nm": move.peak_nm,
+            "peak_current_a": one.peak_a,
+            "beyond_the_learned_band_rad": move.unlearned_rad,
+        },
+        "margins": {
+            "gain_db": margins.gain_margin_db,
+            "phase_deg": margins.phase_margin_deg,
+            "crossover_hz": margins.crossover_hz,
+            "sensitivity_peak_db": {"identified": float(feedback.peak_db[0]), "worst": float(feedback.peak_db.max())},
+        },
+        "feedback": {"effort_rad_nm": feedback.effort_rad_nm, "distrust": feedback.distrust},
+        "learning": {
+            "cutoff_hz": learning.cutoff_hz,
+            "lead_samples": learning.lead_samples,
+            "periods": len(learning.gains),
+            "largest_factor_per_period": peak_factor(one),
+            "from_measured_lines": 0 if learning.lines_hz is None else int(learning.lines_hz.size),
+        },
+        "noise": {
+            "torque_nm": noise.noise.torque_nm,
+            "bandwidth_hz": noise.noise.bandwidth_hz,
+            "reading_rad": noise.noise.reading_rad,
+            "relative_std": noise.relative_std.tolist(),
+        },
+    }
+
+
+def document(designed: Designed, stages: Sequence[StageResult] = ()) -> dict[str, Any]:
+    """Return the content of `design.json`."""
+    return {
+        "schema": "mccd-design/1",
+        "mccd": f"{tool_version()} ({tool_commit()})",
+        "controller": CONTROLLER,
+        "model": designed.controller.model.name,
+        "runs": list(designed.sources),
+        "axes": {one.dof: numbers_of(one) for one in designed.axes},
+        "stages": [{f: getattr(row, f) for f in row.__dataclass_fields__} for row in stages],
+    }
+
+
+def write_design(designed: Designed, folder: Path, stages: Sequence[StageResult] = ()) -> dict[str, Path]:
+    """Write `design.json`, `stages.csv` when there are stages, figures and `index.html`; return paths by name."""
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    stamp = f"mccd {tool_version()} ({tool_commit()}) · runs {', '.join(uid[:8] for uid in designed.sources)}"
+    paths: dict[str, Path] = {}
+    drawings = {}
+    for name, canvas in design_figures(designed).items():
+        svg = canvas.svg(stamp)
+        paths[f"figures/{name}.svg"] = _write(figures / f"{name}.svg", svg)
+        _write(figures / f"{name}.csv", canvas.numbers().to_csv(index=False))
+        drawings[name] = (canvas.title, canvas.caption, Markup(inlined(svg, name, canvas.title)))
+    content = document(designed, stages)
+    text = json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False)
+    paths["design.json"] = _write(folder / "design.json", text + "\n")
+    if stages:
+        paths["stages.csv"] = _write(folder / "stages.csv", stages_csv(stages))
+    return paths | {"index.html": _write(folder / "index.html", _page(designed, content, stages, drawings))}
+
+
+def stages_csv(stages: Sequence[StageResult]) -> str:
+    """Return the table of stages as CSV, in SI."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["axis", "strategy", "knows", "settling_s", "overshoot_rad", "stability_rad_3sigma", "peak_a"])
+    for s in stages:
+        row = (s.settling_s, s.overshoot_rad, s.stability_rad, s.peak_a)
+        writer.writerow([s.axis, s.strategy, STAGES[s.strategy], *(f"{v:.6g}" for v in row)])
+    return out.getvalue()
+
+
+def stage_rows(stages: Sequence[StageResult]) -> list[tuple[str, ...]]:
+    """Return the table of stages as people read it: ms, µrad, A."""
+    return [
+        (
+            NAMES[s.axis],
+            STAGES[s.strategy],
+            f"{1e3 * s.settling_s:.1f}" if s.settling_s < float("inf") else "not in its dwell",
+            f"{1e6 * s.overshoot_rad:.2f}",
+            f"{1e6 * s.stability_rad:.2f}",
+            f"{s.peak_a:.2f}",
+        )
+        for s in stages
+    ]
+
+
+STAGE_HEADS = ("axis", "knows", "settling, ms", "overshoot, µrad", "stability 3σ, µrad", "peak current, A")
+
+
+def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
+    """Return what is expected of every axis, with its limits, as people read it."""
+    rows: list[tuple[str, ...]] = []
+    for one in designed.axes:
+        f, name = one.feedback, NAMES[one.dof]
+        worst = 1e6 * f.three_sigma_rad.max()
+        rows += [
+            (name, "stability 3σ, µrad", f"{1e6 * f.three_sigma_rad[0]:.3f}, worst plant {worst:.3f}", "1.7"),
+            ("", "least of any linear feedback, µrad", f"{1e6 * f.least_rad:.3f}", ""),
+            ("", "reference arrives after, ms", f"{1e3 * one.move.arrival_s:.1f}", f"{1e3 * SETTLING_S:g}"),
+            ("", "peak current, A", f"{one.peak_a:.2f}", f"{designed.limit_a:g}"),
+            ("", "peak of |S|, dB", f"{f.peak_db[0]:.2f}, worst plant {f.peak_db.max():.2f}", "5"),
+            (
+                "",
+                "gain margin, dB; phase margin, °",
+                f"{f.margins.gain_margin_db:.1f}; {f.margins.phase_margin_deg:.0f}",
+                "",
+            ),
+            ("", "error left after a period, worst", f"{peak_factor(one):.3f}", "0.5"),
+        ]
+    return rows
+
+
+AXIS_HEADS = ("axis", "expected", "value", "limit")
+
+
+def _page(
+    designed: Designed,
+    content: dict[str, Any],
+    stages: Sequence[StageResult],
+    drawings: dict[str, tuple[str, str, Markup]],
+) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(p, "templates") for p in ("analysis.design", "analysis.report")]
+        ),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    return str(
+        environment.get_template("design.html.j2").render(
+            name=designed.controller.name,
+            axes=(AXIS_HEADS, axis_rows(designed)),
+            stages=(STAGE_HEADS, stage_rows(stages)) if stages else None,
+            drawings=drawings,
+            runs=designed.sources,
+            version=content["mccd"],
+        )
+    )
+
+
+def _finite(node: Any) -> Any:
+    """Replace what JSON cannot hold (a strategy that never settles, a current that was not recorded) by null."""
+    if isinstance(node, dict):
+        return {k: _finite(v) for k, v in node.items()}
+    if isinstance(node, list):
+        return [_finite(v) for v in node]
+    return None if isinstance(node, float) and not abs(node) < float("inf") else node
+
+
+def _write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,78 @@
+"""What each piece of knowledge gains: one fast chop with every designed strategy, each knowing more than the last."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.recorded.settle import SettleTest, settle_of
+from campaigns.log import read_run
+from campaigns.plans import make_plan
+from campaigns.runner import run_plan
+from sim_backend.bench import Bench
+
+ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}
+"""Direction of a chop that moves this axis alone."""
+
+STAGES = {
+    "designed-linear": "modes of the mechanism",
+    "designed-modes": "and of the cryostat",
+    "designed-hysteresis": "and the iron",
+    "designed": "and learned",
+}
+"""What each strategy knows, in the order in which knowledge is added."""
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """One strategy on one axis.
+
+    Slowest settling (s, infinite: never), largest overshoot (rad), stability (rad, 3σ) and peak current (A; NaN where
+    none was recorded).
+    """
+
+    axis: str
+    strategy: str
+    settling_s: float
+    overshoot_rad: float
+    stability_rad: float
+    peak_a: float
+    run_uid: str
+
+
+def stage_of_test(axis: str, strategy: str, test: SettleTest, run_uid: str) -> StageResult:
+    """Return a recorded fast chop as one row."""
+    moved = test.moved[axis]
+    return StageResult(
+        axis,
+        strategy,
+        float(np.max(moved.time_s)),
+        float(np.max(moved.overshoot)),
+        test.stability.stability_rad,
+        float("nan") if test.power is None else test.power.peak_a,
+        run_uid,
+    )
+
+
+def play_stages(
+    open_bench: Callable[[], Bench], controller: Path, axes: Sequence[str], *, seed: int, cycles: int = 25
+) -> list[StageResult]:
+    """Return the rows of every axis and strategy, each played on a fresh bench; raises what a run raises."""
+    rows = []
+    with tempfile.TemporaryDirectory(prefix="mccd-stages-") as folder:
+        for axis in axes:
+            for strategy in STAGES:
+                settings = {"alpha_deg": ALPHA_DEG[axis], "strategy": strategy, "controller": str(controller)}
+                plan = make_plan("settling", {**settings, "cycles": cycles})
+                bench = open_bench()
+                try:
+                    outcome = run_plan(plan, bench, Path(folder) / f"{axis}-{strategy}.h5", seed=seed)
+                finally:
+                    bench.close()
+                with read_run(outcome.path) as run:
+                    rows.append(stage_of_test(axis, strategy, settle_of(run), run.run_uid))
+    return rows

@@ -1,0 +1,106 @@
+"""`mccd design`: a controller from an identified model and a record of the bench at rest."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.output import emit, table
+from mccdcli.progress import progress
+from mccdcli.trials import count, play
+
+if TYPE_CHECKING:
+    from analysis.design.api import Designed
+    from analysis.design.stages import StageResult
+
+
+@click.command()
+@click.option("--model", required=True, metavar="MODEL.toml", help="The identified model, extended or not.")
+@click.option(
+    "--log",
+    "given",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="RUN.h5",
+    help="A record to design from: rest, sweeps, hysteresis loops; repeatable. Without a rest, one is recorded.",
+)
+@click.option(
+    "--settling", type=float, default=5.0, show_default=True, metavar="MS", help="Time within which a move arrives."
+)
+@click.option(
+    "--reach", type=float, default=8.5, show_default=True, metavar="MRAD", help="Longest move for which that holds."
+)
+@click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each piece of knowledge, and tabulate it.")
+@common_options()
+def design(
+    bench: str,
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+    model: str,
+    given: tuple[Path, ...],
+    settling: float,
+    reach: float,
+    stages: bool,
+) -> int:
+    """Design feed-forward, feedback and learning on an identified model, against the noise of the bench at rest.
+
+    Writes controller.toml, design.json, index.html and figures into the folder design, or into --out. Of the bench only
+    its limits are asked, and its noise where no --log holds it. A design that would be unstable, break a limit or miss
+    a requirement is refused with the reason (exit code 2).
+
+    \b
+    Examples:
+      mccd design --model nominal.toml --out design
+      mccd design --model nominal.toml --log nominal.runs/sweep-theta_x.h5 --log hysteresis.h5 --stages
+      mccd settle --strategy designed --controller design/controller.toml
+    """
+    from analysis.design.api import Options, design_controller
+    from analysis.design.output import document, prepare_folder, write_controller, write_design
+    from analysis.design.stages import play_stages
+    from campaigns.benches import open_bench
+    from campaigns.log import read_run
+    from campaigns.plans import make_plan
+    from sim_backend.model import load_model
+
+    options = Options(reach_rad=1e-3 * reach, settling_s=1e-3 * settling, seed=seed)
+    plan, logs = make_plan("rest", {}), list(given)
+    if dry_run:
+        count({plan.name: plan}, bench, seed, as_json=as_json)
+        return 0
+    nominal, folder = load_model(model), prepare_folder(out or Path("design"))
+    with ExitStack() as stack:
+        runs = [stack.enter_context(read_run(path)) for path in logs]
+        if not any(run.header.test == plan.name for run in runs):
+            played = play(plan, bench, folder / "rest.h5", seed)
+            if played.exit_code:
+                return played.exit_code
+            runs.append(stack.enter_context(read_run(played.log)))
+        with closing(open_bench(bench, seed)) as opened:
+            limits, axes = opened.limits, opened.axes
+        with progress("designing") as report:
+            report(0.0, 2.0, "feedback and learning")
+            designed = design_controller(nominal, runs, limits, axes, options)
+            path, rows = write_controller(designed, folder), []
+            if stages:
+                report(1.0, 2.0, "stages")
+                moved = [one.dof for one in designed.axes]
+                rows = play_stages(lambda: open_bench(bench, seed), path, moved, seed=seed)
+            files = write_design(designed, folder, rows)
+    text = _text(designed, rows, [path, *files.values()])
+    emit({**document(designed, rows), "files": {"controller": path, **files}}, as_json=as_json, text=text)
+    return 0
+
+
+def _text(designed: Designed, stages: list[StageResult], files: list[Path]) -> str:
+    from analysis.design.output import AXIS_HEADS, STAGE_HEADS, axis_rows, stage_rows
+
+    parts = [table(axis_rows(designed), heads=AXIS_HEADS)]
+    if stages:
+        parts.append(table(stage_rows(stages), heads=STAGE_HEADS))
+    return "\n\n".join([*parts, ", ".join(str(f) for f in files if f.suffix in (".toml", ".json", ".html"))])
