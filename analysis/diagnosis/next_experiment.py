@@ -15,7 +15,7 @@ from analysis.diagnosis.hypotheses import Hypothesis, tied_hypotheses
 from analysis.diagnosis.planned import MARGIN, Played, Room, play_on_paper, records_motion
 from analysis.diagnosis.result import Choice, NextExperiment
 from analysis.diagnosis.search import Found
-from analysis.diagnosis.separation import information, prediction, separation
+from analysis.diagnosis.separation import information, prediction, separation, with_spread
 from analysis.diagnosis.verdict import Judgement
 from analysis.diagnosis.witness import Witness, watched_outputs
 from campaigns.plans import PLANS, Plan
@@ -159,6 +159,10 @@ class Comparison:
 
     def __post_init__(self) -> None:
         self._known = [information(self.setting, h) for h in self.hypotheses]
+        # fits on the way of a search do not know their standard deviations well
+        self.hypotheses = [
+            with_spread(self.setting, h, known) for h, known in zip(self.hypotheses, self._known, strict=True)
+        ]
 
     def tells(self, plan: Plan) -> bool:
         """Tell whether a log of `plan` could tell anything: it holds the motion, or an instrument watches."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.fit import Setting, simulated
 from analysis.diagnosis.hypotheses import Hypothesis
+from analysis.diagnosis.parameters import parameters_of
 from analysis.diagnosis.refit import exact_sensitivities
 from analysis.diagnosis.starts import Start, stack_white, start_of
 from analysis.diagnosis.tuning import sensitivities, turned
@@ -39,6 +40,17 @@ def information(setting: Setting, hypothesis: Hypothesis) -> Array:
         white = start.project(stack_white(setting.whitener, record, part))
         total += white.T @ white
     return total
+
+
+def with_spread(setting: Setting, hypothesis: Hypothesis, known: Array) -> Hypothesis:
+    """Return the hypothesis with the standard deviations that follow from `known`, see `information`."""
+    scales, _ = parameters_of(*hypothesis.fit.held())
+    size = np.sqrt(np.maximum(np.diag(known), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(known / np.outer(size, size), rcond=_ROUNDING, hermitian=True)
+    spread = (np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size)[len(setting.knobs) :]
+    fit = hypothesis.fit
+    std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in zip(spread, fit.values, scales, strict=True)]
+    return replace(hypothesis, fit=replace(fit, std=np.array(std)))
 
 
 def _prior(setting: Setting, hypothesis: Hypothesis) -> Array:

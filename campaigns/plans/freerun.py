@@ -53,9 +53,9 @@ class FreeRun(Plan, frozen=True, kw_only=True):
             torque_nm=sizes.get("torque", cls().torque_nm),
             force_n=sizes.get("force", cls().force_n),
             noise_stop_hz=min(200.0, 0.2 * rate_of(bench)),
-            steps_s=4.0,
-            noise_s=2.0,
-            held_out_s=1.5,
+            steps_s=3.0,
+            noise_s=1.5,
+            held_out_s=1.0,
         )
 
     def channels(self, bench: Bench) -> tuple[str, ...]:

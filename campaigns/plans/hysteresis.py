@@ -62,7 +62,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
         """Yield loops of three amplitudes on each axis: slow ones, and ones ten times faster to show what rate does."""
         for axis in reach.axes:
             top = float(reach.command[axis_of(bench, axis)])
-            for frequency_hz, cycles in ((0.5, 2), (5.0, 8)):
+            for frequency_hz, cycles in ((1.0, 2), (10.0, 10)):
                 yield cls(
                     axis=axis,
                     torques_nm=(rounded(0.3 * top), rounded(0.6 * top), top),

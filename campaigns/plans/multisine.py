@@ -54,7 +54,7 @@ class Multisine(Plan, frozen=True, kw_only=True):
     def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
         """Yield two bands: all frequencies, and those up to 20 Hz, where the same torque goes with more travel."""
         sizes = reach.sizes(bench)
-        for stop_hz, period_s in ((min(2000.0, 0.4 * rate_of(bench)), 0.5), (20.0, 2.0)):
+        for stop_hz, period_s in ((min(2000.0, 0.4 * rate_of(bench)), 0.5), (20.0, 1.0)):
             yield cls(
                 axes=reach.axes,
                 torque_rms_nm=rounded(sizes["torque"] / PEAK_FACTOR) if "torque" in sizes else cls().torque_rms_nm,
