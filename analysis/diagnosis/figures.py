@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -50,6 +51,7 @@ def residual_figures(
 ) -> list[Drawn]:
     """Return, per output, the residual in time of the segment where it was largest, before and after."""
     drawn = []
+    names = file_names([port.dof for port in model.outputs])
     for o, port in enumerate(model.outputs):
         i, w = max(
             ((i, w) for i, r in enumerate(data.records) for w in r.windows),
@@ -67,8 +69,14 @@ def residual_figures(
         _legend(canvas)
         held = ", which no fit has seen" if w.held_out else ""
         caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most."
-        drawn.append(Drawn(f"residual-{port.dof}", f"Residual of {port.dof}", caption, canvas))
+        drawn.append(Drawn(f"residual-{names[o]}", f"Residual of {port.dof}", caption, canvas))
     return drawn
+
+
+def file_names(names: Sequence[str]) -> list[str]:
+    """Return names for files and for elements of a page: letters, digits, `_` and `-` alone, each different."""
+    plain = [re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:64] for name in names]
+    return plain if len(set(plain)) == len(plain) else [f"{i}-{name}" for i, name in enumerate(plain, start=1)]
 
 
 def evidence_figures(
@@ -129,7 +137,7 @@ def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, model: Model,
         if curve is not None:
             canvas.bars(0, label, at + shift, curve.level, 0.38, color=colour)
     names = ["down", "up"] if name == "direction" else [model.outputs[int(k)].dof for k in first.axis]
-    canvas.axes[0].set_xticks(at, names)
+    canvas.axes[0].set_xticks(at, names, parse_math=False)
     canvas.axes[0].grid(axis="x", visible=False)
 
 

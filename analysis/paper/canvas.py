@@ -58,12 +58,12 @@ class Canvas:
         self.axes = list(grid.reshape(-1))
 
     def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
-        """Name the axes of panel `i`, counted row by row, and return them."""
+        """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas."""
         axes = self.axes[i]
         with mpl.rc_context(self._style):
-            axes.set_title(title)
-            axes.set_xlabel(x_label)
-            axes.set_ylabel(y_label)
+            axes.set_title(title, parse_math=False)
+            axes.set_xlabel(x_label, parse_math=False)
+            axes.set_ylabel(y_label, parse_math=False)
         return axes
 
     def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
@@ -98,7 +98,8 @@ class Canvas:
     def legend(self, i: int, **where: Any) -> None:
         """Show the legend of panel `i`."""
         with mpl.rc_context(self._style):
-            self.axes[i].legend(**where)
+            for text in self.axes[i].legend(**where).get_texts():
+                text.set_parse_math(False)
 
     def numbers(self) -> pd.DataFrame:
         """Return every drawn point: panel, series, x with its label, y with its label."""
