@@ -19,7 +19,7 @@ import numpy as np
 
 from campaigns.log.schema import check_name
 from campaigns.plans import Plan, make_plan
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, did_you_mean
 
 MAX_FILE_BYTES = 1_000_000
 
@@ -80,7 +80,8 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
         return parse_campaign(resource.read_text(encoding="utf-8"), f"campaign {name_or_path}")
     if not path.is_file():
         raise ConfigError(
-            f"campaign '{name_or_path}': no such file, and no bundled campaign; bundled: "
+            f"campaign '{name_or_path}': no such file, and no bundled campaign; "
+            f"{did_you_mean(str(name_or_path), bundled_campaigns())}bundled: "
             f"{', '.join(bundled_campaigns())}"
         )
     if path.stat().st_size > MAX_FILE_BYTES:
@@ -106,6 +107,7 @@ def parse_campaign(text: str, where: str, folder: str = "") -> Campaign:
     names = [entry.name for entry in campaign.runs]
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"{where}: runs {', '.join(names) or 'none'}; name each run once, and give one at least")
+    check_name(campaign.name, f"{where}: campaign")  # that of its folder, where none is given
     for name in names:
         check_name(name, f"{where}: run")
     campaign.plans()

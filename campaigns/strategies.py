@@ -18,7 +18,7 @@ from sim_backend.control.chop import AxisProgram, Chop
 from sim_backend.control.hybrid import hybrid
 from sim_backend.control.mbff import mbff
 from sim_backend.control.profile import MotionLimits
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, did_you_mean
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,8 @@ def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
     Raises ConfigError for a name that is none, and for a controller whose loop is unstable on the design model.
     """
     if strategy not in STRATEGIES:
-        raise ConfigError(f"there is no strategy '{strategy}'; strategies: {', '.join(STRATEGIES)}")
+        near = did_you_mean(strategy, STRATEGIES)
+        raise ConfigError(f"there is no strategy '{strategy}'; {near}strategies: {', '.join(STRATEGIES)}")
     stages = STRATEGIES[strategy](task, design)
     for stage in stages:
         for dof, controller in zip(task.axes, stage.feedback, strict=True):

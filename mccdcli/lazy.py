@@ -9,6 +9,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from mccdcli.registry import Entry
+from mccdcli.settings import Settings, defaults_of
 
 
 class LazyGroup(click.Group):
@@ -44,12 +45,24 @@ class LazyGroup(click.Group):
         if cmd_name in self._entries:
             module, _, attribute = self._entries[cmd_name].target.partition(":")
             command: click.Command = getattr(import_module(module), attribute)
+            self._set_defaults(ctx, command, cmd_name)
             return command
         if cmd_name not in self._helps():
             return None
         prefix = f"{cmd_name} "
         below = {n.removeprefix(prefix): entry for n, entry in self._entries.items() if n.startswith(prefix)}
         return LazyGroup(cmd_name, below, {}, help=self._groups[cmd_name])
+
+    def paths(self) -> list[tuple[str, ...]]:
+        """Return the words of every command below, in the order of their names."""
+        return sorted(tuple(name.split()) for name in self._entries)
+
+    def _set_defaults(self, ctx: click.Context, command: click.Command, name: str) -> None:
+        """Let the command have the defaults that the user's files give it, under the names of its parameters."""
+        settings = ctx.find_object(Settings)
+        if settings is not None and not ctx.resilient_parsing:
+            above = tuple(ctx.command_path.split()[1:])
+            ctx.default_map = {**(ctx.default_map or {}), name: defaults_of(settings, command, (*above, name))}
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -14,6 +14,7 @@ from click.shell_completion import shell_complete
 from mccdcli.failures import exit_code_of
 from mccdcli.lazy import LazyGroup
 from mccdcli.registry import COMMANDS, GROUPS
+from mccdcli.settings import PREFIX, load_settings
 
 COMPLETION_VARIABLE: Final = "_MCCD_COMPLETE"
 
@@ -92,5 +93,6 @@ def run(tree: click.Group, arguments: list[str]) -> object:
     """
     if completing := os.environ.get(COMPLETION_VARIABLE):
         return shell_complete(tree, {}, "mccd", COMPLETION_VARIABLE, completing)
-    with tree.make_context("mccd", arguments) as ctx:
+    settings = load_settings(GROUPS, COMMANDS)
+    with tree.make_context("mccd", arguments, obj=settings, auto_envvar_prefix=PREFIX) as ctx:
         return tree.invoke(ctx)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import click
+
+from sim_backend.errors import did_you_mean
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -31,8 +32,7 @@ class BenchAddress(click.ParamType[str]):
             "tcp": bool(host) and port.isdecimal() and 0 < int(port) < 65536,
         }
         if not well_formed.get(kind, False):
-            near = get_close_matches(kind, well_formed, n=1)
-            hint = f" Did you mean '{near[0]}'?" if near and near[0] != kind else ""
+            hint = "" if kind in well_formed else f" {did_you_mean(kind, well_formed).capitalize()}".rstrip()
             self.fail(f"{address!r} is not a bench; a bench is {', '.join(BENCHES)}.{hint}", param, ctx)
         return address
 
@@ -41,6 +41,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     "bench": click.option(
         "--bench",
         type=BenchAddress(),
+        envvar="MCCD_BENCH",
         default="sim",
         show_default=True,
         metavar="BENCH",
@@ -51,6 +52,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     ),
     "seed": click.option(
         "--seed",
+        envvar="MCCD_SEED",
         type=click.IntRange(min=0),
         default=0,
         show_default=True,

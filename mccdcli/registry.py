@@ -17,6 +17,7 @@ class Entry(NamedTuple):
 # A name of two words ("log show") is a command in a group; the group needs a line in GROUPS.
 GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
+        "config": "Show what is set, and by what.",
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
@@ -29,6 +30,13 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "bench list": Entry(
             "mccdcli.commands.bench_list:list_benches",
             "List the benches that --bench can name, and the models that a simulated one can run.",
+        ),
+        "config show": Entry(
+            "mccdcli.commands.config_show:show",
+            "Show what every option of COMMAND is set to and by what: default, file, environment or option.",
+        ),
+        "manual": Entry(
+            "mccdcli.commands.manual:manual", "Print the manual: every command with its options and examples."
         ),
         "watch": Entry(
             "mccdcli.commands.watch:watch",

@@ -1,5 +1,7 @@
 """The one error tree of the project: every message says what happened, the value, the limit and the fix."""
 
+from collections.abc import Iterable
+
 
 class MccdError(Exception):
     """An error that a user can act on; `exit_code` is what the command line ends with."""
@@ -29,3 +31,11 @@ class DataError(MccdError):
     """A file or its data cannot be used as they are (exit code 4)."""
 
     exit_code = 4
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "did you mean 'x'? " for the known name that is nearest to `name`, or nothing where none is near."""
+    from difflib import get_close_matches  # only errors need it
+
+    near = get_close_matches(name, list(known), n=1)
+    return f"did you mean '{near[0]}'? " if near else ""

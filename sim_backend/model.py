@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel
 
 Origin = Literal["printed", "calibrated", "assumed", "derived", "fitted", "stated"]
@@ -273,7 +273,8 @@ def load_model(name_or_path: str | Path) -> Model:
         return parse_model(resource.read_text(encoding="utf-8"), f"model {name_or_path}")
     if not path.is_file():
         raise ConfigError(
-            f"model '{name_or_path}': no such file, and no bundled model; bundled: {', '.join(bundled_models())}"
+            f"model '{name_or_path}': no such file, and no bundled model; "
+            f"{did_you_mean(str(name_or_path), bundled_models())}bundled: {', '.join(bundled_models())}"
         )
     if path.stat().st_size > 10_000_000:
         raise ConfigError(f"{path}: {path.stat().st_size} bytes; a model file holds at most 10000000")

@@ -15,7 +15,7 @@ from campaigns.plans.settling import Settling
 from campaigns.plans.sinesweep import SineSweep
 from campaigns.plans.theodolite import Theodolite
 from campaigns.plans.thermal import Thermal
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, did_you_mean
 
 PLANS: dict[str, type[Plan]] = {
     plan.name: plan
@@ -37,7 +37,7 @@ PLANS: dict[str, type[Plan]] = {
 def make_plan(name: str, settings: dict[str, Any]) -> Plan:
     """Return the plan `name` with `settings`; raises ConfigError naming the plans or settings that there are."""
     if name not in PLANS:
-        raise ConfigError(f"there is no plan '{name}'; plans: {', '.join(sorted(PLANS))}")
+        raise ConfigError(f"there is no plan '{name}'; {did_you_mean(name, PLANS)}plans: {', '.join(sorted(PLANS))}")
     return PLANS[name].of(settings)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.bench import Bench, Segment, check_segment
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.model import dump_model, load_model
 
 Array = NDArray[np.float64]
@@ -100,7 +100,10 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
             return msgspec.convert(settings, cls)
         except msgspec.ValidationError as error:
             known = ", ".join(cls.__struct_fields__)
-            raise ConfigError(f"plan {cls.name}: {error}; its settings are {known}") from None
+            # the settings' names are the fields, and msgspec names one that is unknown in backticks
+            unknown = str(error).partition("unknown field `")[2].partition("`")[0]
+            near = did_you_mean(unknown, cls.__struct_fields__)
+            raise ConfigError(f"plan {cls.name}: {error}; {near}its settings are {known}") from None
 
     def require(self, holds: bool, setting: str, needs: str) -> None:
         """Raise ConfigError unless `holds`: the setting, its value, and what it needs."""

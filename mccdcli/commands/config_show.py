@@ -1,0 +1,121 @@
+"""`mccd config show`: what every option is set to, and by what."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from mccdcli.lazy import LazyGroup
+from mccdcli.options import common_options
+from mccdcli.output import emit, plain, table
+from mccdcli.settings import FOR_ALL, PREFIX, Settings, options_of, places, same
+from sim_backend.errors import ConfigError
+
+
+@click.command(context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
+@click.argument("command", nargs=-1, type=click.UNPROCESSED, metavar="[COMMAND [OPTION]…]")
+@common_options("json")
+@click.pass_context
+def show(ctx: click.Context, command: tuple[str, ...], as_json: bool) -> None:
+    """Show what every option of COMMAND is set to and by what: default, file, environment or option.
+
+    Files are read from ~/.config/mccd/config.toml, then mccd.toml in the current folder, or MCCD_CONFIG alone. A table
+    has a command's name and holds its options; [defaults] holds bench and seed for all. A variable is named
+    MCCD_COMMAND_OPTION. An option beats a variable, that a file, that the default. Without COMMAND, all that is not
+    default.
+
+    \b
+    Examples:
+      mccd config show chop --cycles 3
+      MCCD_SEED=7 mccd config show
+      mccd config show --json campaign run
+    """
+    tree, settings = ctx.find_root().command, ctx.find_object(Settings) or Settings()
+    assert isinstance(tree, LazyGroup)
+    wanted = command or None
+    found: dict[str, dict[str, Any]] = {}
+    for name in tree.paths() if wanted is None else [_path(tree, wanted)]:
+        arguments = [] if wanted is None else list(wanted[len(name) :])
+        rows = _parameters(ctx, tree, name, arguments, settings)
+        kept = {k: v for k, v in rows.items() if wanted is not None or v["origin"] != "default"}
+        if kept:
+            found[" ".join(name)] = kept
+    files = [{"path": path, "found": path.is_file()} for path in places()]
+    variables = {k: v for k, v in sorted(os.environ.items()) if k.startswith(f"{PREFIX}_")}
+    result = {"files": files, "environment": variables, "commands": found}
+    emit(result, as_json=as_json, text=_text(result))
+
+
+def _path(tree: LazyGroup, words: tuple[str, ...]) -> tuple[str, ...]:
+    paths = tree.paths()
+    for length in (2, 1):
+        if words[:length] in paths:
+            return words[:length]
+    given = " ".join(words)
+    raise ConfigError(f"there is no command '{given}'; `mccd --help` lists them")
+
+
+def _parameters(
+    ctx: click.Context, tree: LazyGroup, path: tuple[str, ...], arguments: list[str], settings: Settings
+) -> dict[str, Any]:
+    parent = ctx.find_root()
+    group: click.Command = tree
+    for word in path[:-1]:
+        assert isinstance(group, click.Group)
+        group = group.get_command(parent, word) or group
+        parent = click.Context(group, parent=parent, info_name=word)
+    assert isinstance(group, click.Group)
+    leaf = group.get_command(parent, path[-1])
+    assert leaf is not None
+    # resilient: what the command needs besides its options (a file, say) may be left out here
+    with leaf.make_context(path[-1], arguments, parent=parent, resilient_parsing=True) as inner:
+        return {
+            name: _described(inner, option, name, path, settings)
+            for name, option in options_of(leaf)
+            if option.name != "help"
+        }
+
+
+def _described(
+    inner: click.Context, option: click.Option, name: str, path: tuple[str, ...], settings: Settings
+) -> dict[str, Any]:
+    assert option.name is not None
+    source = inner.get_parameter_source(option.name)
+    variables = option.envvar if isinstance(option.envvar, str) else f"{inner.auto_envvar_prefix}_{option.name.upper()}"
+    origin, where = "default", ""
+    if source is ParameterSource.COMMANDLINE:
+        origin, where = "option", option.opts[0]
+    elif source is ParameterSource.ENVIRONMENT:
+        origin, where = "environment", variables
+    elif source is ParameterSource.DEFAULT_MAP:
+        keys = (key for key in settings.origins if key[:-1] in (path, (FOR_ALL,)) and same(key[-1], name))
+        origin, where = "file", str(settings.origins[max(keys, key=lambda key: key[:-1] == path)])
+    return {
+        "value": plain(inner.params.get(option.name)),
+        "origin": origin,
+        "where": where,
+        "variable": variables,
+    }
+
+
+def _text(result: dict[str, Any]) -> str:
+    files = [(str(file["path"]), "read" if file["found"] else "not there") for file in result["files"]]
+    parts = [table(files, heads=("file", ""))]
+    for name, options in result["commands"].items():
+        rows = [
+            (f"--{key}", _shown(one["value"]), " ".join((one["origin"], one["where"])).rstrip(), one["variable"])
+            for key, one in options.items()
+        ]
+        parts.append(table(rows, heads=(name, "value", "from", "variable")))
+    if not result["commands"]:
+        parts.append("every option of every command has its default")
+    return "\n\n".join(parts)
+
+
+def _shown(value: Any) -> str:
+    if value in (None, [], {}):
+        return "none"
+    return {True: "yes", False: "no"}.get(value, str(value)) if isinstance(value, bool) else str(value)

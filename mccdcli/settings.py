@@ -1,0 +1,133 @@
+"""Defaults that a user has set: two TOML files, read before the command line and overruled by it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from sim_backend.errors import ConfigError, did_you_mean
+
+PREFIX: Final = "MCCD"
+"""An option of a command is also the variable PREFIX_COMMAND_OPTION; MCCD_BENCH and MCCD_SEED hold for all."""
+
+EXPLICIT: Final = f"{PREFIX}_CONFIG"
+FOR_ALL: Final = "defaults"
+SHARED: Final = ("bench", "seed")
+"""What the table [defaults] may hold, for every command that has the option."""
+
+HERE: Final = Path("mccd.toml")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the files say: `values` as nested tables by command and option, `origins` the file of each by its path."""
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    origins: Mapping[tuple[str, ...], Path] = field(default_factory=dict)
+
+    def table(self, command: tuple[str, ...]) -> Mapping[str, Any]:
+        """Return what the files say of a command, by option."""
+        found: Any = self.values
+        for word in command:
+            found = found.get(word, {})
+        return found if isinstance(found, dict) else {}
+
+
+def places() -> tuple[Path, ...]:
+    """Return the files that are read, the one that overrules the others last."""
+    if explicit := os.environ.get(EXPLICIT):
+        return (Path(explicit),)
+    home = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return (Path(home) / "mccd" / "config.toml", HERE)
+
+
+def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> Settings:
+    """Return what the files say; raises ConfigError for one that is no TOML or names a command that there is not."""
+    values: dict[str, Any] = {}
+    origins: dict[tuple[str, ...], Path] = {}
+    for path in places():
+        if path.is_file():
+            _merge(values, _read(path), path, origins)
+        elif os.environ.get(EXPLICIT):
+            raise ConfigError(f"{EXPLICIT} names {path}, which is no file; correct or unset it")
+    known = {name.partition(" ")[0] for name in commands} | {FOR_ALL}
+    for name, part in values.items():
+        where = next(origins[key] for key in origins if key[0] == name)
+        if name not in known or not isinstance(part, dict):
+            raise ConfigError(
+                f"{where}: there is no command '{name}'; {did_you_mean(name, known)}a table has a command's name"
+            )
+        for word in part if name in groups else ():
+            if f"{name} {word}" not in commands:
+                below = [c.partition(" ")[2] for c in commands if c.startswith(f"{name} ")]
+                raise ConfigError(
+                    f"{where}: there is no command '{name} {word}'; {did_you_mean(word, below)}there are "
+                    f"{', '.join(sorted(below))}"
+                )
+    for name in values.get(FOR_ALL, {}):
+        if name not in SHARED:
+            raise ConfigError(
+                f"{origins[FOR_ALL, name]}: [{FOR_ALL}] holds '{name}'; {did_you_mean(name, SHARED)}it may hold "
+                f"{', '.join(SHARED)}; write others in the table of their command"
+            )
+    return Settings(values, origins)
+
+
+def defaults_of(settings: Settings, command: click.Command, path: tuple[str, ...]) -> dict[str, Any]:
+    """Return the defaults of a command by the names of its parameters.
+
+    Raises ConfigError for an option that it does not have.
+    """
+    options = dict(options_of(command))
+    # an option of the same name and another meaning has a variable of its own
+    common = settings.table((FOR_ALL,)).items()
+    shared = {n: v for n, v in common if n in options and options[n].envvar == f"{PREFIX}_{n.upper()}"}
+    own = {name.replace("_", "-"): value for name, value in settings.table(path).items()}
+    for name in own:
+        if name not in options:
+            where = next(file for key, file in settings.origins.items() if key[:-1] == path and same(key[-1], name))
+            raise ConfigError(
+                f"{where}: '{' '.join(path)}' has no option '{name}'; {did_you_mean(name, options)}there are "
+                f"{', '.join(sorted(options))}"
+            )
+    return {str(options[name].name): value for name, value in (shared | own).items()}
+
+
+def options_of(command: click.Command) -> Iterator[tuple[str, click.Option]]:
+    """Yield every option of a command with its long name."""
+    for parameter in command.params:
+        if isinstance(parameter, click.Option):
+            long = [name for name in parameter.opts if name.startswith("--")]
+            if long:
+                yield long[0].removeprefix("--"), parameter
+
+
+def same(first: str, second: str) -> bool:
+    """Return whether both name the same option."""
+    return first.replace("_", "-") == second.replace("_", "-")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    import tomllib
+
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}; mend that line") from None
+
+
+def _merge(
+    into: dict[str, Any], new: Mapping[str, Any], path: Path, origins: dict[tuple[str, ...], Path], *above: str
+) -> None:
+    for name, value in new.items():
+        if isinstance(value, dict):
+            origins.setdefault((*above, name), path)
+            _merge(into.setdefault(name, {}), value, path, origins, *above, name)
+        else:
+            into[name] = value
+            origins[*above, name] = path

@@ -1,0 +1,123 @@
+"""Defaults from files and variables: which one holds, and that `mccd config show` says so."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mccdcli.main import main
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    return tmp_path
+
+
+def shown(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dict[str, object]]:
+    capsys.readouterr()
+    assert main(["config", "show", "--json", *arguments]) == 0
+    return json.loads(capsys.readouterr().out)["commands"]
+
+
+def write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def test_an_option_beats_a_variable_that_a_file_that_the_default(here, log_folder, monkeypatch, capsys):
+    def cycles(*arguments: str) -> tuple[object, object, object]:
+        one = shown(capsys, "chop", *arguments)["chop"]["cycles"]
+        return one["value"], one["origin"], one["where"]
+
+    home = log_folder / ".config" / "mccd" / "config.toml"
+    assert cycles() == (15, "default", "")
+    write(home, "[chop]\ncycles = 3\n")
+    assert cycles() == (3, "file", str(home))
+    write(here / "mccd.toml", "[chop]\ncycles = 4\n")
+    assert cycles() == (4, "file", "mccd.toml")
+    monkeypatch.setenv("MCCD_CHOP_CYCLES", "5")
+    assert cycles() == (5, "environment", "MCCD_CHOP_CYCLES")
+    assert cycles("--cycles", "6") == (6, "option", "--cycles")
+
+
+def test_what_is_shown_is_what_a_command_does(here, capsys):
+    write(
+        here / "mccd.toml",
+        "[defaults]\nseed = 11\n\n[simulate]\nplan = 'freerun'\ndry-run = true\n\n[log.show]\njson = true\n",
+    )
+    assert main(["simulate"]) == 0
+    assert not (here / "simulate.h5").exists() and "freerun" in capsys.readouterr().out
+    assert main(["chop", "--set", "cycles=1", "--out", "c.h5"]) in (0, 1)
+    capsys.readouterr()
+    assert main(["log", "show", "c.h5"]) == 0
+    assert json.loads(capsys.readouterr().out)["seed"] == 11
+
+
+def test_the_table_for_all_holds_only_where_the_option_means_the_same(here, capsys):
+    write(here / "mccd.toml", "[defaults]\nbench = 'emulator'\n")
+    found = shown(capsys)
+    assert found["chop"]["bench"]["value"] == "emulator"
+    assert "diagnose" not in found  # its --bench asks for a chop besides
+
+
+def test_without_a_command_all_that_is_not_default(capsys, monkeypatch):
+    assert shown(capsys) == {}
+    monkeypatch.setenv("MCCD_SEED", "9")
+    found = shown(capsys)
+    assert found["chop"] == {
+        "seed": {"value": 9, "origin": "environment", "where": "MCCD_SEED", "variable": "MCCD_SEED"}
+    }
+    assert main(["config", "show"]) == 0
+    assert "environment MCCD_SEED" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[chpo]\ncycles = 3\n", ("mccd.toml", "'chpo'", "did you mean 'chop'?")),
+        ("[chop]\ncylces = 3\n", ("mccd.toml", "'cylces'", "did you mean 'cycles'?")),
+        ("[log.shwo]\njson = true\n", ("mccd.toml", "'log shwo'", "did you mean 'show'?")),
+        ("[defaults]\nsed = 3\n", ("mccd.toml", "'sed'", "did you mean 'seed'?")),
+        ("[chop\n", ("mccd.toml", "not valid TOML")),
+        ("chop = 3\n", ("mccd.toml", "a table has a command's name")),
+        ("[chop]\ncycles = 'many'\n", ("--cycles", "'many'")),
+    ],
+)
+def test_a_mistake_in_a_file_is_told_in_one_line(here, text, words, capsys):
+    write(here / "mccd.toml", text)
+    assert main(["chop", "--dry-run"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and all(word in err for word in words), err
+
+
+def test_a_file_named_by_a_variable_must_exist_and_is_the_only_one(here, monkeypatch, capsys):
+    write(here / "mccd.toml", "[chop]\ncycles = 4\n")
+    monkeypatch.setenv("MCCD_CONFIG", str(here / "other.toml"))
+    assert main(["chop", "--dry-run"]) == 2
+    assert "other.toml" in capsys.readouterr().err
+    write(here / "other.toml", "[chop]\nalpha = 90\n")
+    found = shown(capsys)["chop"]
+    assert list(found) == ["alpha"] and found["alpha"]["value"] == 90.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (("chpo",), "chop"),
+        (("log", "shwo"), "show"),
+        (("chop", "--cylces", "3"), "--cycles"),
+        (("chop", "--set", "cycels=3", "--dry-run"), "cycles"),
+        (("chop", "--strategy", "hybird", "--dry-run"), "hybrid"),
+        (("chop", "--model", "desing", "--dry-run"), "design"),
+        (("chop", "--bench", "smi"), "sim"),
+        (("simulate", "--plan", "chpo"), "chop"),
+        (("campaign", "show", "papr"), "paper"),
+    ],
+)
+def test_a_mistyped_name_is_answered_with_the_one_that_was_meant(arguments, meant, capsys):
+    assert main(list(arguments)) == 2
+    assert f"id you mean '{meant}'?" in capsys.readouterr().err

@@ -1,0 +1,98 @@
+"""Every command explains itself: examples that parse, a page for man, the reference of the documents."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+
+import click
+import pytest
+
+from mccdcli.main import cli, main
+from mccdcli.manual import Page, man_page, markdown, pages
+from mccdcli.registry import COMMANDS
+
+PAGES = {page.name.removeprefix("mccd "): page for page in pages(cli)}
+
+
+def test_the_manual_has_every_command() -> None:
+    assert set(PAGES) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_a_command_has_examples_and_the_line_of_help_that_the_list_shows(name: str) -> None:
+    page = PAGES[name]
+    assert any(example.partition("mccd ")[2].startswith(name) for example in page.examples)
+    assert page.paragraphs[0] == COMMANDS[name].help
+    assert all(help for _, help in page.options)
+
+
+def commands_of(line: str) -> list[list[str]]:
+    """Return the words of each call of mccd in a line of shell, without what the shell keeps to itself."""
+    line = line.removeprefix('eval "$(').removesuffix(')"')
+    calls = re.split(r"\||&&|;", re.sub(r"[<>] *\S+| &$", "", line))
+    words = [shlex.split(call, comments=True) for call in calls]
+    while_variables = [w[next((i for i, one in enumerate(w) if "=" not in one), 0) :] for w in words]
+    return [w for w in while_variables if w and w[0] == "mccd"]
+
+
+@pytest.mark.parametrize(("page", "example"), [(p, e) for p in PAGES.values() for e in p.examples])
+def test_an_example_is_a_call_that_parses(page: Page, example: str) -> None:
+    called = commands_of(example)
+    assert called
+    for words in called:
+        ctx, command = click.Context(cli, info_name="mccd"), cli
+        rest = words[1:]
+        while isinstance(command, click.Group):
+            _, command, rest = command.resolve_command(ctx, rest)
+            ctx = click.Context(command, info_name=command.name, parent=ctx, **command.context_settings)
+        # names and number of values of every option; whether a file exists is not asked
+        command.make_parser(ctx).parse_args(list(rest))
+
+
+def test_markdown_holds_every_option_once_per_command() -> None:
+    text = markdown(cli)
+    for name, page in PAGES.items():
+        part = text.partition(f"## mccd {name}\n")[2].partition("\n## ")[0]
+        for names, _ in page.options:
+            cell = " ".join(names.split()).replace("|", "\\|")
+            assert part.count(f"| `{cell}` |") == 1, (name, names)
+
+
+@pytest.mark.skipif(shutil.which("groff") is None, reason="groff is not installed")
+def test_man_formats_the_page_without_a_warning() -> None:
+    page = man_page(cli, "1.2.3")
+    done = subprocess.run(
+        ["groff", "-man", "-Tutf8", "-ww", "-rLL=100n", "-K", "utf8", "-P-c"],
+        input=page,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stderr == ""
+    shown = re.sub(r".\x08", "", done.stdout)
+    for name in COMMANDS:
+        assert f"mccd {name}" in shown
+    assert "mccd 1.2.3" in shown and "--cycles INTEGER" in shown
+
+
+def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["manual"]) == 0
+    assert capsys.readouterr().out.startswith(".TH MCCD 1 ")
+    assert main(["manual", "--format", "markdown"]) == 0
+    assert capsys.readouterr().out == markdown(cli)
+
+
+@pytest.mark.parametrize("width", ["40", "80", "200"])
+def test_help_fits_its_width(width: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", width)
+    monkeypatch.setattr(shutil, "get_terminal_size", lambda *_: shutil.os.terminal_size((int(width), 24)))
+    assert main(["chop", "--help"]) == 0
+    out = capsys.readouterr().out
+    # lines that are kept as they are (examples) may be longer; a word longer than its column cannot be helped
+    wrapped = [line for line in out.splitlines() if not line.lstrip().startswith(("mccd ", "Usage"))]
+    assert max(map(len, wrapped)) <= min(max(int(width), 50), 100)
+    assert "\x1b" not in out
