@@ -21,7 +21,7 @@ PEAK_DB = 5.0
 """Largest peak of |S| that a design may have on any plant within the uncertainty, what the paper's own θx loop has with
 its hold. A gain margin of 7.2 dB and a phase margin of 33° follow from it."""
 
-EFFORTS_RAD_NM = tuple(np.geomspace(1e-4, 1e-2, 7))
+EFFORTS_RAD_NM = tuple(float(e) for e in np.geomspace(1e-4, 1e-2, 7))
 """From the fastest regulator that amplifiers could follow to one so slow that lightly damped modes stay as they are,
 where the Riccati equations begin to lose their solution to rounding."""
 
@@ -34,8 +34,8 @@ class FeedbackDesign:
 
     `margins` are those of the identified plant; `peak_db` (n,) the peaks of |S| and `three_sigma_rad` (n,) the
     stability predicted for every drawn plant, the identified one first. `from_torque_rad` and `from_reading_rad` are
-    the 3σ shares of both noises, `least_rad` is what the same theory reaches without any margin: a bound for every
-    linear feedback on this noise. `decay_1_s` is the slowest decay of the closed loop that the feedback itself sets.
+    the 3σ shares of both noises. `least_rad` is what the same theory reaches on the identified plant when no margin is
+    asked for: less is not to be had from linear feedback of this effort.
     """
 
     controller: DiscreteFilter
@@ -66,52 +66,74 @@ def design_feedback(plants: list[ModalModel], noise: Noise, rate_hz: float) -> F
     """
     f = frequency_grid(plants[0], rate_hz)
     responses = np.stack([discretise(p, rate_hz).frequency_response(f)[:, 0, 0] for p in plants])
-    tried: list[tuple[float, float, float, DiscreteFilter]] = []
-    lowest = np.inf
-    for effort, distrust in product(EFFORTS_RAD_NM, DISTRUSTS):
-        made = lqg(plants[0], noise, float(effort), distrust, rate_hz)
-        response = made.frequency_response(f)
-        peak_db = 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + responses * response), axis=1))
-        lowest = min(lowest, float(peak_db.max()))
-        if peak_db.max() <= PEAK_DB:
-            tried.append((float(three_sigma(f, responses, response, noise, rate_hz).max()), effort, distrust, made))
-    for _, effort, distrust, made in sorted(tried, key=lambda row: row[0]):
-        if all(largest_pole(plant, made, rate_hz) < 1.0 for plant in plants):
-            return _described(f, responses, plants[0], made, float(effort), distrust, noise, rate_hz)
+    candidates = [
+        _candidate(f, responses, plants[0], noise, e, d, rate_hz) for e, d in product(EFFORTS_RAD_NM, DISTRUSTS)
+    ]
+    solved = [one for one in candidates if one is not None]
+    if not solved:
+        raise ConfigError("feedback: no Riccati equation of this plant and noise has a solution; use another model")
+    least = min(float(one.three_sigma_rad[0]) for one in solved)
+    safe = [one for one in solved if one.peak_db.max() <= PEAK_DB]
+    for one in sorted(safe, key=lambda one: float(one.three_sigma_rad.max())):
+        if all(largest_pole(plant, one.controller, rate_hz) < 1.0 for plant in plants):
+            return _described(f, responses[0], plants[0], one, noise, least, rate_hz)
+    lowest = min(float(one.peak_db.max()) for one in solved)
     raise ConfigError(
         f"feedback: the peak of |S| on the worst plant within the uncertainty is {lowest:.2f} dB at best, the limit is "
-        f"{PEAK_DB:g} dB; identify the axis better or state a smaller tolerance"
+        f"{PEAK_DB:g} dB with every plant stable; identify the axis better or state a smaller tolerance"
     )
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A feedback and what it does on every plant."""
+
+    controller: DiscreteFilter
+    effort_rad_nm: float
+    distrust: float
+    peak_db: Array
+    three_sigma_rad: Array
+
+
+def _candidate(
+    f: Array, responses: ComplexArray, plant: ModalModel, noise: Noise, effort: float, distrust: float, rate_hz: float
+) -> _Candidate | None:
+    """One pair of weights; None where the equations have no solution, as rounding finds with weights far apart."""
+    try:
+        made = lqg(plant, noise, effort, distrust, rate_hz)
+    except ConfigError:
+        return None
+    response = made.frequency_response(f)
+    peak_db = 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + responses * response), axis=1))
+    return _Candidate(made, effort, distrust, peak_db, three_sigma(f, responses, response, noise, rate_hz))
 
 
 def _described(
     f: Array,
-    responses: ComplexArray,
+    plant_response: ComplexArray,
     plant: ModalModel,
-    made: DiscreteFilter,
-    effort: float,
-    distrust: float,
+    chosen: _Candidate,
     noise: Noise,
+    least: float,
     rate_hz: float,
 ) -> FeedbackDesign:
-    response, sampled = made.frequency_response(f), discretise(plant, rate_hz)
-    shares = [3.0 * np.sqrt(_mean(f, s)) for s in reading_spectrum(f, responses[0], response, noise, rate_hz)]
-    free = lqg(plant, noise, EFFORTS_RAD_NM[0], 0.0, rate_hz)
-    least = three_sigma(f, responses[:1], free.frequency_response(f), noise, rate_hz)
+    made, sampled = chosen.controller, discretise(plant, rate_hz)
+    spectra = reading_spectrum(f, plant_response, made.frequency_response(f), noise, rate_hz)
 
     def loop(at: Array) -> ComplexArray:
         return np.asarray(sampled.frequency_response(at)[:, 0, 0] * made.frequency_response(at))
 
+    torque, reading = (float(3.0 * np.sqrt(_mean(f, s))) for s in spectra)
     return FeedbackDesign(
         controller=made,
-        effort_rad_nm=effort,
-        distrust=distrust,
+        effort_rad_nm=chosen.effort_rad_nm,
+        distrust=chosen.distrust,
         margins=loop_margins(loop, 0.5, 0.499 * rate_hz),
-        peak_db=20.0 * np.log10(np.max(1.0 / np.abs(1.0 + responses * response), axis=1)),
-        three_sigma_rad=three_sigma(f, responses, response, noise, rate_hz),
-        from_torque_rad=float(shares[0]),
-        from_reading_rad=float(shares[1]),
-        least_rad=float(least[0]),
+        peak_db=chosen.peak_db,
+        three_sigma_rad=chosen.three_sigma_rad,
+        from_torque_rad=torque,
+        from_reading_rad=reading,
+        least_rad=least,
     )
 
 

@@ -8,7 +8,7 @@ from analysis.paper.canvas import COLOURS, Canvas
 from analysis.paper.measured import Measured
 from analysis.settling import BAND_RAD
 
-STRATEGIES = ("hybrid", "repetitive", "mbff")
+STRATEGIES = {"hybrid": "hybrid", "repetitive": "repetitive", "mbff": "MbFF", "designed": "this project"}
 SHOWN_S = 0.06
 
 
@@ -25,7 +25,7 @@ def figure_6_15(measured: Measured) -> Canvas | None:
     drawn = 0
     for i, (axis, name, alpha) in enumerate((("theta_x", "θx", 0.0), ("theta_y", "θy", 90.0))):
         axes = canvas.panel(i, name, "time (ms)" if i else "", "error (µrad)")
-        for k, strategy in enumerate(STRATEGIES):
+        for k, (strategy, label) in enumerate(STRATEGIES.items()):
             phase = measured.settle(strategy, alpha)
             if phase is None:
                 continue
@@ -33,8 +33,8 @@ def figure_6_15(measured: Measured) -> Canvas | None:
             shown = np.arange(error.size) <= SHOWN_S * phase.rate_hz
             t = np.arange(error.size)[shown] / phase.rate_hz * 1e3
             settled = phase.settling(axis).time_s[1] * 1e3
-            label = f"{strategy}: {settled:.1f} ms" if np.isfinite(settled) else f"{strategy}: not in its dwell"
-            canvas.line(i, label, t, error[shown] * 1e6, color=COLOURS[k], linewidth=1.1)
+            reached = f"{label}: {settled:.1f} ms" if np.isfinite(settled) else f"{label}: not in its dwell"
+            canvas.line(i, reached, t, error[shown] * 1e6, color=COLOURS[k], linewidth=1.1)
             drawn += 1
         canvas.band(i, -BAND_RAD * 1e6, BAND_RAD * 1e6, "±1.7 µrad")
         axes.set_ylim(-40.0, 40.0)

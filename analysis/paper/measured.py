@@ -50,22 +50,22 @@ class _Entry:
 
 
 class Measured:
-    """The measurements of all complete runs in a folder; each method returns None where the campaign lacks the run.
+    """The measurements of all complete runs in folders; each method returns None where the campaigns lack the run.
 
     While a `tracing` block is open, the unique names of the runs that are asked for are collected. Use it as a context
     manager: it keeps the logs open. Raises DataError for a log that is none, ConfigError for a folder without logs.
     """
 
-    def __init__(self, folder: str | Path, *, design: str = "design") -> None:
+    def __init__(self, folder: str | Path, *more: str | Path, design: str = "design") -> None:
         self.folder = Path(folder)
         self.design = Design.load(design, RATE_HZ)
         self._entries: list[_Entry] = []
         self._done: dict[tuple[object, ...], tuple[Any, tuple[str, ...]]] = {}
         self._traced: list[set[str]] = []
-        for path in sorted(self.folder.glob("*.h5")):
+        for path in (p for place in (self.folder, *more) for p in sorted(Path(place).glob("*.h5"))):
             run = read_run(path)
             if run.status == "complete":
-                self._entries.append(_Entry(run, _settings(run)))
+                self._entries.append(_Entry(run, settings_of(run)))
             else:
                 run.close()
         if not self._entries:
@@ -174,19 +174,19 @@ class Measured:
         """Return the fed-forward steps at offsets."""
         return self._once(("steps", axis), self.find("hysteresis", axis=axis), steps_of)
 
-    def chop(self, alpha_deg: float, from_rad: float, to_rad: float) -> ChopPhase | None:
-        """Return a slow chop under the hybrid strategy."""
-        run = self.find("chop", alpha_deg=alpha_deg, from_rad=from_rad, to_rad=to_rad, strategy="hybrid")
-        return self._once(("chop", alpha_deg, from_rad, to_rad), run, chop_phase)
+    def chop(self, alpha_deg: float, from_rad: float, to_rad: float, strategy: str = "hybrid") -> ChopPhase | None:
+        """Return a slow chop under a strategy."""
+        run = self.find("chop", alpha_deg=alpha_deg, from_rad=from_rad, to_rad=to_rad, strategy=strategy)
+        return self._once(("chop", alpha_deg, from_rad, to_rad, strategy), run, chop_phase)
 
     def settle(self, strategy: str, alpha_deg: float, phase: str = "chop") -> ChopPhase | None:
         """Return a phase of a fast chop under a strategy; `alpha_deg` 0 is θx, 90 is θy."""
         run = self.find("settling", strategy=strategy, alpha_deg=alpha_deg)
         return self._once(("settle", strategy, alpha_deg, phase), run, lambda found: chop_phase(found, phase))
 
-    def drift(self) -> DriftTest | None:
-        """Return the drift over the long chop."""
-        return self._once(("drift",), self.find("thermal"), drift_of)
+    def drift(self, strategy: str = "hybrid") -> DriftTest | None:
+        """Return the drift over the long chop under a strategy."""
+        return self._once(("drift", strategy), self.find("thermal", strategy=strategy), drift_of)
 
     def design_axis(self, axis: str) -> ModalModel:
         """Return the design model from one axis's input to its output."""
@@ -212,7 +212,8 @@ def _of(run: Run, measure: Callable[[Run], T]) -> T:
         raise DataError(str(error) if named else f"{run.path}: {error}") from None
 
 
-def _settings(run: Run) -> dict[str, Any]:
+def settings_of(run: Run) -> dict[str, Any]:
+    """Return the settings of the plan that a run played; empty where its configuration cannot be read."""
     try:
         settings = json.loads(run.header.configuration).get("settings", {})
     except (ValueError, AttributeError):

@@ -23,12 +23,18 @@ class Ours:
 
 @dataclass(frozen=True)
 class Row:
-    """One row, all numbers in the unit of the paper; `ours` is None where nothing was measured."""
+    """One row, all numbers in the unit of the paper; `ours` is None where nothing was measured.
+
+    `ours` is what the paper's controllers reach here, `own` what this project's design does, None where it was not
+    played.
+    """
 
     number: PaperNumber
     ours: float | None
     std: float | None = None
     note: str = ""
+    own: float | None = None
+    own_std: float | None = None
 
     @property
     def deviation(self) -> float | None:
@@ -48,10 +54,18 @@ class Row:
     @property
     def met(self) -> bool | None:
         """Whether ours meets the paper's requirement; None where there is none or nothing was measured."""
-        if self.number.requirement is None or self.ours is None:
-            return None
+        return self._meets(self.ours)
+
+    @property
+    def own_met(self) -> bool | None:
+        """Whether this project's design meets the requirement; None as `met`."""
+        return self._meets(self.own)
+
+    def _meets(self, value: float | None) -> bool | None:
         required = self.number.requirement
-        return self.ours >= required if self.number.at_least else self.ours <= required
+        if required is None or value is None:
+            return None
+        return value >= required if self.number.at_least else value <= required
 
     @property
     def failed(self) -> bool:
@@ -68,8 +82,16 @@ class Table:
     rows: tuple[Row, ...]
     run_uids: tuple[str, ...] = field(default=())
 
+    @property
+    def compared(self) -> bool:
+        """Whether this project's own design stands beside the paper's controllers."""
+        return any(r.own is not None for r in self.rows)
+
     def as_json(self) -> list[dict[str, Any]]:
-        """Return the rows as the report's contract has them: row, paper, ours, unit, label, tolerance, ok."""
+        """Return the rows as the report's contract has them: row, paper, ours, unit, label, tolerance, ok.
+
+        A table that compares has `this_project` as well.
+        """
         return [
             {
                 "row": r.number.row,
@@ -79,6 +101,7 @@ class Table:
                 "label": r.number.label,
                 "tolerance": r.number.tolerance,
                 "ok": r.ok,
+                **({"this_project": _finite(r.own)} if self.compared else {}),
             }
             for r in self.rows
         ]
@@ -99,29 +122,46 @@ class Table:
             "why": [r.number.why for r in self.rows],
             "note": [r.note for r in self.rows],
         }
+        if self.compared:
+            columns["this_project"] = [r.own for r in self.rows]
+            columns["this_project_std"] = [r.own_std for r in self.rows]
         if all(value is None for value in columns["requirement"]):
             del columns["requirement"]
         return pd.DataFrame(columns)
 
 
-def build_table(key: str, paper: PaperTable, ours: Mapping[str, Ours | float], run_uids: tuple[str, ...] = ()) -> Table:
+def build_table(
+    key: str,
+    paper: PaperTable,
+    ours: Mapping[str, Ours | float],
+    run_uids: tuple[str, ...] = (),
+    own: Mapping[str, Ours | float] | None = None,
+) -> Table:
     """Return the table from our values in SI by row key; rows without one stay visible as not measured.
+
+    `own` are those of this project's design.
 
     Raises KeyError for a value whose key is no row, which is a mistake in the table's function.
     """
-    unknown = sorted(set(ours) - {n.key for n in paper.rows})
+    more = own or {}
+    unknown = sorted((set(ours) | set(more)) - {n.key for n in paper.rows})
     if unknown:
         raise KeyError(f"table {key} has no rows {unknown}")
-    return Table(key, paper, tuple(_row(n, ours.get(n.key)) for n in paper.rows), run_uids)
+    return Table(key, paper, tuple(_row(n, ours.get(n.key), more.get(n.key)) for n in paper.rows), run_uids)
 
 
-def _row(number: PaperNumber, ours: Ours | float | None) -> Row:
+def _row(number: PaperNumber, ours: Ours | float | None, own: Ours | float | None) -> Row:
+    value, std, note = _in_unit(number, ours)
+    own_value, own_std, _ = _in_unit(number, own)
+    return Row(number, value, std, note, own_value, own_std)
+
+
+def _in_unit(number: PaperNumber, ours: Ours | float | None) -> tuple[float | None, float | None, str]:
     if ours is None:
-        return Row(number, None)
+        return None, None, ""
     full = ours if isinstance(ours, Ours) else Ours(float(ours))
     si = UNIT_SI[number.unit]
-    std = None if full.std is None else float(full.std / si)
-    return Row(number, float(full.value / si), std, full.note)
+    return float(full.value / si), None if full.std is None else float(full.std / si), full.note
 
 
 def label_counts(tables: list[Table]) -> dict[Label, tuple[int, int, int]]:

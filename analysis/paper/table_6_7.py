@@ -13,12 +13,12 @@ FORMS: dict[str, tuple[float, float]] = {
 ALPHAS_DEG = (0, 120, 240)
 
 
-def table_6_7(measured: Measured) -> dict[str, Ours]:
+def table_6_7(measured: Measured, strategy: str = "hybrid") -> dict[str, Ours]:
     """Return the percentage at both positions of every α and form, with its scatter between windows."""
     ours: dict[str, Ours] = {}
     for alpha in ALPHAS_DEG:
         for form, (start, stop) in FORMS.items():
-            chop = measured.chop(float(alpha), start, stop)
+            chop = measured.chop(float(alpha), start, stop, strategy)
             if chop is None:
                 continue
             result = chop.stability()

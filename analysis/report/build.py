@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from analysis.design.output import stages_csv
 from analysis.paper.canvas import Canvas
 from analysis.paper.evidence import EVIDENCE, Evidence
 from analysis.paper.figures import FIGURES, make_figure
@@ -16,6 +17,7 @@ from analysis.paper.rows import Row, Table
 from analysis.paper.tables import TABLES, make_table
 from analysis.report.explore import make_explorers
 from analysis.report.page import FigurePart, render_page, render_table
+from analysis.report.stages import measured_stages
 from analysis.report.tables import write_table
 from campaigns.version import tool_commit, tool_version
 
@@ -54,14 +56,17 @@ class Report:
         ]
 
 
-def build_report(logs: Path, out: Path, progress: Progress | None = None) -> Report:
+def build_report(logs: Path, out: Path, progress: Progress | None = None, designed: Path | None = None) -> Report:
     """Build the report of the logs in `logs` into `out`, whose files of the same names are replaced.
+
+    `designed` is a folder with the logs of this project's controller, whose numbers then stand beside the others.
 
     Raises ConfigError when there is no complete log, DataError for a log that cannot be read.
     """
     tell = progress or _silent
     total = float(len(TABLES) + len(FIGURES) + 1)
-    with Measured(logs) as measured:
+    folders = (logs,) if designed is None else (logs, designed)
+    with Measured(*folders) as measured:
         for name in ("tables", "figures"):
             (out / name).mkdir(parents=True, exist_ok=True)
         tables: dict[str, Table] = {}
@@ -81,7 +86,10 @@ def build_report(logs: Path, out: Path, progress: Progress | None = None) -> Rep
         evidence = [make() for make in EVIDENCE]
         _write_evidence(evidence, out / "tables")
         page = out / "index.html"
-        page.write_text(render_page(measured.runs, tables, figures, evidence, explorers), encoding="utf-8")
+        stages = measured_stages(measured)
+        if stages:
+            (out / "tables" / "stages.csv").write_text(stages_csv(stages), encoding="utf-8")
+        page.write_text(render_page(measured.runs, tables, figures, evidence, explorers, stages), encoding="utf-8")
     report = Report(out, tables, {key: part.path for key, part in figures.items()}, page, out / "report.json")
     _write_json(report.content(relative=True), report.json)
     return report

@@ -11,6 +11,8 @@ import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
+from analysis.design.output import STAGE_HEADS, stage_rows
+from analysis.design.stages import StageResult
 from analysis.paper.evidence import Evidence
 from analysis.paper.rows import Row, Table, label_counts
 from analysis.report.explore.view import Explorer
@@ -45,7 +47,10 @@ class FigurePart:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the page says first: requirements met of those measured, missed ones by name, predictions in tolerance."""
+    """What the page says first: requirements met of those measured, missed ones by name, predictions in tolerance.
+
+    The numbers of this project's own design stand apart.
+    """
 
     met: int
     measured: int
@@ -53,11 +58,15 @@ class Verdict:
     agreeing: int
     predictions: int
     failures: dict[str, tuple[Row, ...]]
+    own_met: int = 0
+    own_measured: int = 0
+    own_missed: tuple[str, ...] = ()
 
 
 def verdict_of(tables: dict[str, Table]) -> Verdict:
     """Return the verdict over all tables; the requirements are those of Table 6.6."""
     required = [row for row in tables["6.6"].rows if row.met is not None] if "6.6" in tables else []
+    own = [row for row in tables["6.6"].rows if row.own_met is not None] if "6.6" in tables else []
     rows = [row for table in tables.values() for row in table.rows]
     known = [row for row in rows if row.number.label == "predicted" and row.ok is not None]
     return Verdict(
@@ -69,6 +78,9 @@ def verdict_of(tables: dict[str, Table]) -> Verdict:
         failures={
             key: failed for key, table in tables.items() if (failed := tuple(row for row in table.rows if row.failed))
         },
+        own_met=sum(bool(row.own_met) for row in own),
+        own_measured=len(own),
+        own_missed=tuple(row.number.row for row in own if not row.own_met),
     )
 
 
@@ -103,6 +115,7 @@ def render_page(
     figures: dict[str, FigurePart],
     evidence: Sequence[Evidence],
     explorers: Sequence[Explorer] = (),
+    stages: Sequence[StageResult] = (),
 ) -> str:
     """Return the whole page. It holds no time of its own, so identical logs give identical bytes."""
     environment = _environment()
@@ -115,6 +128,7 @@ def render_page(
         drawings={key: Markup(svg) for key, svg in drawings.items()},
         evidence=evidence,
         explorers=explorers,
+        stages=(STAGE_HEADS, stage_rows(stages)) if stages else None,
         verdict=verdict_of(tables),
         counts=label_counts(list(tables.values())),
         version=f"{tool_version()} ({tool_commit()})",

@@ -10,6 +10,10 @@ import pandas as pd
 from analysis.paper.rows import Row, Table
 from analysis.report.formats import NONE, exact, shown
 
+OWN = "this project"
+THEIRS = "paper's controllers here"
+"""Heads of a table that compares; elsewhere the second is called ours."""
+
 _MARKS = {True: "yes", False: "no", None: NONE}
 
 
@@ -20,6 +24,8 @@ def display_frame(table: Table) -> pd.DataFrame:
         columns["required"] = [_required(r) for r in table.rows]
     columns["paper"] = [_paper(r) for r in table.rows]
     columns["ours"] = [_ours(r) for r in table.rows]
+    if table.compared:
+        columns[OWN] = [shown(r.own, like=r.number.value, std=r.own_std) for r in table.rows]
     columns["deviation"] = [_deviation(r) for r in table.rows]
     columns["tolerance"] = [f"{'+' if r.number.bound else '±'}{exact(r.number.tolerance)}" for r in table.rows]
     columns["unit"] = [_unit(r.number.unit) for r in table.rows]
@@ -75,6 +81,8 @@ def write_table(table: Table, folder: Path, html: str) -> dict[str, Path]:
 def latex(table: Table) -> str:
     """Return the table as a LaTeX table (booktabs; UTF-8, as XeLaTeX and LuaLaTeX read it)."""
     frame = display_frame(table)
+    if table.compared:
+        frame = frame.rename(columns={"ours": THEIRS})
     return str(
         frame.to_latex(
             index=False,

@@ -24,13 +24,22 @@ if TYPE_CHECKING:
     metavar="CAMPAIGN",
     help="The campaign to report: a bundled one or a file.",
 )
+@click.option(
+    "--design/--no-design",
+    "own",
+    default=True,
+    show_default=True,
+    help="Also design a controller from the campaign's logs, play it, and set its results beside the others.",
+)
 @click.option("--check", is_flag=True, help="Exit with 1 if a predicted number leaves its stated tolerance.")
 @common_options()
-def report(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, campaign: str, check: bool) -> int:
+def report(
+    bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, campaign: str, own: bool, check: bool
+) -> int:
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
-    The report is written to the folder --out (default: report), its logs to OUT/campaign. With --check, each predicted
-    number outside its tolerance is named.
+    The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
+    controller to OUT/designed. With --check, each predicted number outside its tolerance is named.
 
     \b
     Examples:
@@ -53,10 +62,35 @@ def report(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool
 
     from analysis.report import build_report
 
+    designed, code = _played_design(logs, folder / "designed", bench, seed) if own else (None, 0)
+    if code:
+        return code
     with progress("report") as advance:
-        built = build_report(logs, folder, advance)
+        built = build_report(logs, folder, advance, designed)
     emit(built.content(), as_json=as_json, text=_text(built))
     return _checked(built) if check else 0
+
+
+def _played_design(logs: Path, folder: Path, bench: str, seed: int) -> tuple[Path | None, int]:
+    """Design a controller from a campaign's logs and play it; return its logs' folder, if any, and an exit code.
+
+    None and 0 where the campaign does not hold what a design needs.
+    """
+    from contextlib import closing
+
+    from analysis.design.from_logs import design_from_logs
+    from campaigns.benches import open_bench
+    from campaigns.campaign_run import STATE_FILE
+    from campaigns.designed_campaign import designed_campaign
+
+    with closing(open_bench(bench, seed)) as opened:
+        limits, axes = opened.limits, opened.axes
+    controller = design_from_logs(logs, limits, axes, folder)
+    if controller is None:
+        return None, 0
+    own = designed_campaign(controller)
+    played = play_campaign(own, folder, bench, seed, resume=(folder / STATE_FILE).exists())
+    return folder, played.exit_code
 
 
 def _text(built: Report) -> str:
