@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.responses import response, simulate
+from analysis.diagnosis.responses import coasting, response, simulate
 from sim_backend import kernel
 from sim_backend.assembly import Places, effects_of
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.view import RecordView
+from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -128,13 +129,15 @@ def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales)
     }
 
 
-def signature(candidate: Candidate, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
+def signature(
+    candidate: Candidate, linear: ModalModel, places: Places, motion: Motion, rate_hz: float, start: Array
+) -> Array:
     """Return the outputs' first-order change, shape (n, n_y, n_columns), one column per size parameter.
 
-    An effect without sizes has one column: its whole contribution.
+    `start` (m, 2) are the states of the linear model in which the motion begins. An effect without sizes has one column: its whole contribution.
     """
     if candidate.effect.site is Site.MODEL:
-        return _of_model(candidate, linear, places, motion.u, rate_hz)
+        return _of_model(candidate, linear, places, motion.u, rate_hz, start)
     if candidate.effect.site is Site.RECORD:
         return _of_record(candidate, places, motion, rate_hz)
     names = list(candidate.unit_sizes) or [""]
@@ -197,14 +200,24 @@ def _auxiliary(effect: Effect, column: int, motion: Motion) -> Array:
     return np.zeros(motion.u.shape[0])
 
 
-def _of_model(candidate: Candidate, linear: ModalModel, places: Places, u: Array, rate_hz: float) -> Array:
+def _of_model(
+    candidate: Candidate, linear: ModalModel, places: Places, u: Array, rate_hz: float, start: Array
+) -> Array:
     i = places.inputs.index(candidate.where)
     o = places.outputs.index(candidate.where) if candidate.where in places.outputs else min(i, len(places.outputs) - 1)
-    nominal = simulate(discretise(linear, rate_hz), u)
+
+    def moved(name: str, by: float) -> Array:
+        effect = candidate.made({n: (by if n == name else 0.0) for n in candidate.unit_sizes})
+        model = discretise(effect.retune(linear, i, o), rate_hz)
+        return simulate(model, u) + coasting(model, start, u.shape[0])
+
     columns = []
     for name, unit in candidate.unit_sizes.items():
-        step = 1e-4 * unit  # small against every size at which an effect is still first order, large against rounding
-        effect = candidate.made({n: (step if n == name else 0.0) for n in candidate.unit_sizes})
-        changed = simulate(discretise(effect.retune(linear, i, o), rate_hz), u)
-        columns.append((changed - nominal) * (unit / step))
+        # differences of second order, and small: what is left of a column that the knobs can imitate may be 1e-9 of it
+        step = 1e-5 * unit
+        try:
+            slope = (moved(name, step) - moved(name, -step)) / (2.0 * step)
+        except ConfigError:  # there is nothing on the other side, as of a delay
+            slope = (4.0 * moved(name, step) - moved(name, 2.0 * step) - 3.0 * moved(name, 0.0)) / (2.0 * step)
+        columns.append(unit * slope)
     return np.stack(columns, axis=2)

@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 _CLOSE = 0.1
 """A fit has converged when a step lowers the sum of squares by less: a tenth of one standard deviation squared."""
 
+_FREE = 1e-5
+"""A step damped by less, in units of its own curvature, goes nearly as far as it wants to."""
+
 
 class Evaluated(Protocol):
     """A point of the descent; `objective` is what is made small."""
@@ -61,8 +64,8 @@ class Descent(Generic[Point]):
                 break
             gained = here.objective - moved[1].objective
             x, here, damping = moved
-            if gained < _CLOSE:
-                break
+            if gained < _CLOSE and damping < _FREE:
+                break  # a short step that gains little says nothing; a free one does
         return x, here
 
     def _step(self, x: Array, here: Point, h: Array, slope: Array, damping: float) -> tuple[Array, Point, float] | None:

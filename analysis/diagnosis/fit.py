@@ -14,7 +14,7 @@ from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob, turned
 from sim_backend import layout
-from sim_backend.assembly import Places
+from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import Effect, Site
 from sim_backend.linear import ModalModel
 from sim_backend.replay import Motion, replay
@@ -83,6 +83,11 @@ class Fit:
             own = [getattr(effect, n) / unit for n, unit in candidate.unit_sizes.items()] or [1.0]
             sizes = np.append(sizes, own)
         return candidates, sizes
+
+
+def linear_of(setting: Setting, fit: Fit) -> ModalModel:
+    """Return the linear model of a fit: knobs turned, and what its effects change in the model itself."""
+    return retuned(turned(setting.nominal, setting.knobs, fit.change), fit.effects, setting.places)
 
 
 def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> list[Motion]:

@@ -86,6 +86,15 @@ class Gram:
         sizes[live] = x / scale
         return float(2.0 * r @ x - x @ basis @ x), sizes
 
+    def knobs_beside(self, i: int, sizes: Array) -> Array:
+        """Return the change (n_knobs,) that goes with candidate `i` at `sizes`: with it there, what the knobs do."""
+        knobs, columns = self.knob_columns(), self.groups[i]
+        g = self.products
+        inner = g[np.ix_(knobs, knobs)]
+        scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
+        wanted = g[knobs, 0] - g[np.ix_(knobs, columns)] @ sizes
+        return np.asarray(np.linalg.lstsq(inner / np.outer(scale, scale), wanted / scale, rcond=1e-14)[0] / scale)
+
     def freshness(self, reduced: Array) -> Array:
         """Return, per candidate, how much of its strongest column the knobs cannot imitate (0 to 1)."""
         before, left = np.diag(self.products), np.diag(reduced)

@@ -25,7 +25,7 @@ _OVERSUBTRACTION = 6.0
 fluctuations."""
 
 _STRAYED = 0.3
-"""A simulation whose residual is more than this part of the output has lost the motion; then the measured one counts."""
+"""A simulation whose residual is more than this part of the output has lost it; the measured motion counts then."""
 
 
 def measured_motion(record: Record, simulated: Array, residual: Array, whitener: Whitener, rate_hz: float) -> Motion:

@@ -25,6 +25,7 @@ from analysis.diagnosis.fit import Fit, Setting, simulated
 from analysis.diagnosis.parameters import Scale, difference, parameters_of
 from analysis.diagnosis.starts import stack_white
 from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
+from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
 
@@ -199,7 +200,7 @@ class _Slopes:
     def __init__(self, problem: Problem, *, exact: bool) -> None:
         self._problem, self._exact = problem, exact
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
-        self.approximate = any(site not in (Site.COMMAND, Site.CURRENT) for site in sites)
+        self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._kept: Array | None = None
         self._jacobian: Array | None = None
 
@@ -232,8 +233,13 @@ class _Slopes:
         hard = [i for i in range(n_knobs) if self._exact and self.approximate and self._touched(s.knobs[i])]
         easy = [i for i in range(n_knobs) if i not in hard]
         if easy:
-            linear, knobs = turned(s.nominal, s.knobs, x[:n_knobs]), [s.knobs[i] for i in easy]
-            moved = [sensitivities(linear, knobs, t, s.data.rate_hz, through_delay=False) for t in at.torques]
+            acting = [*s.known, *problem.effects(x)]
+            linear = retuned(turned(s.nominal, s.knobs, x[:n_knobs]), acting, s.places)
+            knobs = [s.knobs[i] for i in easy]
+            moved = [
+                sensitivities(linear, knobs, torque, s.data.rate_hz, start, through_delay=False)
+                for torque, start in zip(at.torques, s.states, strict=True)
+            ]
             rows = at.stacked.size - x.size
             columns[:rows, easy] = -problem.whiten(moved).reshape(rows, -1)
             columns[rows + np.array(easy), easy] = [1.0 / s.knobs[i].sd for i in easy]
@@ -243,15 +249,14 @@ class _Slopes:
         return columns
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
-        """Return d(stacked)/dx_i by a difference of full simulations, on the side where there is a model."""
+        """Return d(stacked)/dx_i by differences of full simulations: central, or on the side where there is a model."""
         step = _KNOB_DIFFERENCE if i < len(self._problem.setting.knobs) else difference(x[i])
-        for width in (step, -step):
-            there = x.copy()
-            there[i] += width
-            beside = self._problem.evaluate(there)
-            if np.isfinite(beside.misfit):
-                return np.asarray((beside.stacked - at.stacked) / width)
-        return np.zeros(at.stacked.size)
+        there, back = (self._problem.evaluate(side) for side in _beside(x, i, step))
+        if np.isfinite(there.misfit) and np.isfinite(back.misfit):
+            return np.asarray((there.stacked - back.stacked) / (2.0 * step))
+        if np.isfinite(there.misfit):
+            return np.asarray((there.stacked - at.stacked) / step)
+        return np.asarray((at.stacked - back.stacked) / step) if np.isfinite(back.misfit) else np.zeros(at.stacked.size)
 
     def _touched(self, knob: Knob) -> bool:
         """Tell whether an effect acts on, or through, the mode of this knob."""
@@ -273,6 +278,12 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     scales, x = parameters_of(held, sizes)
     problem = Problem(setting, tuple(held), scales)
     x = np.concatenate([fit.change, x])
+    if not (held or setting.known):
+        linear = turned(setting.nominal, setting.knobs, fit.change)
+        return tuple(
+            sensitivities(linear, setting.knobs, record.u, setting.data.rate_hz, states)
+            for record, states in zip(setting.data.records, setting.states, strict=True)
+        )
 
     def column(i: int) -> list[Array]:
         step = _KNOB_DIFFERENCE if i < fit.change.size else difference(x[i])

@@ -71,6 +71,16 @@ def simulate(model: DiscreteModel, u: Array, *, through_delay: bool = True) -> A
     return out
 
 
+def coasting(model: DiscreteModel, start: Array, n: int) -> Array:
+    """Return the outputs (n, n_y) that the states `start` (m, 2) give on their own."""
+    out = np.zeros((n, model.c.shape[0]))
+    states, still = np.empty((n, 2)), np.zeros(n)
+    for i in np.flatnonzero(np.any(start != 0.0, axis=1)):
+        _block(model.a[i], np.zeros(2), still, start[i, 0], start[i, 1], states)
+        out += states @ model.c[:, i, :].T
+    return out
+
+
 def free_responses(model: DiscreteModel, n: int) -> Array:
     """Return the outputs to unit initial states, shape (n, n_y, 2 m): what a record's unknown start can add."""
     m, n_y = model.a.shape[0], model.c.shape[0]

@@ -14,7 +14,7 @@ from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.gram import Gram, Ints
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.starts import Start
-from analysis.diagnosis.tuning import Knob, sensitivities
+from analysis.diagnosis.tuning import Knob
 from sim_backend.assembly import Places
 from sim_backend.linear import ModalModel
 
@@ -26,7 +26,7 @@ class Problem:
     """What screening starts from: the data, the re-tuned linear model, its knobs and their present change.
 
     `exact` (one (n, n_y, k) per record) holds the sensitivities to the knobs and then to the parameters of effects
-    that are already in the model; without it there are none, and the knobs' linear sensitivities are computed here.
+    that are already in the model; `states` (m, 2) per record are those in which they start.
     """
 
     data: Dataset
@@ -35,7 +35,8 @@ class Problem:
     knobs: list[Knob]
     change: Array
     starts: tuple[Start, ...]
-    exact: tuple[Array, ...] | None = None
+    exact: tuple[Array, ...]
+    states: tuple[Array, ...]
 
 
 def gram_of(
@@ -50,24 +51,19 @@ def gram_of(
 
     Records and outputs are taken one after another, so that memory holds one record's columns only.
     """
-    n_extra = problem.exact[0].shape[2] - len(problem.knobs) if problem.exact else 0
+    n_extra = problem.exact[0].shape[2] - len(problem.knobs)
     groups, n_columns = _number(candidates, 1 + len(problem.knobs) + n_extra)
     total = np.zeros((n_columns, n_columns))
     rows = 0
     for r, (record, motion, start) in enumerate(zip(problem.data.records, motions, problem.starts, strict=True)):
         rows += int(record.fitted().sum()) * problem.data.n_outputs
 
-        def column(candidate: Candidate, motion: Motion = motion) -> Array:
-            return signature(candidate, problem.linear, problem.places, motion, problem.data.rate_hz)
+        def column(candidate: Candidate, motion: Motion = motion, states: Array = problem.states[r]) -> Array:
+            return signature(candidate, problem.linear, problem.places, motion, problem.data.rate_hz, states)
 
         with ThreadPoolExecutor(workers) as pool:
             found = list(pool.map(column, candidates))
-        knobs = (
-            problem.exact[r]
-            if problem.exact
-            else sensitivities(problem.linear, problem.knobs, record.u, problem.data.rate_hz)
-        )
-        parts = [motion.residual[:, :, None], knobs, *found]
+        parts = [motion.residual[:, :, None], problem.exact[r], *found]
         total += _products(parts, record, whitener, start)
     # prior: the total change of each knob from the nominal model is normal with its sd
     precision = np.array([1.0 / k.sd**2 for k in problem.knobs])

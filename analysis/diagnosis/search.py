@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
-from analysis.diagnosis.fit import Fit, Setting, positions
+from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.motions import measured_motion
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.refit import exact_sensitivities, refit
 from analysis.diagnosis.screening import Problem, gram_of
 from analysis.diagnosis.starts import stack_white, starts_of
-from analysis.diagnosis.tuning import turned
-from sim_backend.effects.base import Effect
+from analysis.diagnosis.tuning import REACH, imitation, turned
+from sim_backend.assembly import retuned
+from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.view import RecordView
 
 Array = NDArray[np.float64]
@@ -56,11 +57,15 @@ class Rules:
 
 @dataclass(frozen=True)
 class Screen:
-    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold."""
+    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold.
+
+    `knobs` are the changes of the knobs that go with each candidate.
+    """
 
     candidates: tuple[Candidate, ...]
     gains: Array
     sizes: tuple[Array, ...]
+    knobs: tuple[Array, ...]
     freshness: Array
     threshold: float
 
@@ -79,7 +84,7 @@ class Screen:
 
 def settle(setting: Setting, fit: Fit) -> Setting:
     """Return the setting with noise colour, start bases and start states brought up to date with `fit`."""
-    linear = turned(setting.nominal, setting.knobs, fit.change)
+    linear = linear_of(setting, fit)
     whitener = whitener_from(setting.data, list(fit.residuals))
     starts = starts_of(setting.data, linear, whitener)
     states = tuple(
@@ -116,7 +121,7 @@ def score(fit: Fit, known_noise: bool) -> float:
 
 def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
     """Return the evidence of every candidate beside what `fit` already holds."""
-    linear = turned(setting.nominal, setting.knobs, fit.change)
+    linear = linear_of(setting, fit)
     motions = [
         measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
         for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
@@ -124,13 +129,14 @@ def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
     views = _views(setting, motions)
     taken = {c.key for c in fit.candidates}
     candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
-    exact = exact_sensitivities(setting, fit) if fit.candidates else None
-    problem = Problem(setting.data, linear, setting.places, setting.knobs, fit.change, setting.starts, exact)
+    exact = exact_sensitivities(setting, fit)
+    data, places = setting.data, setting.places
+    problem = Problem(data, linear, places, setting.knobs, fit.change, setting.starts, exact, setting.states)
     gram = gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers)
-    return _evidence(gram, candidates, rules)
+    return _evidence(gram, candidates, len(setting.knobs), rules)
 
 
-def _evidence(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
+def _evidence(gram: Gram, candidates: Sequence[Candidate], n_knobs: int, rules: Rules) -> Screen:
     reduced = gram.without(gram.knob_columns())
     solved = [gram.solve(reduced, i) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them
@@ -138,7 +144,9 @@ def _evidence(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Scre
     gains = np.maximum(gram.gains(reduced, float(reduced[0, 0])) - chosen, 0.0)
     maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
     threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
-    return Screen(tuple(candidates), gains, tuple(s for _, s in solved), gram.freshness(reduced), threshold)
+    sizes = tuple(s for _, s in solved)
+    knobs = tuple(gram.knobs_beside(i, s)[:n_knobs] for i, s in enumerate(sizes))
+    return Screen(tuple(candidates), gains, sizes, knobs, gram.freshness(reduced), threshold)
 
 
 def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]:
@@ -198,7 +206,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             progress(
                 f"fitting {candidate.effect.name} at {candidate.where}", (depth + k / len(picks)) / rules.max_effects
             )
-            return _extended(setting, best, candidate, found.sizes[picks[k]])
+            return _extended(setting, best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
 
         with ThreadPoolExecutor(setting.workers) as pool:
             trials = list(pool.map(trial, range(len(picks))))
@@ -227,11 +235,23 @@ def _shortlist(found: Screen) -> list[int]:
     return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
 
 
-def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> Fit:
+def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
     before, held = fit.held()
-    # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
-    near = _TRUSTED * np.array([k.sd for k in setting.knobs])
-    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), np.clip(fit.change, -near, near))
+    start = fit.change + knobs
+    if candidate.effect.site is Site.MODEL:
+        # the effect takes over what the knobs did in its place, at any size
+        sd = np.array([k.sd for k in setting.knobs])
+        linear = turned(setting.nominal, setting.knobs, fit.change)
+        effect = candidate.made(
+            dict(zip(candidate.unit_sizes, sizes * list(candidate.unit_sizes.values()), strict=True))
+        )
+        start = fit.change - imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
+        start = np.clip(start, -REACH * sd, REACH * sd)
+    else:
+        # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal
+        near = _TRUSTED * np.array([k.sd for k in setting.knobs])
+        start = np.clip(start, -near, near)
+    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
 
 
 def _again(setting: Setting, fit: Fit) -> Fit:

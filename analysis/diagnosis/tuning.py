@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.responses import simulate
+from analysis.diagnosis.responses import coasting, simulate
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Knob:
     sd: float
 
 
-REACH = 10.0
+REACH = 100.0
 """Knobs stay within this many standard deviations. A prior alone does not hold them against a gross error of the
 model, and once far away they would creep back along valleys that the data hardly determine."""
 
@@ -72,25 +72,35 @@ def turned(linear: ModalModel, knobs: list[Knob], change: Array) -> ModalModel:
     return linear.with_(**fields)
 
 
+def imitation(linear: ModalModel, knobs: list[Knob], changed: ModalModel) -> Array:
+    """Return the change (n_knobs,) of the knobs of `linear` that makes its parameters those of `changed`.
+
+    Modes that `changed` has beyond those of `linear` are left alone.
+    """
+    out = np.zeros(len(knobs))
+    for i, knob in enumerate(knobs):
+        before, after = getattr(linear, knob.field)[knob.index], getattr(changed, knob.field)[knob.index]
+        out[i] = np.log(after / before) if after / before > 0.0 else 0.0
+    return out
+
+
 def sensitivities(
-    linear: ModalModel, knobs: list[Knob], u: Array, rate_hz: float, *, through_delay: bool = True
+    linear: ModalModel, knobs: list[Knob], u: Array, rate_hz: float, start: Array, *, through_delay: bool = True
 ) -> Array:
     """Return the change of the outputs per unit of each knob, shape (n, n_y, n_knobs), by central differences.
 
-    `u` (n, n_u) are commands or, without `through_delay`, torques. Only the knob's own mode is simulated, so that the
-    cost is that of two modes per knob.
+    `u` (n, n_u) are commands or, without `through_delay`, torques, `start` (m, 2) the states in which they find the
+    model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob.
     """
+
+    def moved(knob: Knob, by: float) -> Array:
+        mode = discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz)
+        begins = start[knob.mode : knob.mode + 1]
+        return simulate(mode, u, through_delay=through_delay) + coasting(mode, begins, u.shape[0])
+
     out = np.empty((u.shape[0], linear.n_outputs, len(knobs)))
     for k, knob in enumerate(knobs):
-        sides = [
-            simulate(
-                discretise(_only(turned(linear, [knob], np.array([sign * _STEP])), knob.mode), rate_hz),
-                u,
-                through_delay=through_delay,
-            )
-            for sign in (1.0, -1.0)
-        ]
-        out[:, :, k] = (sides[0] - sides[1]) / (2.0 * _STEP)
+        out[:, :, k] = (moved(knob, _STEP) - moved(knob, -_STEP)) / (2.0 * _STEP)
     return out
 
 

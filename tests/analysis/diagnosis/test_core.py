@@ -97,7 +97,7 @@ def test_free_responses_span_every_start() -> None:
 def test_sensitivities_are_the_difference_of_two_models() -> None:
     linear, u = linear_model(), drive(600)
     knobs = knobs_of(linear, 0.03)
-    columns = sensitivities(linear, knobs, u, RATE_HZ)
+    columns = sensitivities(linear, knobs, u, RATE_HZ, np.zeros((2, 2)))
     base = simulate(discretise(linear, RATE_HZ), u)
     for k, knob in enumerate(knobs):
         step = np.zeros(len(knobs))
@@ -193,7 +193,9 @@ def test_signature_is_the_first_order_of_the_simulation() -> None:
         cls = effect_class(name)
         shapes = {k: v for k, v in parameters.items() if k in cls.shapes()}
         sizes = {k: v for k, v in parameters.items() if k in cls.sizes()}
-        column = signature(Candidate(cls, "theta_x", shapes, sizes, shapes), linear, places, seen, RATE_HZ)[:, 0, 0]
+        column = signature(
+            Candidate(cls, "theta_x", shapes, sizes, shapes), linear, places, seen, RATE_HZ, np.zeros((2, 2))
+        )[:, 0, 0]
         exact = replay(linear, [cls("theta_x", **parameters)], places, transducers_of(model), u, RATE_HZ, substeps=8)
         change = (exact.reading - position)[:, 0]
         # held over a sample, a motion-dependent torque acts half a sample late: pi f / rate = 5 % at 30 Hz
