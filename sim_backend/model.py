@@ -22,6 +22,7 @@ import tomli_w
 
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel
+from sim_backend.plausible import refuse_absurd
 
 Origin = Literal["printed", "calibrated", "assumed", "derived", "fitted", "stated"]
 
@@ -243,17 +244,8 @@ def check_model(model: Model, where: str) -> None:
                 f"{where}: mode '{mode.label}' has frequency_hz {number(mode.frequency_hz):g}; it must be zero (rigid "
                 f"body) or more"
             )
-    if not all(np.isfinite(x) for x in _numbers(msgspec.to_builtins(model))):
-        raise ConfigError(f"{where}: a number is infinite or not a number; every number must be finite")
+    refuse_absurd(msgspec.to_builtins(model), where)
     model.linear()
-
-
-def _numbers(node: object) -> list[float]:
-    if isinstance(node, dict):
-        return [x for v in node.values() for x in _numbers(v)]
-    if isinstance(node, list):
-        return [x for v in node for x in _numbers(v)]
-    return [node] if isinstance(node, float) else []
 
 
 def bundled_models() -> list[str]:

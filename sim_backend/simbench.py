@@ -47,6 +47,16 @@ def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
     return np.random.default_rng([seed, crc32(label.encode()), rank])
 
 
+def _require_finite(label: str, channels: dict[str, Array]) -> None:
+    for name, values in channels.items():
+        finite = np.isfinite(values)
+        if not finite.all():
+            raise ConfigError(
+                f"segment '{label}': {name} of the simulated bench is no finite number at sample {np.argmin(finite)}; "
+                "its model, or the loop closed around it, is unstable or holds an absurd number: correct that"
+            )
+
+
 class SimBench:
     """A bench that exists only as a Model; two benches with the same model and seed measure the same numbers.
 
@@ -131,7 +141,7 @@ class SimBench:
         """Play one segment from the present state and return the channels it asks for (all when it names none).
 
         A segment that sets the cold finger begins once the bench has settled there. Raises ConfigError when the segment
-        names an unknown channel or has the wrong number of axes.
+        names an unknown channel or has the wrong number of axes, and when the simulation diverges.
         """
         wanted = self._wanted(segment)
         if segment.reference.shape[1] != self._axes:
@@ -148,7 +158,9 @@ class SimBench:
                 self._mem.closed[axis] = 0
         out = self._output(segment.n_samples, wanted)
         self._run(segment, ctl, out)
-        return Record(segment, self._channels(segment, out, wanted))
+        channels = self._channels(segment, out, wanted)
+        _require_finite(segment.label, channels)
+        return Record(segment, channels)
 
     def _run(self, segment: Segment, ctl: layout.Controller, out: layout.Output) -> None:
         events = events_of(segment)

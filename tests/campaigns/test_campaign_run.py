@@ -201,6 +201,7 @@ def test_a_broken_state_file_is_named(file, tmp_path):
         (CAMPAIGN.replace('plan = "chop"', 'plan = "chip"'), "no plan 'chip'"),
         (CAMPAIGN.replace("cycles = 2", "cycle = 2"), "run 'chop'.*cycle"),
         (CAMPAIGN.replace('name = "stops"', 'name = "../stops"'), "cannot be a name"),
+        (CAMPAIGN.replace('name = "three"', 'name = "../three"'), "campaign '../three' cannot be a name"),
         (CAMPAIGN.replace("[[runs]]", "[[runs", 1), "not valid TOML"),
     ],
 )

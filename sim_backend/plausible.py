@@ -1,0 +1,55 @@
+"""Numbers that no bench can have: refused when a model is read, before they become infinities or divisions by zero."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from sim_backend.errors import ConfigError
+
+LARGEST = 1e18
+"""In SI. Gains and spring rates of real benches stay far below, and products of a dozen such numbers are finite."""
+
+SLOWEST_HZ = 1e-6
+SMALLEST = 1e-12
+POSITIVE = frozenset(
+    {
+        "actuators.radius_m",
+        "sensors.radius_m",
+        "force_constant_n_a",
+        "actuator_steepness_n_sqrt_w",
+        "peak_current_a",
+        "continuous_force_n",
+        "end_stop_angle_rad",
+        "end_stop_z_m",
+        "thermal_time_constant_s",
+    }
+)
+"""Numbers of the hardware that something is divided by, or that are a size: at least SMALLEST in SI."""
+
+NOT_NEGATIVE = frozenset({"cold_finger_k", "thermal_resistance_k_w", "theodolite_noise_rad"})
+
+
+def refuse_absurd(model: dict[str, Any], where: str) -> None:
+    """Raise ConfigError, naming the number, its value and the limit, if the plain content of a model holds one."""
+    for place, value in _numbers(model, ""):
+        if not abs(value) <= LARGEST:
+            raise ConfigError(f"{where}: {place} is {value:g}; every number must be finite and at most {LARGEST:g}")
+    rate_hz = model["sample_rate_hz"]
+    if rate_hz < SLOWEST_HZ:
+        raise ConfigError(f"{where}: sample_rate_hz is {rate_hz:g}; it must be at least {SLOWEST_HZ:g}")
+    for place, value in _numbers(model.get("hardware") or {}, ""):
+        name = place.removesuffix(".value")
+        lowest = SMALLEST if name in POSITIVE else 0.0 if name in NOT_NEGATIVE else -LARGEST
+        if value < lowest:
+            raise ConfigError(f"{where}: hardware.{name} is {value:g}; it must be at least {lowest:g}")
+
+
+def _numbers(node: object, place: str) -> Iterator[tuple[str, float]]:
+    """Yield the place and the value of every number."""
+    if isinstance(node, dict | list):
+        items = node.items() if isinstance(node, dict) else enumerate(node)
+        for key, value in items:
+            yield from _numbers(value, f"{place}.{key}" if place else str(key))
+    elif isinstance(node, float | int):
+        yield place, float(node)
