@@ -2,9 +2,11 @@
 
     python -m benchmarks.soak_fuzz --cases 20000
 
-Each reader gets good input with a few bytes flipped, replaced by numbers that are absurd, cut out or repeated. It must
-return or end in one clear error; for what carries a checksum nothing may pass but the original. Each reader works in a
-process of its own, whose memory is limited. Exit code 1 if a single case breaks a promise.
+Each reader gets good input with a few bytes flipped, replaced by numbers that are absurd, cut out or repeated; frames
+and TOML documents are also made up by hypothesis (`generated`). It must return or end in one clear error; for what
+carries a checksum nothing may pass but the original. Each reader works in a process of its own with limited memory.
+HDF5 and MATLAB files are first read by a child, as always, but one that is forked instead of started (`forked`).
+Exit code 1 if a single case breaks a promise.
 """
 
 from __future__ import annotations
@@ -23,11 +25,17 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import h5py
 import numpy as np
+import scipy.io
 
+from benchmarks.forked import forked
+from benchmarks.generated import draw, generated
 from campaigns.campaign import parse_campaign
+from campaigns.importing import isolated
+from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import read_map
-from campaigns.log import Channel, LogWriter, read_run
+from campaigns.log import Channel, LogWriter, probe, read_run
 from campaigns.serial.commands import parse_command, parse_error, parse_status
 from campaigns.serial.description import decode_description, describe, encode_description
 from campaigns.serial.firmware import Firmware
@@ -40,9 +48,6 @@ from sim_backend.control.blocks import filter_from_zpk
 from sim_backend.errors import MccdError
 from sim_backend.model import dump_model, load_model, parse_model
 from sim_backend.simbench import SimBench
-
-SLOW = {"log": 10}
-"""How many times fewer cases: a log without checksum is first opened in a process of its own."""
 
 HEADROOM_BYTES = 512 * 2**20
 ABSURD = (0, 1, 2**15, 2**31 - 1, 2**31, 2**63, 2**64 - 1)
@@ -123,6 +128,24 @@ def _read_log(path: Path) -> object:
         return [block for block in run.blocks()][:1]
 
 
+def _read_source(path: Path) -> object:
+    with IsolatedSource(path) as source:
+        return [source.names(), *(source.array(name) for name in ("x", "s.y", "s/y"))]
+
+
+def _source_bytes(kind: str) -> bytes:
+    values = np.random.default_rng(2).normal(size=200)
+    with TemporaryDirectory(prefix="mccd-fuzz-") as folder:
+        path = Path(folder) / "a"
+        if kind == "matlab":
+            scipy.io.savemat(path, {"x": values, "s": {"y": values}}, appendmat=False, do_compression=True)
+        else:
+            with h5py.File(path, "w", userblock_size=512 if kind == "matlab 7.3" else 0) as file:
+                file.create_dataset("x", data=values, chunks=(64,), compression=4, fletcher32=True)
+                file["s/y"] = values
+        return path.read_bytes()
+
+
 def _log_bytes() -> bytes:
     with TemporaryDirectory(prefix="mccd-fuzz-") as folder:
         path = Path(folder) / "run.h5"
@@ -161,19 +184,31 @@ def readers() -> dict[str, tuple[bytes, Reader]]:
         "model": (model, lambda case: parse_model(case.decode("utf-8", "surrogateescape"), "fuzz")),
         "campaign": (quick, lambda case: parse_campaign(case.decode("utf-8", "surrogateescape"), "fuzz")),
         "import map": (MAP, _file("map.toml", read_map)),
-        "log": (_log_bytes(), _file("run.h5", _read_log)),
+        "log (HDF5)": (_log_bytes(), _file("run.h5", _read_log)),
+        "import source (HDF5)": (_source_bytes("hdf5"), _file("a.h5", _read_source)),
+        "import source (MATLAB 5)": (_source_bytes("matlab"), _file("a.mat", _read_source)),
+        "import source (MATLAB 7.3)": (_source_bytes("matlab 7.3"), _file("a.mat", _read_source)),
     }
 
 
-def fuzz(name: str, cases: int) -> tuple[str, dict[str, int], list[str]]:
-    """Damage one input so many times; return the counts, and what broke."""
-    content, read = readers()[name]
+def bound_worker() -> None:
+    """Limit the memory of this process for good, and let it fork its children."""
     mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (mapped + HEADROOM_BYTES, mapped + HEADROOM_BYTES))
-    tally: Counter[str] = Counter()
-    broken = []
+    probe.start_python = isolated.start_python = forked
+
+
+def fuzz(name: str, cases: int) -> tuple[str, dict[str, int], list[str]]:
+    """Damage one input, or make up one kind of it, so many times; return the counts, and what broke."""
+    made_up = generated(MAP.decode())
+    content, read = (b"", None) if name in made_up else readers()[name]
+    bound_worker()
+    if read is None:
+        tally, broken = draw(name, *made_up[name], cases)
+        return name, dict(tally), broken[:20]
+    tally, broken = Counter(), []
     read(content)
-    for seed in range(cases // SLOW.get(name, 1)):
+    for seed in range(cases):
         try:
             read(damaged(content, np.random.default_rng([seed, len(name)])))
             tally["read"] += 1
@@ -189,12 +224,14 @@ def main() -> int:
     """Run the fuzz and write its result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=20_000)
+    parser.add_argument("--only", action="append", metavar="NAME", help="one reader instead of all; repeatable")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
     options = parser.parse_args()
     code = f"{tool_version()} (commit {tool_commit()})"
     with multiprocessing.get_context("fork").Pool(options.workers, maxtasksperchild=1) as pool:
-        found = pool.starmap(fuzz, [(name, options.cases) for name in readers()], chunksize=1)
+        names = options.only or [*readers(), *generated(MAP.decode())]
+        found = pool.starmap(fuzz, [(name, options.cases) for name in names], chunksize=1)
     counted = {
         "mccd": code,
         "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
