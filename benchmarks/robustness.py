@@ -36,6 +36,7 @@ from analysis.requirements import (
     STABILITY_RAD,
 )
 from analysis.settling import settling
+from campaigns.controller import load_controller
 from campaigns.plans import make_plan
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import MccdError
@@ -248,6 +249,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=None, help="summary; its lines stand beside it as .jsonl")
     given = parser.parse_args(arguments)
+    load_controller(given.controller)  # one that is none would cost every trial
     spread, now = Spread(), datetime.now(UTC)
     out: Path = given.out or Path(__file__).parent / "results" / f"robustness-{now:%Y-%m-%d}.json"
     lines = out.with_suffix(".jsonl")
