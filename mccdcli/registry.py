@@ -80,6 +80,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.identify:identify",
             "Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.",
         ),
+        "investigate": Entry(
+            "mccdcli.commands.investigate:investigate",
+            "Find out what a model gets wrong about a bench: run, diagnose, choose the next experiment, run on.",
+        ),
         "report": Entry(
             "mccdcli.commands.report:report",
             "Run what is missing of a campaign, then build its report: every table and figure beside the paper's.",

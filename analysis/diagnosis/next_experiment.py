@@ -6,24 +6,22 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.hypotheses import Hypothesis, tied_hypotheses
-from analysis.diagnosis.planned import MARGIN, Played, Room, play_on_paper, records_motion
+from analysis.diagnosis.planned import MARGIN, Played, Room, face_of, play_as, reach_of, records_motion
 from analysis.diagnosis.result import Choice, NextExperiment
 from analysis.diagnosis.search import Found
 from analysis.diagnosis.separation import information, prediction, separation, with_spread
 from analysis.diagnosis.verdict import Judgement
 from analysis.diagnosis.witness import Witness, watched_outputs
 from campaigns.plans import PLANS, Plan
-from campaigns.plans.base import Reach, rate_of
+from campaigns.plans.base import rate_of
 from sim_backend.bench import Bench
 from sim_backend.errors import MccdError
 from sim_backend.model import Model
-from sim_backend.simbench import SimBench
 
 Array = NDArray[np.float64]
 
@@ -54,23 +52,27 @@ class Offer:
     duration_s: float
 
 
-def choose(found: Found, judgement: Judgement, model: Model, bench: Bench | None = None) -> Choice | None:
+def choose(
+    found: Found, judgement: Judgement, model: Model, bench: Bench | None = None, heard: Sequence[Plan] = ()
+) -> Choice | None:
     """Return the experiment that should be done next; None when the verdict asks for none.
 
-    It is one for `bench`, which is asked for its public face alone, or for the bench that `model` describes. Where it
-    cannot be chosen the reason says why.
+    It is one for `bench`, which is asked for its public face alone, or for the bench of `model`, and none of those
+    `heard` already. Where it cannot be chosen the reason says why.
     """
     try:
         hypotheses = tied_hypotheses(found, judgement)
         if len(hypotheses) < 2:
             return None
-        face = bench or SimBench(msgspec.structs.replace(model, sample_rate_hz=found.setting.data.rate_hz), 0)
-        return _chosen(hypotheses, model, found.setting, face)
+        face = face_of(bench, model, found.setting.data.rate_hz)
+        return _chosen(hypotheses, model, found.setting, face, heard)
     except MccdError as error:
         return Choice(None, f"no next experiment can be chosen: {error}", 0.0)
 
 
-def _chosen(hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench) -> Choice:
+def _chosen(
+    hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench, heard: Sequence[Plan]
+) -> Choice:
     names = tuple("+".join(h.names) for h in hypotheses)
     if not math.isclose(rate_of(bench), setting.data.rate_hz, rel_tol=1e-6):
         return Choice(
@@ -78,7 +80,7 @@ def _chosen(hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, be
         )
     room = room_of(bench, setting)
     comparison = Comparison(hypotheses, model, setting, bench, room)
-    scored = [(comparison.worst(offer, exact=False), offer) for offer in _offers(comparison)]
+    scored = [(comparison.worst(offer, exact=False), offer) for offer in _offers(comparison, heard)]
     if not scored:
         return Choice(None, "no plan keeps the limits of the bench", 0.0)
     # the quick way may err where an effect is large: what it likes best is computed again
@@ -119,27 +121,6 @@ def room_of(bench: Bench, setting: Setting) -> Room:
     return Room(np.where(np.isfinite(travel), travel, seen / MARGIN), float(bench.limits.current_a))
 
 
-def reach_of(axes: tuple[str, ...], bench: Bench, setting: Setting, room: Room) -> Reach:
-    """Return the largest commands at which the nominal model at rest keeps the limits, axis by axis.
-
-    On a bench that states no limits they are also no larger than what was commanded so far.
-    """
-    linear, inputs = setting.nominal, setting.places.inputs
-    live = linear.omega_rad_s > 0.0
-    static = linear.d + (linear.c[:, live] / linear.omega_rad_s[live] ** 2) @ linear.b[live]
-    largest = np.max([np.max(np.abs(r.u), axis=0) for r in setting.data.records], axis=0)
-    command = np.zeros(len(bench.axes))
-    for axis in axes:
-        i, at = inputs.index(axis), bench.axes.index(axis)
-        by_travel = np.min(MARGIN * room.travel / np.maximum(np.abs(static[:, i]), np.finfo(float).tiny))
-        per_unit = float(np.max(np.abs(bench.limits.to_current[:, at]), initial=0.0))
-        by_current = MARGIN * room.current_a / per_unit if per_unit > 0.0 else np.inf
-        stated = np.isfinite(bench.limits.reference).any()
-        most = min(by_travel, by_current)
-        command[at] = most if stated and np.isfinite(most) else min(most, largest[i])
-    return Reach(axes, command)
-
-
 def _axes(hypotheses: Sequence[Hypothesis], bench: Bench, setting: Setting) -> tuple[str, ...]:
     """Return the axes that the tied causes touch: driving others costs time and tells nothing; all, if none is one."""
     touched = {name for h in hypotheses for e in h.fit.effects for name in e.where.split("->")}
@@ -172,7 +153,7 @@ class Comparison:
         """Return what `plan` gives under each hypothesis, None when one of them leaves the limits."""
         out = []
         for hypothesis in self.hypotheses:
-            played = play_on_paper(plan, self.bench, self.model, hypothesis, self.setting, self.room)
+            played = play_as(plan, self.bench, self.model, hypothesis, self.setting, self.room)
             if played is None:
                 return None
             out.append(played)
@@ -197,13 +178,15 @@ class Comparison:
         return worst
 
 
-def _offers(comparison: Comparison) -> Iterator[Offer]:
+def _offers(comparison: Comparison, heard: Sequence[Plan]) -> Iterator[Offer]:
     """Yield the forms of every plan at the largest amplitudes that keep the limits under every hypothesis."""
     bench, setting = comparison.bench, comparison.setting
-    reach = reach_of(_axes(comparison.hypotheses, bench, setting), bench, setting, comparison.room)
+    axes = _axes(comparison.hypotheses, bench, setting)
+    largest = np.max([np.max(np.abs(r.u), axis=0) for r in setting.data.records], axis=0)
+    reach = reach_of(axes, bench, setting.nominal, setting.places.inputs, comparison.room, largest)
     for cls in PLANS.values():
         taken: dict[int, int] = {}
-        before: list[Plan] = []
+        before = list(heard)
         for level in LEVELS:
             for form, plan in enumerate(cls.offers(bench, reach.scaled(level))):
                 if taken.get(form, 0) >= TRIED or plan in before or not comparison.tells(plan):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search import Found, Progress, Rules, search, tune
 from analysis.diagnosis.sentence import sentence
 from analysis.diagnosis.starts import starts_of
+from analysis.diagnosis.testimony import Testimony, hear
 from analysis.diagnosis.tuning import knobs_of, turned
 from analysis.diagnosis.verdict import causes_of, judge
 from sim_backend.assembly import places_of, retuned, transducers_of
@@ -105,18 +107,21 @@ def diagnose(
     options: Options | None = None,
     progress: Progress = _silent,
     bench: Bench | None = None,
+    heard: Sequence[Testimony] = (),
 ) -> Diagnosis:
     """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
 
     The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`.
+    `heard` is what an instrument beside the bench saw; it decides between causes that readings cannot tell apart.
     Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
     """
     options = options or Options()
     found = search_causes(data, model, options, progress)
     progress("weighing the evidence", 0.9)
-    setting, best = found.setting, found.best
     judgement = judge(found)
-    choice = choose(found, judgement, model, bench)
+    found, judgement, remark = hear(found, judgement, heard, model, bench)
+    choice = choose(found, judgement, model, bench, [one.plan for one in heard])
+    setting, best = found.setting, found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = found.tuned.residuals, best.residuals
     gain = gain_of(data, before, after, setting.whitener, setting.nominal, linear, options.seed)
@@ -136,5 +141,5 @@ def diagnose(
         before=before,
         after=after,
         considered=judgement.rivals,
-        notes=(choice.reason,) if choice and choice.reason else (),
+        notes=tuple(filter(None, (remark, choice.reason if choice else ""))),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,8 +12,10 @@ from analysis.diagnosis.dataset import Record, Window
 from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.hypotheses import Hypothesis
 from campaigns.plans import Plan, checked_segments
+from campaigns.plans.base import Reach
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import ModalModel
 from sim_backend.model import Model
 from sim_backend.simbench import SimBench
 
@@ -39,6 +42,11 @@ class Played:
     position: Array
 
 
+def face_of(bench: Bench | None, model: Model, rate_hz: float) -> Bench:
+    """Return `bench`, or where none is given the one that `model` describes, sampled at `rate_hz`."""
+    return bench or SimBench(msgspec.structs.replace(model, sample_rate_hz=rate_hz), 0)
+
+
 def records_motion(plan: Plan, bench: Bench, model: Model) -> bool:
     """Tell whether a log of `plan` can be diagnosed: it holds every input and every output of `model`."""
     dofs = {(s.role, s.dof) for s in bench.signals if s.name in plan.channels(bench)}
@@ -46,16 +54,28 @@ def records_motion(plan: Plan, bench: Bench, model: Model) -> bool:
     return needed <= dofs
 
 
-def play_on_paper(
+def play_as(
     plan: Plan, bench: Bench, model: Model, hypothesis: Hypothesis, setting: Setting, room: Room
 ) -> Played | None:
     """Return what `plan` gives under `hypothesis`, None when that leaves the limits or cannot be simulated.
 
     `bench` is asked for its public face alone: nothing moves.
     """
+    warm = setting.data.records[0].temperature_k is not None
+    paper = hypothesis.model(model, setting)
+    return play_on_paper(plan, bench, paper, room, substeps=setting.substeps, warm=warm)
+
+
+def play_on_paper(
+    plan: Plan, bench: Bench, model: Model, room: Room, *, substeps: int = 1, warm: bool = False
+) -> Played | None:
+    """Return what `plan` for `bench` gives on a bench that is `model`, None when that leaves the limits.
+
+    The temperature is kept where there is one and `warm`.
+    """
     try:
         segments = list(checked_segments(plan, bench))
-        paper = SimBench(hypothesis.model(model, setting), 0, substeps=setting.substeps, truth=True)
+        paper = SimBench(model, 0, substeps=substeps, truth=True)
         played = [paper.play(_with_truth(s, paper)) for s in segments]
     except (ConfigError, DataError):
         return None
@@ -77,7 +97,7 @@ def play_on_paper(
         repeats = int(period) if isinstance(period, int | float) and 1 < period <= segment.n_samples else 0
         windows.append(Window(segment.label, at, at + segment.n_samples, "held-out" in segment.label, repeats))
         at += segment.n_samples
-    warm = setting.data.records[0].temperature_k is not None and "temperature" in played[0].channels
+    warm = warm and "temperature" in played[0].channels
     kelvin = np.concatenate([r.channels["temperature"] for r in played]) if warm else None
     return Played(Record("planned", u, y, tuple(windows), kelvin), position)
 
@@ -85,3 +105,23 @@ def play_on_paper(
 def _with_truth(segment: Segment, paper: SimBench) -> Segment:
     names = tuple(s.name for s in paper.signals if not s.name.startswith(("theodolite_", "current_", "head_")))
     return replace(segment, record=names)
+
+
+def reach_of(
+    axes: tuple[str, ...], bench: Bench, linear: ModalModel, inputs: tuple[str, ...], room: Room, largest: Array
+) -> Reach:
+    """Return the largest commands at which `linear` at rest keeps within `room`, axis by axis.
+
+    `largest` (n_u,) are those of a bench that states no limits.
+    """
+    live = linear.omega_rad_s > 0.0
+    static = linear.d + (linear.c[:, live] / linear.omega_rad_s[live] ** 2) @ linear.b[live]
+    command = np.zeros(len(bench.axes))
+    for axis in axes:
+        i, at = inputs.index(axis), bench.axes.index(axis)
+        by_travel = np.min(MARGIN * room.travel / np.maximum(np.abs(static[:, i]), np.finfo(float).tiny))
+        per_unit = float(np.max(np.abs(bench.limits.to_current[:, at]), initial=0.0))
+        most = min(by_travel, MARGIN * room.current_a / per_unit if per_unit > 0.0 else np.inf)
+        stated = np.isfinite(bench.limits.reference).any() and np.isfinite(most)
+        command[at] = most if stated else min(most, largest[i])
+    return Reach(axes, command)

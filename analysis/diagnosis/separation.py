@@ -84,7 +84,8 @@ def prediction(setting: Setting, hypothesis: Hypothesis, record: Record, *, exac
     if exact:
         return Prediction(motion.reading, exact_sensitivities(planned, fit)[0], start)
     own = exact_sensitivities(replace(planned, nominal=linear, knobs=[]), replace(fit, change=np.zeros(0)))[0]
-    knobs = sensitivities(linear, setting.knobs, motion.torque, data.rate_hz, through_delay=False)
+    rest = np.zeros((linear.n_blocks, 2))
+    knobs = sensitivities(linear, setting.knobs, motion.torque, data.rate_hz, rest, through_delay=False)
     return Prediction(motion.reading, np.concatenate([knobs, own], axis=2), start)
 
 

@@ -6,6 +6,7 @@ instrument does, because it sees the angle itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.hypotheses import Hypothesis
 from analysis.diagnosis.noise import Whitener
-from analysis.diagnosis.planned import Played, Room, play_on_paper
+from analysis.diagnosis.planned import Played, Room, play_as
 from campaigns.plans import Plan
 from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError
@@ -33,18 +34,29 @@ _ITERATIONS = 3
 be exact there."""
 
 
-def watched_outputs(plan: Plan, bench: Bench, model: Model) -> tuple[int, ...]:
-    """Return the numbers of the outputs that `plan` records together with an independent instrument's channel.
+def watched_channels(channels: Iterable[tuple[str, str, str, str]], model: Model) -> list[tuple[int, str, str]]:
+    """Return (output number, its reading's channel, the instrument's channel) of every output that is watched.
 
-    That is an auxiliary channel of the output's degree of freedom in its unit. None when the instrument's noise is not
-    known to `model`.
+    `channels` are (name, role, dof, unit). An instrument's is an auxiliary channel of the output's degree of freedom in
+    its unit. There is none when its noise is not known to `model`.
     """
     if model.hardware is None or model.hardware.theodolite_noise_rad is None:
-        return ()
-    kept = [s for s in bench.signals if s.name in plan.channels(bench)]
-    beside = {(s.dof, s.unit) for s in kept if s.role == "aux"}
-    read = {s.dof for s in kept if s.role == "output"}
-    return tuple(o for o, p in enumerate(model.outputs) if (p.dof, p.unit) in beside and p.dof in read)
+        return []
+    beside, read = {}, {}
+    for name, role, dof, unit in channels:
+        if role == "aux":
+            beside[dof, unit] = name
+        elif role == "output":
+            read[dof, unit] = name
+    ports = [(o, (p.dof, p.unit)) for o, p in enumerate(model.outputs)]
+    return [(o, read[key], beside[key]) for o, key in ports if key in read and key in beside]
+
+
+def watched_outputs(plan: Plan, bench: Bench, model: Model) -> tuple[int, ...]:
+    """Return the numbers of the outputs that `plan` records on `bench` together with an instrument's channel."""
+    kept = set(plan.channels(bench))
+    channels = [(s.name, s.role, s.dof, s.unit) for s in bench.signals if s.name in kept]
+    return tuple(o for o, _, _ in watched_channels(channels, model))
 
 
 @dataclass(frozen=True)
@@ -104,10 +116,11 @@ class Witness:
             changed = _changed(hypothesis, free, moved)
         except ConfigError:
             return None
-        played = play_on_paper(self.plan, self.bench, self.model, changed, self.setting, self.room)
+        played = play_as(self.plan, self.bench, self.model, changed, self.setting, self.room)
         if played is None:
             return None
-        left = error - error_of(played, self.watched)
+        # a run that was interrupted is shorter than its plan
+        left = error - error_of(played, self.watched)[: error.shape[0]]
         return whitened_error(left, self.watched, self.setting.whitener, self.model)
 
 

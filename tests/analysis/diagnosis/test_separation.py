@@ -14,7 +14,7 @@ from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.hypotheses import Hypothesis
 from analysis.diagnosis.noise import Whitener
-from analysis.diagnosis.planned import Played, Room, play_on_paper, records_motion
+from analysis.diagnosis.planned import Played, Room, play_as, records_motion
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.separation import information, left_over, prediction, separation, with_spread
 from analysis.diagnosis.starts import starts_of
@@ -163,7 +163,7 @@ def gains(std: float):
     both = [hypothesis(model, setting, n, std, relative=0.1) for n in ("sensor-gain", "actuator-gain")]
     plan = make_plan("theodolite", {"x_rad": [-5e-3, 5e-3], "y_rad": [0.0], "settle_s": 0.3})
     bench, room = SimBench(model, 0), Room(np.array([0.01, 0.01, 1e-3]), 9.0)
-    played = [play_on_paper(plan, bench, model, h, setting, room) for h in both]
+    played = [play_as(plan, bench, model, h, setting, room) for h in both]
     return Witness(plan, bench, model, setting, room), both, played
 
 
@@ -206,10 +206,10 @@ def test_a_plan_that_leaves_the_limits_under_a_hypothesis_is_no_proposal():
     witness, both, _ = gains(0.01)
     plan = make_plan("freerun", {"axes": ["theta_x"], "torque_nm": 0.05, "steps_s": 0.5, "noise_s": 0.1})
     args = (witness.bench, witness.model, both[0], witness.setting)
-    played = play_on_paper(plan, *args, Room(np.array([0.01, 0.01, 1e-3]), 9.0))
+    played = play_as(plan, *args, Room(np.array([0.01, 0.01, 1e-3]), 9.0))
     assert isinstance(played, Played) and records_motion(plan, witness.bench, witness.model)
     peak = float(np.max(np.abs(played.position[:, 0])))
     near = Room(np.array([peak / 0.91, 0.01, 1e-3]), 9.0)
-    assert play_on_paper(plan, *args, near) is None
-    assert play_on_paper(plan, *args, Room(np.array([0.01, 0.01, 1e-3]), 0.01)) is None
+    assert play_as(plan, *args, near) is None
+    assert play_as(plan, *args, Room(np.array([0.01, 0.01, 1e-3]), 0.01)) is None
     assert [w.held_out for w in played.record.windows] == [False, False, True, True]

@@ -1,0 +1,262 @@
+"""An investigation: run, diagnose, choose, run on, until the model is consistent, the cause named, or nothing helps.
+
+Every round is a folder: its log, played as a campaign of one run (so that what is complete is never repeated and what
+is partial is set aside), and the diagnosis of all logs so far. The state file says which plan each round plays, and is
+written before it moves anything, so that an investigation can go on after anything.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from analysis.diagnosis.face import Face
+from analysis.diagnosis.first_experiment import first_plan
+from analysis.diagnosis.output import document, prepare_folder, write_files, write_text
+from analysis.diagnosis.page import write_page
+from analysis.diagnosis.pipeline import Options, diagnose
+from analysis.diagnosis.testimony import load_evidence
+from campaigns.benches import bench_kind, open_bench
+from campaigns.campaign import Campaign, RunEntry, run_seed
+from campaigns.campaign_run import read_state, run_campaign
+from campaigns.log import sha256_of
+from campaigns.plans import Plan, estimate, make_plan
+from campaigns.runner import Report
+from campaigns.version import tool_version
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.model import Model, dump_model
+
+STATE_FILE = "investigation.json"
+SCHEMA = "mccd-investigation/1"
+
+ROWS = 300_000
+"""Rows of all logs together that a diagnosis of a round uses: it takes about half a minute then."""
+
+ENDS = ("consistent", "named")
+"""Verdicts after which there is nothing more to find out."""
+
+
+@dataclass(frozen=True)
+class Quest:
+    """What is investigated: the bench at `address` against `model`, in at most `rounds` and `budget_s` of bench time.
+
+    `first` is the plan to begin with; by default a multisine as large as the bench allows.
+    """
+
+    address: str
+    model: Model
+    seed: int = 0
+    rounds: int = 4
+    budget_s: float = 600.0
+    first: Plan | None = None
+    options: Options = field(default_factory=Options)
+
+    def fingerprint(self) -> dict[str, str]:
+        """Return what a resumed investigation must share with the one it continues, part by part."""
+        kind, rest = bench_kind(self.address)
+        first = "chosen by the bench" if self.first is None else json.dumps(self.first.configuration(), sort_keys=True)
+        return {
+            "bench": self.address,
+            "bench digest": kind.digest(rest),
+            "model": hashlib.sha256(dump_model(self.model).encode()).hexdigest(),
+            "seed": str(self.seed),
+            "first plan": first,
+            "options": json.dumps(asdict(self.options), sort_keys=True),
+            "mccd": tool_version(),
+        }
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round: the plan with the settings that differ from its defaults, its log, and what all logs so far say."""
+
+    number: int
+    plan: str
+    settings: dict[str, Any]
+    duration_s: float
+    log: str
+    verdict: str = ""
+    sentence: str = ""
+    causes: tuple[str, ...] = ()
+    ambiguous: tuple[tuple[str, ...], ...] = ()
+    next_experiment: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Inquiry:
+    """How an investigation stands: the last verdict, why it stopped, every round; `paused` by the user."""
+
+    folder: Path
+    verdict: str
+    reason: str
+    rounds: tuple[Round, ...]
+    paused: bool = False
+
+
+def investigate(
+    quest: Quest,
+    folder: str | Path,
+    *,
+    resume: bool = False,
+    report: Report | None = None,
+    remark: Callable[[str], None] = lambda _: None,
+) -> Inquiry:
+    """Investigate into `folder` and return how that ended; `remark` is told each round's plan and verdict.
+
+    The first Ctrl-C during a run ends it after the current segment, and `paused` says so; every log is kept. Raises
+    ConfigError for a folder that holds another investigation, or this one without `resume`, and whatever running and
+    diagnosing raise.
+    """
+    home = prepare_folder(Path(folder))
+    planned = _claimed(quest, home, resume)
+    with closing(open_bench(quest.address, quest.seed)) as bench:
+        face = Face.of(bench)
+    plan = _planned(planned[0]) if planned else quest.first or first_plan(face, quest.model)
+    rounds: list[Round] = []
+    while True:
+        number = len(rounds) + 1
+        entry = _entry(number, plan, face)
+        reason = _spent(quest, rounds, entry)
+        if reason:
+            return _ended(quest, home, rounds, reason)
+        _write(quest, home, [*rounds, entry], "running")
+        remark(f"round {number}: {plan.name}, {entry.duration_s:.1f} s")
+        if not _played(quest, home, entry, plan, report):
+            return _ended(quest, home, [*rounds, entry], "paused by the user", paused=True)
+        rounds.append(_judged(quest, home, rounds, entry, face, report))
+        _write(quest, home, rounds, "running")
+        remark(f"round {number}: {rounds[-1].verdict}. {rounds[-1].sentence}")
+        following = rounds[-1].next_experiment
+        if rounds[-1].verdict in ENDS or following is None:
+            return _ended(quest, home, rounds, _why(rounds[-1]))
+        plan = (
+            _planned(planned[number]) if number < len(planned) else make_plan(following["test"], following["settings"])
+        )
+
+
+def _why(last: Round) -> str:
+    if last.verdict in ENDS:
+        return f"the verdict is {last.verdict}"
+    return f"the verdict is {last.verdict}, and no further experiment that this bench can do would change it"
+
+
+def _spent(quest: Quest, rounds: Sequence[Round], entry: Round) -> str:
+    """Return why the round `entry` cannot be played any more, or nothing."""
+    if len(rounds) >= quest.rounds:
+        return f"{quest.rounds} rounds are done (--rounds); the next would be the plan {entry.plan}"
+    before = sum(r.duration_s for r in rounds)
+    if before + entry.duration_s > quest.budget_s:
+        return (
+            f"the plan {entry.plan} takes {entry.duration_s:.1f} s on the bench, and of the {quest.budget_s:g} s "
+            f"(--budget-s) {before:.1f} s are spent"
+        )
+    return ""
+
+
+def _entry(number: int, plan: Plan, face: Face) -> Round:
+    duration_s = estimate(plan, face).duration_s
+    return Round(number, plan.name, plan.changes(), duration_s, f"round-{number}/{plan.name}.h5")
+
+
+def _planned(entry: Round) -> Plan:
+    return make_plan(entry.plan, entry.settings)
+
+
+def _played(quest: Quest, home: Path, entry: Round, plan: Plan, report: Report | None) -> bool:
+    """Play a round that is not complete yet; False when the user paused it."""
+    name = f"round-{entry.number}"
+    run = RunEntry(name=plan.name, plan=plan.name, settings=plan.changes())
+    outcome = run_campaign(
+        Campaign(name=name, title=plan.title, runs=(run,)),
+        home / name,
+        address=quest.address,
+        seed=run_seed(quest.seed, name),
+        resume=read_state(home / name) is not None,
+        report=report,
+    )
+    return outcome.status == "complete"
+
+
+def _judged(
+    quest: Quest, home: Path, before: Sequence[Round], entry: Round, face: Face, report: Report | None
+) -> Round:
+    """Return the round with what all logs so far say; a diagnosis of the same logs that is there already stands."""
+    logs = [home / r.log for r in (*before, entry)]
+    folder = home / f"round-{entry.number}" / "diagnosis"
+    found = _known(folder, logs)
+    if found is None:
+        loaded, heard = load_evidence(logs, quest.model, max_rows=ROWS)
+
+        def progress(what: str, part: float) -> None:
+            if report is not None:
+                report(part, 1.0, what)
+
+        diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, face, heard)
+        diagnosis = replace(diagnosis, notes=(*loaded.notes, *diagnosis.notes))
+        prepare_folder(folder)
+        write_page(diagnosis, quest.model, loaded.sources, folder)
+        write_files(diagnosis, quest.model, loaded.sources, folder)
+        found = document(diagnosis, loaded.sources)
+    return replace(
+        entry,
+        verdict=found["verdict"],
+        sentence=found["sentence"],
+        causes=tuple(f"{c['effect']} at {c['where']}" for c in found["causes"]),
+        ambiguous=tuple(map(tuple, found["ambiguous"])),
+        next_experiment=found["next_experiment"],
+    )
+
+
+def _known(folder: Path, logs: Sequence[Path]) -> dict[str, Any] | None:
+    """Return the diagnosis in `folder` if it is one of these very logs."""
+    try:
+        found: dict[str, Any] = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+        same = sorted(entry["sha256"] for entry in found["inputs"]) == sorted(sha256_of(log) for log in logs)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return found if same else None
+
+
+def _claimed(quest: Quest, home: Path, resume: bool) -> list[Round]:
+    """Return the rounds that the folder's own investigation has planned; make it this one's if it holds none."""
+    path = home / STATE_FILE
+    if not path.is_file():
+        _write(quest, home, [], "running")
+        return []
+    if not resume:
+        raise ConfigError(f"{home} holds an investigation already; continue it with --resume or choose another --out")
+    try:
+        state = json.loads(path.read_text(encoding="utf-8"))
+        before, rounds = state["fingerprint"], [Round(**entry) for entry in state["rounds"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DataError(f"{path}: cannot be read ({error}); choose another --out, the logs in it stay") from None
+    differs = [key for key, value in quest.fingerprint().items() if before.get(key) != value]
+    if differs:
+        raise ConfigError(
+            f"{home} cannot be resumed: its {', '.join(differs)} differed; repeat the old settings or choose another "
+            "--out"
+        )
+    return rounds
+
+
+def _ended(quest: Quest, home: Path, rounds: Sequence[Round], reason: str, *, paused: bool = False) -> Inquiry:
+    judged = [r.verdict for r in rounds if r.verdict]
+    verdict = judged[-1] if judged else ""
+    _write(quest, home, rounds, "paused" if paused else "ended", reason)
+    return Inquiry(home, verdict, reason, tuple(rounds), paused)
+
+
+def _write(quest: Quest, home: Path, rounds: Sequence[Round], status: str, reason: str = "") -> None:
+    content = {
+        "schema": SCHEMA,
+        "status": status,
+        "reason": reason,
+        "fingerprint": quest.fingerprint(),
+        "rounds": [asdict(r) for r in rounds],
+    }
+    write_text(home / STATE_FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")

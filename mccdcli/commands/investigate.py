@@ -1,0 +1,123 @@
+"""`mccd investigate`: run, diagnose, choose the next experiment, run on, by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mccdcli.failures import INTERRUPTED
+from mccdcli.options import common_options
+from mccdcli.output import emit, say, table
+from mccdcli.progress import progress
+from mccdcli.trials import count, settings_option
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.investigation import Inquiry
+
+
+@click.command()
+@click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
+@click.option("--rounds", type=click.IntRange(min=1), default=4, show_default=True, help="Most experiments to run.")
+@click.option(
+    "--budget-s",
+    type=click.FloatRange(0.0, min_open=True),
+    default=600.0,
+    show_default=True,
+    help="Most seconds on the bench, all experiments together.",
+)
+@click.option(
+    "--first", metavar="PLAN", help="Plan to begin with, instead of a multisine as large as the bench allows."
+)
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
+@click.option(
+    "--nominal-tolerance",
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    default=0.03,
+    show_default=True,
+    help="How far the model's own numbers are trusted, relative (1 sigma).",
+)
+@click.option("--resume", is_flag=True, help="Continue the investigation that the folder holds.")
+@settings_option
+@common_options()
+def investigate(
+    bench: str,
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+    nominal: str,
+    rounds: int,
+    budget_s: float,
+    first: str | None,
+    without: tuple[str, ...],
+    nominal_tolerance: float,
+    resume: bool,
+    settings: dict[str, Any],
+) -> int:
+    """Find out what a model gets wrong about a bench: run, diagnose, choose the next experiment, run on.
+
+    Ends when the verdict is consistent or named, when no experiment within the bench's limits would change it, or when
+    the rounds or the budget are spent. Every log and every diagnosis is kept in the folder investigation, or in --out.
+    --set belongs to the plan of --first. The exit code is 0 when model and bench are consistent, 1 otherwise, and 130
+    after Ctrl-C, which lets the segment that is played end first; --resume then goes on.
+
+    \b
+    Examples:
+      mccd investigate --bench sim:bench.toml --model nominal.toml -o DIR
+      mccd investigate --bench serial:/dev/ttyUSB0@921600 --model nominal.toml --budget-s 120 --json
+      mccd investigate --model nominal.toml --first hysteresis --set 'torques_nm=[0.02]' --set 'offsets_rad=[]'
+    """
+    from analysis.diagnosis.investigation import Quest
+    from analysis.diagnosis.investigation import investigate as inquire
+    from analysis.diagnosis.pipeline import Options
+    from campaigns.plans import make_plan
+    from sim_backend.errors import ConfigError
+    from sim_backend.model import load_model
+
+    if settings and first is None:
+        raise ConfigError("--set belongs to the plan of --first, and none is given; name it with --first")
+    model = load_model(nominal)
+    plan = None if first is None else make_plan(first, settings)
+    if dry_run:
+        begin = plan or _chosen(bench, seed, model)
+        count({begin.name: begin}, bench, seed, as_json=as_json)
+        return 0
+    options = Options(tolerance=nominal_tolerance, without=without, seed=seed)
+    quest = Quest(bench, model, seed, rounds, budget_s, plan, options)
+    with progress("investigating") as report:
+        found = inquire(quest, out or Path("investigation"), resume=resume, report=report, remark=say)
+    emit(found, as_json=as_json, text=_text(found))
+    if found.paused:
+        return INTERRUPTED
+    return 0 if found.verdict == "consistent" else 1
+
+
+def _chosen(bench: str, seed: int, model: Any) -> Any:
+    from contextlib import closing
+
+    from analysis.diagnosis.first_experiment import first_plan
+    from campaigns.benches import open_bench
+
+    with closing(open_bench(bench, seed)) as opened:
+        return first_plan(opened, model)
+
+
+def _text(found: Inquiry) -> str:
+    rows = [
+        (str(r.number), r.plan, f"{r.duration_s:.1f} s", r.verdict or "not judged", _causes(r), r.log)
+        for r in found.rounds
+    ]
+    parts = [table(rows, heads=("round", "plan", "bench time", "verdict", "causes", "log"))] if rows else []
+    if found.rounds and found.rounds[-1].sentence:
+        parts.append(found.rounds[-1].sentence)
+    parts.append(
+        f"It ended because {found.reason}." if not found.paused else f"It was {found.reason}; --resume goes on."
+    )
+    parts.append(str(found.folder))
+    return "\n\n".join(parts)
+
+
+def _causes(entry: Any) -> str:
+    return ", ".join(entry.causes) or " or ".join(name for tied in entry.ambiguous for name in tied) or "none"
