@@ -46,7 +46,9 @@ def diagnose(
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
 
     Writes diagnosis.json, extended.toml (the model with what was found), index.html and figures into the folder
-    diagnosis, or into --out. The exit code is 0 when model and data are consistent, 1 when the simulation is wrong.
+    diagnosis, or into --out. Of causes that are tied it says which experiment would tell them apart. A log of the
+    plan theodolite may be among RUN.h5: it decides where readings alone cannot. The exit code is 0 when model and data
+    are consistent, 1 when the simulation is wrong.
 
     \b
     Examples:
@@ -55,22 +57,23 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from analysis.diagnosis.loading import load_runs
     from analysis.diagnosis.output import document, prepare_folder, write_extended, write_files
     from analysis.diagnosis.page import write_page
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
+    from analysis.diagnosis.testimony import load_evidence
     from sim_backend.model import load_model
 
     folder = prepare_folder(out or Path("diagnosis"))
     model = load_model(nominal)
-    loaded = load_runs(runs, model)
+    loaded, heard = load_evidence(runs, model)
     with progress("diagnosing") as report:
         found = judge(
             loaded.data,
             model,
             Options(tolerance=nominal_tolerance, without=without, seed=seed),
             progress=lambda what, part: report(part, 1.0, what),
+            heard=heard,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
     chops: tuple[ChopGain, ...] = ()
