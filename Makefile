@@ -51,7 +51,7 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 
 $(STAMP): $(BIN)/python
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev]'
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
 	rm -f $(VENV)/.mccd-*
 	touch $@
 
@@ -62,7 +62,7 @@ $(BIN)/python:
 
 lock:
 	$(PYTHON) -m venv --clear build/lock
-	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,cluster,docs]'
+	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,cluster,docs,exchange]'
 	{ echo '# Every dependency, direct or not, of mccd and its extras. Made by `make lock`; do not edit.'; \
 	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints.txt
 	rm -rf build/lock

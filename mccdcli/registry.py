@@ -21,7 +21,8 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
-        "log": "Show, verify and recover logs.",
+        "log": "Show, verify, export and recover logs.",
+        "model": "Convert models.",
     }
 )
 
@@ -129,6 +130,13 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "import": Entry(
             "mccdcli.commands.import_data:import_data",
             "Import data of any bench into a log, as a map file describes them.",
+        ),
+        "log export": Entry(
+            "mccdcli.commands.log_export:export",
+            "Export a log for other programs, with units, times and segments as far as the form has a place for them.",
+        ),
+        "model convert": Entry(
+            "mccdcli.commands.model_convert:convert", "Convert a model between TOML and JSON, checked on the way."
         ),
         "log recover": Entry(
             "mccdcli.commands.log_recover:recover",

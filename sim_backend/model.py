@@ -203,16 +203,21 @@ def from_linear(
 
 
 def parse_model(text: str, where: str) -> Model:
-    """Return the model written in `text`; `where` names it in errors.
+    """Return the model written in `text`, TOML or JSON; `where` names it in errors.
 
-    Raises ConfigError for broken TOML, unknown fields, wrong types, unknown port names and numbers that are not finite.
+    Raises ConfigError for broken TOML or JSON, unknown fields, wrong types, unknown port names and
+    numbers that are not finite.
     """
     try:
-        model = msgspec.convert(tomllib.loads(text), Model)
+        # no TOML file begins with a brace, and every model in JSON does
+        content = msgspec.json.decode(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+        model = msgspec.convert(content, Model)
+    except msgspec.DecodeError as error:
+        if not isinstance(error, msgspec.ValidationError):
+            raise ConfigError(f"{where}: not valid JSON: {error}; mend that place") from None
+        raise ConfigError(f"{where}: {error}; see docs/model-file.md for the fields") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"{where}: {error}; see docs/model-file.md for the fields") from None
     check_model(model, where)
     return model
 
@@ -277,6 +282,9 @@ def load_model(name_or_path: str | Path) -> Model:
     return parse_model(text, str(path))
 
 
-def dump_model(model: Model) -> str:
-    """Return the TOML text of a model; `parse_model` gives the same model back."""
-    return tomli_w.dumps(msgspec.to_builtins(model))
+def dump_model(model: Model, form: Literal["toml", "json"] = "toml") -> str:
+    """Return the text of a model in TOML or JSON; `parse_model` gives the same model back."""
+    content = msgspec.to_builtins(model)
+    return (
+        tomli_w.dumps(content) if form == "toml" else msgspec.json.format(msgspec.json.encode(content)).decode() + "\n"
+    )

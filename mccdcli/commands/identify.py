@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 @click.option(
     "--response",
     type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.csv",
-    help="Also write the measured frequency response with its uncertainty.",
+    metavar="FILE",
+    help="Also write the measured frequency response: .csv with its uncertainty, or .sNp (Touchstone-like).",
 )
 @click.option("--force", is_flag=True, help="Replace an existing model file.")
 @settings_option
@@ -90,14 +90,14 @@ def identify(
         logs = list(played.logs.values())
 
     from analysis.identify import identify_runs
-    from analysis.response_curves import save_curves
+    from analysis.response_files import save_response
     from campaigns.log import read_run
 
     with ExitStack() as stack:
         runs, name = [stack.enter_context(read_run(log)) for log in logs], target.stem
         found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=name)
     if response is not None:
-        save_curves(found.response, response)
+        save_response(found.response, response)
     save_model(found.model, target, force=force)
     text = f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, logs))}"
     emit({"model": target, "logs": logs, "identification": found}, as_json=as_json, text=text)

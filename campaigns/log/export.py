@@ -1,0 +1,180 @@
+"""A log for other programs: a pandas frame, an xarray data set, and files for MATLAB, NeXus viewers and spreadsheets.
+
+Times, units and segments go along wherever the form has a place for them. All values are in SI, as in the log.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.log.read import Run
+from campaigns.log.schema import to_json
+from sim_backend.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+
+def to_frame(run: Run) -> pd.DataFrame:
+    """Return the committed rows as a frame: a column per channel, time in s as index, units in `attrs["units"]`."""
+    import pandas as pd
+
+    frame = pd.DataFrame({name: run.read(name) for name in run.channels}, index=pd.Index(_time(run), name="time_s"))
+    frame.attrs = {
+        "units": {name: channel.unit for name, channel in run.channels.items()},
+        "run_uid": run.run_uid,
+        "test": run.header.test,
+    }
+    return frame
+
+
+def to_dataset(run: Run) -> xr.Dataset:
+    """Return the committed rows as a data set over `time`, with `units`, role and dof of each variable.
+
+    The label of each row's segment is the coordinate `segment`, empty between segments. Raises ConfigError when xarray
+    is not installed.
+    """
+    try:
+        import xarray as xr
+    except ImportError:
+        raise ConfigError("xarray is not installed; install it, or use pandas") from None
+    variables = {
+        name: ("time", run.read(name), {"units": c.unit, "role": c.role, "dof": c.dof})
+        for name, c in run.channels.items()
+    }
+    labels = np.zeros(run.rows, dtype=object)
+    labels[:] = ""
+    for segment in run.segments:
+        labels[segment.start : segment.stop] = segment.label
+    coordinates = {"time": ("time", _time(run), {"units": "s"}), "segment": ("time", labels)}
+    about = {"run_uid": run.run_uid, "test": run.header.test, "sample_rate_hz": run.sample_rate_hz}
+    return xr.Dataset(variables, coordinates, about)
+
+
+def save_csv(run: Run, path: Path) -> None:
+    """Write one row per sample, `time (s)` first, the unit of each channel in its head, every digit."""
+    frame = to_frame(run)
+    frame.columns = [f"{name} ({run.channels[name].unit})" for name in frame.columns]
+    frame.index.name = "time (s)"
+    frame.to_csv(path)
+
+
+def save_npz(run: Run, path: Path) -> None:
+    """Write an archive of numpy arrays: `time_s`, one per channel, and `about` as JSON text."""
+    values: dict[str, Any] = {name: run.read(name) for name in run.channels}
+    np.savez(path, allow_pickle=False, time_s=_time(run), about=np.array(to_json(_about(run), "log")), **values)
+
+
+def save_mat(run: Run, path: Path) -> None:
+    """Write a MATLAB file (v5) of one structure `run`: `time_s`, `channels`, `units`, `segments`, `about` as JSON text.
+
+    Names that MATLAB cannot have are changed: other signs become `_`, and a leading digit gets an `x`. Segments count
+    rows from 1 and include their last, as MATLAB does.
+    """
+    from scipy.io import savemat
+
+    names = _matlab_names(run.channels)
+    content = {
+        "time_s": _time(run)[:, None],
+        "channels": {names[name]: run.read(name)[:, None] for name in run.channels},
+        "units": {names[name]: channel.unit for name, channel in run.channels.items()},
+        "segments": {
+            "label": np.array([s.label for s in run.segments], dtype=object),
+            "first": np.array([[s.start + 1.0] for s in run.segments]),
+            "last": np.array([[float(s.stop)] for s in run.segments]),
+            "settings": np.array([to_json(s.settings, s.label) for s in run.segments], dtype=object),
+        },
+        "about": to_json(_about(run), "log"),
+    }
+    savemat(path, {"run": content}, long_field_names=True, oned_as="column")
+
+
+def save_nexus(run: Run, path: Path) -> None:
+    """Write a NeXus file: an NXentry with one NXdata per role, each channel with `units` over a shared time axis."""
+    import h5py
+
+    with h5py.File(path, "x") as file:
+        file.attrs["NX_class"], file.attrs["default"] = "NXroot", "entry"
+        entry = file.create_group("entry")
+        entry.attrs["NX_class"] = "NXentry"
+        entry["title"], entry["start_time"] = run.header.test, run.header.started_utc
+        entry["entry_identifier"] = run.run_uid
+        notes = entry.create_group("about")
+        notes.attrs["NX_class"] = "NXnote"
+        notes["type"], notes["data"] = "application/json", to_json(_about(run), "log")
+        time = _time(run)
+        for role in dict.fromkeys(channel.role for channel in run.channels.values()):
+            names = run.names(role)
+            data = entry.create_group(role)
+            data.attrs.update({"NX_class": "NXdata", "signal": names[0], "axes": ["time"], "time_indices": 0})
+            if len(names) > 1:
+                data.attrs["auxiliary_signals"] = list(names[1:])
+            data.create_dataset("time", data=time).attrs["units"] = "s"
+            for name in names:
+                channel = data.create_dataset(name, data=run.read(name))
+                channel.attrs["units"], channel.attrs["long_name"] = run.channels[name].unit, name
+        entry.attrs["default"] = "output" if run.names("output") else next(iter(run.channels.values())).role
+
+
+FORMS: Final[Mapping[str, Callable[[Run, Path], None]]] = {
+    ".csv": save_csv,
+    ".mat": save_mat,
+    ".npz": save_npz,
+    ".nxs": save_nexus,
+}
+"""How a log is written for others, by the ending of the file."""
+
+
+def save(run: Run, path: Path) -> None:
+    """Write the committed rows of a log in the form that the file's ending names.
+
+    Raises ConfigError for an ending that is none of FORMS, and for a file that exists.
+    """
+    ending = path.suffix.lower()
+    if ending not in FORMS:
+        raise ConfigError(f"{path}: '{ending}' is no form; {did_you_mean(ending, FORMS)}there are {', '.join(FORMS)}")
+    if path.exists():
+        raise ConfigError(f"{path} exists and is not overwritten; choose another path")
+    FORMS[ending](run, path)
+
+
+def _time(run: Run) -> Array:
+    return run.time_s(next(iter(run.channels)))
+
+
+def _about(run: Run) -> dict[str, Any]:
+    header = run.header
+    return {
+        "run_uid": run.run_uid,
+        "test": header.test,
+        "status": run.status,
+        "started_utc": header.started_utc,
+        "bench": dict(header.bench),
+        "seed": header.seed,
+        "configuration": header.configuration,
+        "sample_rate_hz": run.sample_rate_hz,
+        "channels": {n: {"unit": c.unit, "role": c.role, "dof": c.dof} for n, c in run.channels.items()},
+        "segments": [
+            {"label": s.label, "start": s.start, "stop": s.stop, "settings": dict(s.settings)} for s in run.segments
+        ],
+    }
+
+
+def _matlab_names(names: Mapping[str, object]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for name in names:
+        plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+        plain = plain if plain[0].isalpha() else f"x{plain}"
+        while plain in found.values():
+            plain += "_"
+        found[name] = plain[:63]
+    return found

@@ -1,0 +1,42 @@
+"""`mccd log export`: a log for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mccdcli.options import common_options, existing_file
+from mccdcli.output import emit
+
+
+@click.command()
+@existing_file("run", metavar="RUN.h5")
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="File to write; its ending says the form: .csv, .mat, .npz or .nxs.",
+)
+@common_options("json")
+def export(run: Path, out: Path, as_json: bool) -> None:
+    """Export a log for other programs, with units, times and segments as far as the form has a place for them.
+
+    The log itself is plain HDF5, which most programs read; docs/log-format.md shows how.
+
+    \b
+    Examples:
+      mccd log export RUN.h5 -o run.mat
+      mccd log export RUN.h5 -o run.nxs
+      mccd log export RUN.h5 -o run.csv
+    """
+    from campaigns.log import read_run
+    from campaigns.log.export import save
+
+    with read_run(run) as log:
+        save(log, out)
+        rows, channels = log.rows, list(log.channels)
+    result = {"file": out, "run_uid": log.run_uid, "rows": rows, "channels": channels}
+    emit(result, as_json=as_json, text=f"{out}: {rows} rows of {len(channels)} channels")

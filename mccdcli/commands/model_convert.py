@@ -1,0 +1,45 @@
+"""`mccd model convert`: a model in another form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mccdcli.models import refuse_existing
+from mccdcli.options import common_options
+from mccdcli.output import emit
+
+
+@click.command()
+@click.argument("model", metavar="MODEL")
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="File to write; its ending says the form: .toml or .json.",
+)
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@common_options("json")
+def convert(model: str, out: Path, force: bool, as_json: bool) -> None:
+    """Convert a model between TOML and JSON, checked on the way.
+
+    MODEL is a bundled one or a file. Every command that takes a model reads either form.
+
+    \b
+    Examples:
+      mccd model convert design -o design.json
+      mccd model convert extended.json -o extended.toml
+    """
+    from sim_backend.errors import ConfigError
+    from sim_backend.model import dump_model, load_model
+
+    form = out.suffix.lower().removeprefix(".")
+    if form not in ("toml", "json"):
+        raise ConfigError(f"{out}: '{out.suffix}' is no form of a model; use .toml or .json")
+    refuse_existing(out, force=force)
+    found = load_model(model)
+    out.write_text(dump_model(found, "json" if form == "json" else "toml"), encoding="utf-8")
+    emit({"file": out, "name": found.name}, as_json=as_json, text=f"{found.name}: {out}")

@@ -1,0 +1,139 @@
+"""An exported log, read back by the libraries that its users have."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import loadmat
+
+from campaigns.log import Channel, LogWriter, read_run
+from campaigns.log.export import FORMS, save, to_dataset, to_frame
+from mccdcli.main import main
+from sim_backend.errors import ConfigError
+
+RNG = np.random.default_rng(3)
+VALUES = {"torque": RNG.normal(size=50), "1st θ/2": RNG.normal(size=50), "1st θ 2": RNG.normal(size=50)}
+VALUES = {name.replace("/", " per "): value for name, value in VALUES.items()}
+UNITS = dict(zip(VALUES, ("N m", "rad", "rad"), strict=True))
+T0_S, RATE_HZ = 0.25, 1000.0
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    channels = [Channel(n, UNITS[n], "input" if n == "torque" else "output", "theta_x", RATE_HZ, T0_S) for n in VALUES]
+    with LogWriter.create(tmp_path / "run.h5", channels, test="chop", bench={"kind": "sim"}, seed=4) as writer:
+        for label, part in (("up", slice(0, 30)), ("held-out", slice(30, 50))):
+            with writer.segment(label, {"frequency_hz": 5.0}):
+                writer.append({n: v[part] for n, v in VALUES.items()})
+    return tmp_path / "run.h5"
+
+
+TIME_S = T0_S + np.arange(50) / RATE_HZ
+
+
+def test_pandas(log):
+    with read_run(log) as run:
+        frame = to_frame(run)
+    for name, values in VALUES.items():
+        np.testing.assert_array_equal(frame[name], values)
+    np.testing.assert_allclose(frame.index, TIME_S, rtol=1e-15)
+    assert frame.attrs["units"] == UNITS
+
+
+def test_xarray(log):
+    pytest.importorskip("xarray")
+    with read_run(log) as run:
+        found = to_dataset(run)
+    np.testing.assert_array_equal(found["torque"], VALUES["torque"])
+    assert found["torque"].attrs == {"units": "N m", "role": "input", "dof": "theta_x"}
+    assert found["time"].attrs["units"] == "s"
+    np.testing.assert_array_equal(found["torque"][found["segment"] == "held-out"], VALUES["torque"][30:])
+
+
+def test_csv(log, tmp_path):
+    assert main(["log", "export", str(log), "-o", str(tmp_path / "run.csv")]) == 0
+    frame = pd.read_csv(tmp_path / "run.csv")
+    assert list(frame.columns) == ["time (s)", *(f"{n} ({u})" for n, u in UNITS.items())]
+    for name, values in VALUES.items():
+        np.testing.assert_array_equal(frame[f"{name} ({UNITS[name]})"], values)
+
+
+def test_npz(log, tmp_path):
+    assert main(["log", "export", str(log), "-o", str(tmp_path / "run.npz"), "--json"]) == 0
+    with np.load(tmp_path / "run.npz", allow_pickle=False) as found:
+        np.testing.assert_array_equal(found["torque"], VALUES["torque"])
+        about = json.loads(str(found["about"]))
+    assert about["seed"] == 4 and about["channels"]["torque"]["unit"] == "N m"
+    assert about["segments"][1] == {"label": "held-out", "start": 30, "stop": 50, "settings": {"frequency_hz": 5.0}}
+
+
+def test_matlab(log, tmp_path):
+    with read_run(log) as run:
+        save(run, tmp_path / "run.mat")
+    found = loadmat(tmp_path / "run.mat", simplify_cells=True)["run"]
+    np.testing.assert_array_equal(found["channels"]["torque"], VALUES["torque"])
+    # names that MATLAB cannot have are changed, and stay apart
+    names = sorted(found["channels"])
+    assert len(names) == 3 and all(name.isidentifier() and name.isascii() for name in names)
+    assert {found["units"][name] for name in names} == {"N m", "rad"}
+    first, last = int(found["segments"]["first"][1]), int(found["segments"]["last"][1])
+    assert found["segments"]["label"][1] == "held-out"
+    np.testing.assert_array_equal(found["channels"]["torque"][first - 1 : last], VALUES["torque"][30:50])
+
+
+@pytest.mark.skipif(shutil.which("octave") is None, reason="octave is not installed")
+def test_octave_reads_the_matlab_file(log, tmp_path):
+    import subprocess
+
+    with read_run(log) as run:
+        save(run, tmp_path / "run.mat")
+    script = "load('run.mat'); printf('%.17g', run.channels.torque(7))"
+    done = subprocess.run(
+        ["octave-cli", "--eval", script], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert float(done.stdout) == VALUES["torque"][6]
+
+
+def test_nexus(log, tmp_path):
+    with read_run(log) as run:
+        save(run, tmp_path / "run.nxs")
+    # a viewer walks from the root along `default` to the group whose `signal` it plots over its `axes`
+    with h5py.File(tmp_path / "run.nxs") as file:
+        assert file.attrs["NX_class"] == "NXroot"
+        entry = file[file.attrs["default"]]
+        assert entry.attrs["NX_class"] == "NXentry"
+        data = entry[entry.attrs["default"]]
+        assert data.attrs["NX_class"] == "NXdata"
+        signal, time = data[data.attrs["signal"]], data[data.attrs["axes"][0]]
+        np.testing.assert_array_equal(signal[:], VALUES["1st θ per 2"])
+        np.testing.assert_allclose(time[:], TIME_S, rtol=1e-15)
+        assert signal.attrs["units"] == "rad" and time.attrs["units"] == "s"
+        assert list(data.attrs["auxiliary_signals"]) == ["1st θ 2"]
+        assert entry["input"].attrs["signal"] == "torque"
+
+
+def test_nothing_is_overwritten_and_an_unknown_form_is_told(log, tmp_path):
+    with read_run(log) as run:
+        for ending in FORMS:
+            save(run, tmp_path / f"x{ending}")
+            with pytest.raises(ConfigError, match="not overwritten"):
+                save(run, tmp_path / f"x{ending}")
+        with pytest.raises(ConfigError, match=r"did you mean '\.mat'\? there are"):
+            save(run, tmp_path / "x.matt")
+
+
+def test_a_model_is_converted_both_ways(tmp_path, capsys):
+    assert main(["model", "convert", "design", "-o", str(tmp_path / "d.json")]) == 0
+    assert main(["model", "convert", str(tmp_path / "d.json"), "-o", str(tmp_path / "d.toml")]) == 0
+    from sim_backend.model import load_model
+
+    assert load_model(tmp_path / "d.toml") == load_model("design")
+    assert main(["model", "convert", "design", "-o", str(tmp_path / "d.json")]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["model", "convert", "design", "-o", str(tmp_path / "d.yaml")]) == 2
