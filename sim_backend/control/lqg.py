@@ -27,6 +27,8 @@ ComplexArray = NDArray[np.complex128]
 DRIFT = 0.03
 """Steps of the drift per sample, in standard deviations of the disturbance: it sets how fast the integrator is."""
 
+_REACHING_SAMPLES = 2000
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -63,21 +65,18 @@ def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, 
     torque in units of `noise.torque_nm`. Raises ConfigError when the Riccati equations have no solution, or as
     `siso_matrices`.
     """
-    a, b, c = siso_matrices(discretise(plant, rate_hz))
+    a, b, c = _in_units_of(noise, *siso_matrices(discretise(plant, rate_hz)))
     n, forget = a.shape[0], noise.forget(rate_hz)
     whole = np.zeros((n + 2, n + 2))
     whole[:n, :n], whole[:n, n:], whole[n, n], whole[n + 1, n + 1] = a, b, forget, 1.0
     enters, seen = np.vstack([b, np.zeros((2, 1))]), np.hstack([c, np.zeros((1, 2))])
     driven = np.zeros((n + 2, n + 2))
-    driven[:n, :n] = (distrust * noise.torque_nm) ** 2 * (b @ b.T)
-    driven[n, n] = noise.torque_nm**2 * (1.0 - forget**2)
-    driven[n + 1, n + 1] = (DRIFT * noise.torque_nm) ** 2
-    # angles in units of one reading's noise, so that no number of the equations is far from 1
-    unit = noise.reading_rad**2
-    effort = np.eye(1) * effort_rad_nm**2 / unit
+    driven[:n, :n] = distrust**2 * (b @ b.T)
+    driven[n, n], driven[n + 1, n + 1] = 1.0 - forget**2, DRIFT**2
+    effort = np.eye(1) * (effort_rad_nm * noise.torque_nm / noise.reading_rad) ** 2
     try:
-        spread = solve_discrete_are(whole.T, seen.T, driven / unit, np.eye(1))
-        cost = solve_discrete_are(a, b, c.T @ c / unit, effort)
+        spread = solve_discrete_are(whole.T, seen.T, driven, np.eye(1))
+        cost = solve_discrete_are(a, b, c.T @ c, effort)
     except (LinAlgError, ValueError) as error:
         raise ConfigError(f"feedback: the Riccati equations have no solution ({error}); use another model") from None
     blend = spread @ seen.T / (seen @ spread @ seen.T + 1.0)
@@ -86,7 +85,23 @@ def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, 
     # estimate from the newest reading: x+ = x + blend (y - C x); u = -full x+; the filter sees the error -y
     correct = np.eye(n + 2) - blend @ seen
     step = whole - enters @ full
-    return filter_from_state_space(step @ correct, -step @ blend, -full @ correct, full @ blend, rate_hz)
+    out, in_ = noise.torque_nm, 1.0 / noise.reading_rad
+    return filter_from_state_space(
+        step @ correct, -step @ blend * in_, -full @ correct * out, full @ blend * out * in_, rate_hz
+    )
+
+
+def _in_units_of(noise: Noise, a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Return a plant from torques and to readings in units of their noise, its states in units of what torque reaches.
+
+    In SI its numbers lie ten powers of ten apart, and rounding then finds no solution of the Riccati equations.
+    """
+    reached, column = np.zeros(a.shape[0]), b[:, 0] * noise.torque_nm
+    for _ in range(_REACHING_SAMPLES):
+        reached += column**2
+        column = a @ column
+    size = np.sqrt(np.where(reached > 0.0, reached, 1.0))
+    return a * size / size[:, None], b * noise.torque_nm / size[:, None], c * size / noise.reading_rad
 
 
 def reading_spectrum(
