@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.feedback import Margins, closed_loop_poles, loop_margins
-from sim_backend.control.lqg import Noise, lqg, reading_spectrum
+from sim_backend.control.lqg import Noise, least_reading_rad, lqg, reading_spectrum
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
@@ -34,8 +34,7 @@ class FeedbackDesign:
 
     `margins` are those of the identified plant; `peak_db` (n,) the peaks of |S| and `three_sigma_rad` (n,) the
     stability predicted for every drawn plant, the identified one first. `from_torque_rad` and `from_reading_rad` are
-    the 3σ shares of both noises. `least_rad` is what the same theory reaches on the identified plant when no margin is
-    asked for: less is not to be had from linear feedback of this effort.
+    the 3σ shares of both noises, `least_rad` the 3σ below which no linear feedback can bring the identified plant.
     """
 
     controller: DiscreteFilter
@@ -72,7 +71,7 @@ def design_feedback(plants: list[ModalModel], noise: Noise, rate_hz: float) -> F
     solved = [one for one in candidates if one is not None]
     if not solved:
         raise ConfigError("feedback: no Riccati equation of this plant and noise has a solution; use another model")
-    least = min(float(one.three_sigma_rad[0]) for one in solved)
+    least = 3.0 * least_reading_rad(plants[0], noise, rate_hz)
     safe = [one for one in solved if one.peak_db.max() <= PEAK_DB]
     for one in sorted(safe, key=lambda one: float(one.three_sigma_rad.max())):
         if all(largest_pole(plant, one.controller, rate_hz) < 1.0 for plant in plants):

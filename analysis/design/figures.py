@@ -7,11 +7,10 @@ import numpy as np
 from analysis.design.api import AxisDesign, Designed
 from analysis.design.feedback import PEAK_DB, frequency_grid
 from analysis.design.learning import LARGEST_FACTOR
+from analysis.design.stages import NAMES
 from analysis.design.uncertainty import drawn_plants
 from analysis.paper.canvas import COLOURS, OURS, Canvas
 from sim_backend.linear import discretise
-
-NAMES = {"theta_x": "θx", "theta_y": "θy"}
 
 
 def design_figures(designed: Designed) -> dict[str, Canvas]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,8 +11,8 @@ import jinja2
 from markupsafe import Markup
 
 from analysis.design.api import AxisDesign, Designed
-from analysis.design.figures import NAMES, design_figures, peak_factor
-from analysis.design.stages import STAGES, StageResult
+from analysis.design.figures import design_figures, peak_factor
+from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, stages_csv
 from analysis.report.svg import inlined
 from analysis.requirements import SETTLING_S, STABILITY_RAD
 from campaigns.controller import dump_controller
@@ -118,35 +116,6 @@ def write_design(designed: Designed, folder: Path, stages: Sequence[StageResult]
     return paths | {"index.html": _write(folder / "index.html", _page(designed, content, stages, drawings))}
 
 
-def stages_csv(stages: Sequence[StageResult]) -> str:
-    """Return the table of stages as CSV, in SI."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["axis", "strategy", "knows", "settling_s", "overshoot_rad", "stability_rad_3sigma", "peak_a"])
-    for s in stages:
-        row = (s.settling_s, s.overshoot_rad, s.stability_rad, s.peak_a)
-        writer.writerow([s.axis, s.strategy, STAGES[s.strategy], *(f"{v:.6g}" for v in row)])
-    return out.getvalue()
-
-
-def stage_rows(stages: Sequence[StageResult]) -> list[tuple[str, ...]]:
-    """Return the table of stages as people read it: ms, µrad, A."""
-    return [
-        (
-            NAMES[s.axis],
-            STAGES[s.strategy],
-            f"{1e3 * s.settling_s:.1f}" if s.settling_s < float("inf") else "not in its dwell",
-            f"{1e6 * s.overshoot_rad:.2f}",
-            f"{1e6 * s.stability_rad:.2f}",
-            f"{s.peak_a:.2f}",
-        )
-        for s in stages
-    ]
-
-
-STAGE_HEADS = ("axis", "knows", "settling, ms", "overshoot, µrad", "stability 3σ, µrad", "peak current, A")
-
-
 def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
     """Return what is expected of every axis, with its limits, as people read it."""
     rows: list[tuple[str, ...]] = []
@@ -155,7 +124,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
         worst = 1e6 * f.three_sigma_rad.max()
         rows += [
             (name, "stability 3σ, µrad", f"{1e6 * f.three_sigma_rad[0]:.3f}, worst plant {worst:.3f}", "1.7"),
-            ("", "least of any linear feedback, µrad", f"{1e6 * f.least_rad:.3f}", ""),
+            ("", "bound of any linear feedback, µrad", f"{1e6 * f.least_rad:.3f}", ""),
             ("", "reference arrives after, ms", f"{1e3 * one.move.arrival_s:.1f}", f"{1e3 * SETTLING_S:g}"),
             ("", "peak current, A", f"{one.peak_a:.2f}", f"{designed.limit_a:g}"),
             ("", "peak of |S|, dB", f"{f.peak_db[0]:.2f}, worst plant {f.peak_db.max():.2f}", "5"),

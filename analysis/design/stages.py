@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,6 +27,10 @@ STAGES = {
     "designed": "and learned",
 }
 """What each strategy knows, in the order in which knowledge is added."""
+
+
+NAMES = {"theta_x": "θx", "theta_y": "θy"}
+STAGE_HEADS = ("axis", "knows", "settling, ms", "overshoot, µrad", "stability 3σ, µrad", "peak current, A")
 
 
 @dataclass(frozen=True)
@@ -76,3 +82,29 @@ def play_stages(
                 with read_run(outcome.path) as run:
                     rows.append(stage_of_test(axis, strategy, settle_of(run), run.run_uid))
     return rows
+
+
+def stages_csv(stages: Sequence[StageResult]) -> str:
+    """Return the table of stages as CSV, in SI."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["axis", "strategy", "knows", "settling_s", "overshoot_rad", "stability_rad_3sigma", "peak_a"])
+    for s in stages:
+        row = (s.settling_s, s.overshoot_rad, s.stability_rad, s.peak_a)
+        writer.writerow([s.axis, s.strategy, STAGES[s.strategy], *(f"{v:.6g}" for v in row)])
+    return out.getvalue()
+
+
+def stage_rows(stages: Sequence[StageResult]) -> list[tuple[str, ...]]:
+    """Return the table of stages as people read it: ms, µrad, A."""
+    return [
+        (
+            NAMES[s.axis],
+            STAGES[s.strategy],
+            f"{1e3 * s.settling_s:.1f}" if s.settling_s < float("inf") else "not in its dwell",
+            f"{1e6 * s.overshoot_rad:.2f}",
+            f"{1e6 * s.stability_rad:.2f}",
+            f"{s.peak_a:.2f}",
+        )
+        for s in stages
+    ]

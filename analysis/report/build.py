@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from analysis.design.output import stages_csv
+from analysis.design.stages import stages_csv
 from analysis.paper.canvas import Canvas
 from analysis.paper.evidence import EVIDENCE, Evidence
 from analysis.paper.figures import FIGURES, make_figure

@@ -11,8 +11,7 @@ import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
-from analysis.design.output import STAGE_HEADS, stage_rows
-from analysis.design.stages import StageResult
+from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
 from analysis.paper.evidence import Evidence
 from analysis.paper.rows import Row, Table, label_counts
 from analysis.report.explore.view import Explorer

@@ -98,7 +98,8 @@ def design(
 
 
 def _text(designed: Designed, stages: list[StageResult], files: list[Path]) -> str:
-    from analysis.design.output import AXIS_HEADS, STAGE_HEADS, axis_rows, stage_rows
+    from analysis.design.output import AXIS_HEADS, axis_rows
+    from analysis.design.stages import STAGE_HEADS, stage_rows
 
     parts = [table(axis_rows(designed), heads=AXIS_HEADS)]
     if stages:

@@ -27,6 +27,7 @@ ComplexArray = NDArray[np.complex128]
 DRIFT = 0.03
 """Steps of the drift per sample, in standard deviations of the disturbance: it sets how fast the integrator is."""
 
+_NO_DRIFT = 1e-5
 _REACHING_SAMPLES = 2000
 
 
@@ -66,19 +67,12 @@ def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, 
     `siso_matrices`.
     """
     a, b, c = _in_units_of(noise, *siso_matrices(discretise(plant, rate_hz)))
-    n, forget = a.shape[0], noise.forget(rate_hz)
-    whole = np.zeros((n + 2, n + 2))
-    whole[:n, :n], whole[:n, n:], whole[n, n], whole[n + 1, n + 1] = a, b, forget, 1.0
-    enters, seen = np.vstack([b, np.zeros((2, 1))]), np.hstack([c, np.zeros((1, 2))])
-    driven = np.zeros((n + 2, n + 2))
-    driven[:n, :n] = distrust**2 * (b @ b.T)
-    driven[n, n], driven[n + 1, n + 1] = 1.0 - forget**2, DRIFT**2
+    n = a.shape[0]
+    whole, seen, driven = _with_disturbance(noise, a, b, c, distrust, DRIFT, rate_hz)
+    enters = np.vstack([b, np.zeros((2, 1))])
     effort = np.eye(1) * (effort_rad_nm * noise.torque_nm / noise.reading_rad) ** 2
-    try:
-        spread = solve_discrete_are(whole.T, seen.T, driven, np.eye(1))
-        cost = solve_discrete_are(a, b, c.T @ c, effort)
-    except (LinAlgError, ValueError) as error:
-        raise ConfigError(f"feedback: the Riccati equations have no solution ({error}); use another model") from None
+    spread = _riccati(whole.T, seen.T, driven, np.eye(1))
+    cost = _riccati(a, b, c.T @ c, effort)
     blend = spread @ seen.T / (seen @ spread @ seen.T + 1.0)
     gain = np.linalg.solve(b.T @ cost @ b + effort, b.T @ cost @ a)
     full = np.hstack([gain, np.ones((1, 2))])
@@ -89,6 +83,39 @@ def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, 
     return filter_from_state_space(
         step @ correct, -step @ blend * in_, -full @ correct * out, full @ blend * out * in_, rate_hz
     )
+
+
+def least_reading_rad(plant: ModalModel, noise: Noise, rate_hz: float) -> float:
+    """Return a standard deviation (rad) of the reading below which no linear feedback of the reading can bring it.
+
+    It is that of the innovation, what the best estimate from all earlier readings leaves of the next one. Source:
+    K. J. Åström, Introduction to Stochastic Control Theory (1970), minimum variance control. Raises as `lqg`.
+    """
+    a, b, c = _in_units_of(noise, *siso_matrices(discretise(plant, rate_hz)))
+    # a drift that is all but none: the plant, not the drift, decides
+    whole, seen, driven = _with_disturbance(noise, a, b, c, 0.0, _NO_DRIFT, rate_hz)
+    spread = _riccati(whole.T, seen.T, driven, np.eye(1))
+    return noise.reading_rad * float(np.sqrt((seen @ spread @ seen.T)[0, 0] + 1.0))
+
+
+def _with_disturbance(
+    noise: Noise, a: Array, b: Array, c: Array, distrust: float, drift: float, rate_hz: float
+) -> tuple[Array, Array, Array]:
+    """Return transition, output and driving covariance of a plant with its disturbance and a drift as states."""
+    n, forget = a.shape[0], noise.forget(rate_hz)
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n], whole[:n, n:], whole[n, n], whole[n + 1, n + 1] = a, b, forget, 1.0
+    driven = np.zeros((n + 2, n + 2))
+    driven[:n, :n] = distrust**2 * (b @ b.T)
+    driven[n, n], driven[n + 1, n + 1] = 1.0 - forget**2, drift**2
+    return whole, np.hstack([c, np.zeros((1, 2))]), driven
+
+
+def _riccati(a: Array, b: Array, q: Array, r: Array) -> Array:
+    try:
+        return np.asarray(solve_discrete_are(a, b, q, r))
+    except (LinAlgError, ValueError) as error:
+        raise ConfigError(f"feedback: a Riccati equation has no solution ({error}); use another model") from None
 
 
 def _in_units_of(noise: Noise, a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:

@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from sim_backend.control.feedback import closed_loop_poles, theta_controller
 from sim_backend.control.inversion import siso_matrices
-from sim_backend.control.lqg import DRIFT, Noise, lqg, reading_spectrum
+from sim_backend.control.lqg import DRIFT, Noise, least_reading_rad, lqg, reading_spectrum
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
@@ -106,6 +106,22 @@ def test_its_variance_is_least_without_effort_and_doubt():
     assert best < variance_by_lyapunov(theta_controller())
     for factor in (0.8, 1.2):
         assert variance_by_lyapunov(lqg(plant(), NOISE, 1e-4, 0.0, RATE_HZ).scaled(factor)) > best
+
+
+def test_the_bound_is_szegos():
+    f = frequencies()
+    p = discretise(plant(), RATE_HZ).frequency_response(f)[:, 0, 0]
+    spectrum = sum(reading_spectrum(f, p, np.zeros(f.size), NOISE, RATE_HZ))  # loops open
+    # the variance of what cannot be predicted is the geometric mean of the spectrum (Szegő, Kolmogorov)
+    szego = np.sqrt(np.exp(np.mean(np.log(spectrum))))
+    # the drift without which the equation has a pole on the circle is 1e-5 of the disturbance
+    assert least_reading_rad(plant(), NOISE, RATE_HZ) == pytest.approx(szego, rel=1e-4)
+
+
+@pytest.mark.parametrize("effort", [1e-4, 1e-3])
+def test_no_feedback_comes_below_the_bound(effort):
+    made = lqg(plant(), NOISE, effort, 0.0, RATE_HZ)
+    assert np.sqrt(variance_by_lyapunov(made)) > least_reading_rad(plant(), NOISE, RATE_HZ) > NOISE.reading_rad
 
 
 def test_less_effort_and_more_doubt_cost_variance():
