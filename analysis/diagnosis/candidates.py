@@ -134,7 +134,8 @@ def signature(
 ) -> Array:
     """Return the outputs' first-order change, shape (n, n_y, n_columns), one column per size parameter.
 
-    `start` (m, 2) are the states of the linear model in which the motion begins. An effect without sizes has one column: its whole contribution.
+    `start` (m, 2) are the states of the linear model in which the motion begins. An effect without sizes has one
+    column: its whole contribution.
     """
     if candidate.effect.site is Site.MODEL:
         return _of_model(candidate, linear, places, motion.u, rate_hz, start)
@@ -209,7 +210,7 @@ def _of_model(
     def moved(name: str, by: float) -> Array:
         effect = candidate.made({n: (by if n == name else 0.0) for n in candidate.unit_sizes})
         model = discretise(effect.retune(linear, i, o), rate_hz)
-        return simulate(model, u) + coasting(model, start, u.shape[0])
+        return simulate(model, u) + coasting(model, start[: linear.n_blocks], u.shape[0])
 
     columns = []
     for name, unit in candidate.unit_sizes.items():

@@ -97,6 +97,7 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
     """
     acting = [*setting.known, *effects]
     substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
+    n_blocks = retuned(linear, acting, setting.places).n_blocks  # states of modes that other effects added stay out
     return [
         replay(
             linear,
@@ -106,7 +107,7 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
             record.u,
             setting.data.rate_hz,
             temperature_k=record.temperature_k,
-            start=states,
+            start=states[:n_blocks],
             substeps=substeps,
         )
         for record, states in zip(setting.data.records, setting.states, strict=True)

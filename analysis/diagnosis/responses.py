@@ -72,7 +72,7 @@ def simulate(model: DiscreteModel, u: Array, *, through_delay: bool = True) -> A
 
 
 def coasting(model: DiscreteModel, start: Array, n: int) -> Array:
-    """Return the outputs (n, n_y) that the states `start` (m, 2) give on their own."""
+    """Return the outputs (n, n_y) that the states `start` (m, 2) give on their own, m being at most the model's."""
     out = np.zeros((n, model.c.shape[0]))
     states, still = np.empty((n, 2)), np.zeros(n)
     for i in np.flatnonzero(np.any(start != 0.0, axis=1)):

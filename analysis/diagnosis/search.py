@@ -87,13 +87,20 @@ def settle(setting: Setting, fit: Fit) -> Setting:
     linear = linear_of(setting, fit)
     whitener = whitener_from(setting.data, list(fit.residuals))
     starts = starts_of(setting.data, linear, whitener)
-    states = tuple(
-        old + start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
-        for old, start, record, residual in zip(
-            setting.states, starts, setting.data.records, fit.residuals, strict=True
-        )
+    found = (
+        start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
+        for start, record, residual in zip(starts, setting.data.records, fit.residuals, strict=True)
     )
+    states = tuple(_added(old, new) for old, new in zip(setting.states, found, strict=True))
     return replace(setting, whitener=whitener, starts=starts, states=states)
+
+
+def _added(a: Array, b: Array) -> Array:
+    """Return the sum of two sets of states (m, 2); an effect may have added modes to one of them."""
+    out = np.zeros((max(a.shape[0], b.shape[0]), 2))
+    out[: a.shape[0]] += a
+    out[: b.shape[0]] += b
+    return out
 
 
 def tune(setting: Setting, passes: int = 4) -> tuple[Setting, Fit]:
