@@ -116,6 +116,7 @@ def investigate(
     planned = _claimed(quest, home, resume)
     with closing(open_bench(quest.address, quest.seed)) as bench:
         face = Face.of(bench)
+    _require_ports(face, quest.model)
     plan = _planned(planned[0]) if planned else quest.first or first_plan(face, quest.model)
     rounds: list[Round] = []
     while True:
@@ -137,6 +138,19 @@ def investigate(
         plan = (
             _planned(planned[number]) if number < len(planned) else make_plan(following["test"], following["settings"])
         )
+
+
+def _require_ports(face: Face, model: Model) -> None:
+    """Raise ConfigError, before anything moves, when the bench does not have what the model speaks of."""
+    have = {(s.role, s.dof) for s in face.signals}
+    for role, ports in (("input", model.inputs), ("output", model.outputs)):
+        for port in ports:
+            if (role, port.dof) not in have:
+                dofs = ", ".join(sorted(dof for r, dof in have if r == role))
+                raise ConfigError(
+                    f"the bench has no {role} of {port.dof}, as model '{model.name}' has; its {role}s are of {dofs}: "
+                    "give a model of this bench"
+                )
 
 
 def _why(last: Round) -> str:

@@ -39,7 +39,7 @@ class Options:
 
     `tolerance` is how far the nominal model's own numbers are trusted (relative standard deviation of each);
     `without` leaves causes out of the search; `false_alarm` is the chance that any candidate passes the screening on
-    noise alone.
+    noise alone. Raises ConfigError when an effect to leave out is unknown.
     """
 
     tolerance: float = 0.03
@@ -50,17 +50,19 @@ class Options:
     workers: int = 2
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        reported = {e.reported() for e in EFFECTS} | {e.name for e in EFFECTS}
+        unknown = sorted(set(self.without) - reported)
+        if unknown:
+            raise ConfigError(f"there is no effect '{unknown[0]}' to leave out; effects: {', '.join(sorted(reported))}")
+
 
 def _silent(what: str, part: float) -> None:
     """Take no notice."""
 
 
 def search_causes(data: Dataset, model: Model, options: Options, progress: Progress = _silent) -> Found:
-    """Return everything the search finds; raises ConfigError when an effect to leave out is unknown."""
-    reported = {e.reported() for e in EFFECTS} | {e.name for e in EFFECTS}
-    unknown = sorted(set(options.without) - reported)
-    if unknown:
-        raise ConfigError(f"there is no effect '{unknown[0]}' to leave out; effects: {', '.join(sorted(reported))}")
+    """Return everything the search finds."""
     searched = tuple(e for e in EFFECTS if not {e.reported(), e.name} & set(options.without))
     linear, places = model.linear(), places_of(model)
     known = tuple(

@@ -169,3 +169,12 @@ def test_a_bench_of_other_axes_is_refused_by_name():
     )
     with pytest.raises(ConfigError, match="other_theta_x"):
         first_plan(Face.of(SimBench(model, 0)), other)
+
+
+def test_a_model_with_more_than_the_bench_has_is_refused_before_anything_moves(tmp_path):
+    bench, nominal = models(tmp_path, 2000.0)
+    renamed = [msgspec.structs.replace(p, dof="theta_q") if p.dof == "theta_y" else p for p in nominal.outputs]
+    quest = Quest(bench, msgspec.structs.replace(nominal, outputs=renamed), first=make_plan("multisine", SHORT))
+    with pytest.raises(ConfigError, match="no output of theta_q"):
+        investigate(quest, tmp_path / "out")
+    assert not list((tmp_path / "out").glob("**/*.h5"))
