@@ -44,11 +44,13 @@ class Blocks(_Strict, frozen=True, kw_only=True):
 
     def filter(self, rate_hz: float) -> DiscreteFilter:
         """Return the filter; raises ConfigError when shapes do not fit."""
+        if not (self.a or self.b or self.c):
+            return DiscreteFilter(np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros((0, 2)), self.d, rate_hz)
         try:
             a, b, c = np.array(self.a, dtype=float), np.array(self.b, dtype=float), np.array(self.c, dtype=float)
         except ValueError:
             raise ConfigError("filter: its blocks have different lengths; give 2 × 2, 2 and 2 numbers each") from None
-        return DiscreteFilter(a.reshape(-1, 2, 2) if a.size == 0 else a, b, c, self.d, rate_hz, self.integrator)
+        return DiscreteFilter(a, b, c, self.d, rate_hz, self.integrator)
 
 
 class AxisControl(_Strict, frozen=True, kw_only=True):
