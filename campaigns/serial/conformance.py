@@ -301,6 +301,23 @@ def _watchdog(x: Examiner) -> str:
     return "safe after 0.5 s of silence, acknowledged by ABORt"
 
 
+def _stranger(x: Examiner) -> str:
+    x.link.request("SYST:WATC 0.5")
+    x.start(x.quiet(100))
+    x.in_state(State.DONE)
+    epoch, end_s = x.status()[2], time.monotonic() + 1.0
+    while time.monotonic() < end_s:
+        x.link.exchange("SYST:LOCK somebodyelse")
+        time.sleep(0.1)
+    state, _, after, _ = x.status()
+    x.link.exchange("SYST:UNL")  # whoever has the lock by now
+    x.link.make_safe()
+    x.link.request("SYST:WATC 5")
+    what = f"while another host asked for the lock for 1 s, the state stayed {state.value}, epoch {after}"
+    x.expect(state is State.FAULT and after == epoch + 1, what)
+    return "another host's requests do not keep the drives held"
+
+
 CHECKS: dict[str, Callable[[Examiner], str]] = {
     "identity": _identity,
     "description": _description,
@@ -320,6 +337,7 @@ CHECKS: dict[str, Callable[[Examiner], str]] = {
     "line closed and opened": _reconnection,
     "abort at any time": _abort,
     "watchdog": _watchdog,
+    "watchdog and strangers": _stranger,
 }
 """The only list of checks; each returns what it saw or raises."""
 

@@ -97,13 +97,15 @@ class Session:
             self._answer(line, now_s)
 
     def _answer(self, line: Line, now_s: float) -> None:
+        wanted = _lock_wanted(line)
+        if wanted not in (None, self._holder):
+            self._holder = None  # another host speaks here from now on: it must not keep the watchdog quiet
         reply = self._firmware.handle(line, self._holder, now_s)
         if isinstance(reply, Upload) and line.tag is not None:
             self._burst = _Burst(reply, line.tag)
         elif isinstance(reply, Reply):
-            command = parse_command(line.text)
-            if command is not None and command.header == "SYSTEM:LOCK" and reply.text.startswith("OK"):
-                self._holder = command.parameters[0]
+            if wanted is not None and reply.text.startswith("OK"):
+                self._holder = wanted
             self._send(reply, line.tag)
 
     def _end_burst(self, burst: _Burst) -> None:
@@ -114,3 +116,10 @@ class Session:
         self._lines.clear()
         self._lines.append(encode_line(reply.text, tag))
         self._stream = reply.blocks
+
+
+def _lock_wanted(line: Line) -> str | None:
+    """Return the name under which a checked line asks for the lock, None for any other line."""
+    command = parse_command(line.text)
+    asks = command is not None and command.header == "SYSTEM:LOCK" and line.tag is not None
+    return ",".join(command.parameters) if command is not None and asks else None

@@ -79,7 +79,17 @@ def test_a_firmware_without_watchdog_is_found_out() -> None:
             self.hear(now_s)
             super().tick(now_s)
 
-    assert failed(Careless(SimBench(bench_model(), 1), itertools.count(1))) == {"watchdog"}
+    found = failed(Careless(SimBench(bench_model(), 1), itertools.count(1)))
+    assert found == {"watchdog", "watchdog and strangers"}
+
+
+def test_a_firmware_that_anybody_keeps_awake_is_found_out() -> None:
+    class Obliging(Firmware):
+        def handle(self, line: Line, holder: str | None, now_s: float) -> Answer:
+            self.hear(now_s)
+            return super().handle(line, holder, now_s)
+
+    assert failed(Obliging(SimBench(bench_model(), 1), itertools.count(1))) == {"watchdog and strangers"}
 
 
 BENT: dict[str, tuple[Callable[[str, Answer], Answer], set[str]]] = {

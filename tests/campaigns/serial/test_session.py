@@ -105,6 +105,31 @@ def test_a_beat_cuts_nothing(talk: Talk) -> None:
     assert first and talk.session.next_bytes().startswith(b"#4")
 
 
+def test_another_host_on_the_same_line_does_not_keep_the_watchdog_quiet(talk: Talk) -> None:
+    """A killed host's line is open to the next one, whose every question reaches the bench by the same session."""
+    talk.begin()
+    talk.send(f"SEGM:DATA 1,0,{len(BLOCKS)}", b"".join(map(encode_block, BLOCKS)))
+    assert talk.send("ARM 1,1,0") == ["OK"]
+    for _ in range(6):
+        talk.now_s += 1.0
+        answer = talk.send("SYST:LOCK you")
+        talk.send("STAT?")
+        talk.firmware.tick(talk.now_s)
+        if talk.now_s <= 5.0:
+            assert answer[0].startswith("ERR 104")
+    assert talk.send("STAT?")[0].startswith("fault,1,0,1,")  # armed, but no drive was held: the epoch stays
+    assert answer == ["OK 1,0"]  # and the lock has fallen to the host that asks
+
+
+def test_the_host_that_holds_the_lock_may_ask_for_it_again(talk: Talk) -> None:
+    talk.begin()
+    assert talk.send("SYST:LOCK me") == ["OK 1,0"]
+    assert talk.send("SYST:LOCK you")[0].startswith("ERR 104")
+    assert talk.send("ARM 1,1,0")[0].startswith("ERR 104")  # you are not me
+    assert talk.send("SYST:LOCK me") == ["OK 1,0"]
+    assert talk.send("SYST:WATC 4") == ["OK 4"]
+
+
 @settings(max_examples=300)
 @given(st.lists(st.one_of(st.binary(max_size=80), st.sampled_from([encode_line(t, 5) for t in (
     "SYST:LOCK me", "SEGM:BEG 1,3000,7", "SEGM:DATA 1,0,3", "ARM 1,1,0", "INIT 1", "REC? 1", "STAT?", "ABOR", "*CLS",

@@ -45,7 +45,7 @@ def test_a_served_bench_is_checked_and_ends_safely(model: str, transport: str, t
         checked = run("check", "--bench", address, "--json")
         assert checked.returncode == 0, checked.stdout
         result = json.loads(checked.stdout)
-        assert result["ok"] and len(result["checks"]) == 18
+        assert result["ok"] and len(result["checks"]) == 19
         served.send_signal(signal.SIGTERM)
         _, journal = served.communicate(timeout=30)
         assert served.returncode == 0
@@ -60,7 +60,7 @@ def test_the_table_for_a_person() -> None:
     checked = run("check", "--bench", "emulator")
     assert checked.returncode == 0
     rows = checked.stdout.splitlines()
-    assert len(rows) == 18 and all(row.startswith("ok  ") for row in rows)
+    assert len(rows) == 19 and all(row.startswith("ok  ") for row in rows)
 
 
 def test_a_test_on_the_emulated_bench_of_a_model_file_records_what_the_simulated_one_does(
