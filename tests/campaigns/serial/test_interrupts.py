@@ -14,7 +14,9 @@ from pathlib import Path
 import h5py
 import pytest
 
+from campaigns.serial import SerialBench, transport_at
 from campaigns.serial.client import WATCHDOG_S
+from sim_backend.errors import HardwareError
 from tests.campaigns.serial.conftest import Serve, Served
 
 ROOT = Path(__file__).parents[3]
@@ -134,3 +136,24 @@ def test_a_killed_host_is_caught_by_the_watchdog(serve: Serve, start: Start, tra
     # its last words may be half a second old, and the poll of the journal takes its time
     assert time.monotonic() - killed_s > WATCHDOG_S - 1.0
     assert "watchdog: the host was silent for more than 5 s" in served.journal[-1]
+
+
+def test_hosts_that_knock_at_once_do_not_keep_a_killed_hosts_bench_awake(serve: Serve, start: Start) -> None:
+    """The next host has the same serial line; until the watchdog has acted it is refused, and then it is not."""
+    served = serve(speed=1.0)
+    host = start(served, 0.5)
+    wait_for(host, "playing 2")
+    host.kill()
+    host.communicate()
+    line = served.address.partition(":")[2]
+    end_s, refusals, bench = time.monotonic() + WATCHDOG_S + 10.0, 0, None
+    while bench is None and time.monotonic() < end_s:
+        try:
+            bench = SerialBench(transport_at("serial", f"{line}@4000000"), "serial")
+        except HardwareError as error:
+            assert "another host holds the bench" in str(error)
+            refusals += 1
+            time.sleep(0.2)
+    assert bench is not None and refusals > 3
+    bench.close()
+    assert any(entry.startswith("fault") and "watchdog" in entry for entry in served.journal)
