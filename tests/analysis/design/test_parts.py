@@ -1,0 +1,205 @@
+"""Noise, uncertainty, feedback, learning and moves of a design, each against a computation of its own."""
+
+import control
+import numpy as np
+import pytest
+from scipy import signal
+
+from analysis.design.feedback import PEAK_DB, design_feedback, frequency_grid, largest_pole, three_sigma
+from analysis.design.learning import LARGEST_FACTOR, averaging_gains, design_learning
+from analysis.design.moves import MARGIN, UNLEARNED, design_move
+from analysis.design.noise import measure_noise
+from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.recorded.sweep import Sweep
+from analysis.settling import BAND_RAD
+from campaigns.design import Design
+from sim_backend.control.inversion import siso_matrices
+from sim_backend.control.lqg import Noise, lqg
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import discretise
+from sim_backend.model import Quantity, from_linear, load_model
+
+RATE_HZ = 10_000.0
+NOISE = Noise(3.4e-5, 50.0, 1.1e-7)
+MODEL = load_model("design")
+PLANT = Design(MODEL, RATE_HZ).axis("theta_x")
+
+
+def quiet(seconds, rng, noise=NOISE, plant=PLANT):
+    """Reading of a plant at rest, simulated by scipy from two streams of numbers."""
+    n = round(seconds * RATE_HZ)
+    forget = np.exp(-2.0 * np.pi * noise.bandwidth_hz / RATE_HZ)
+    torque = signal.lfilter([noise.torque_nm * np.sqrt(1.0 - forget**2)], [1.0, -forget], rng.standard_normal(n))
+    a, b, c = siso_matrices(discretise(plant, RATE_HZ))
+    y = signal.dlsim((a, b, c, [[0.0]], 1.0 / RATE_HZ), torque)[1][:, 0]
+    return y + noise.reading_rad * rng.standard_normal(n)
+
+
+def test_noise_comes_back_within_its_uncertainty():
+    found = measure_noise(quiet(20.0, np.random.default_rng(3)), PLANT, RATE_HZ)
+    logs = np.log(
+        [
+            found.noise.torque_nm / NOISE.torque_nm,
+            found.noise.bandwidth_hz / NOISE.bandwidth_hz,
+            found.noise.reading_rad / NOISE.reading_rad,
+        ]
+    )
+    assert np.all(np.abs(logs) < 4.0 * found.relative_std)
+    # half a million ordinates of the upper spectrum: 20 s know the reading noise to 1/sqrt(2 · 200,000) = 0.16 %
+    assert 0.5e-3 < found.relative_std[2] < 3e-3
+
+
+def test_twice_the_noise_is_twice_the_noise():
+    y = quiet(20.0, np.random.default_rng(4))
+    once, twice = measure_noise(y, PLANT, RATE_HZ).noise, measure_noise(2.0 * y, PLANT, RATE_HZ).noise
+    for name in ("torque_nm", "reading_rad"):
+        # the search ends where its simplex is 1e-4 wide
+        assert getattr(twice, name) == pytest.approx(2.0 * getattr(once, name), rel=1e-3)
+
+
+def test_a_short_record_is_refused():
+    with pytest.raises(DataError, match="noise at rest"):
+        measure_noise(np.zeros(1000), PLANT, RATE_HZ)
+
+
+def test_plants_are_drawn_within_what_the_file_states_and_the_tolerance_adds():
+    std = PLANT.with_(
+        omega_rad_s=0.003 * PLANT.omega_rad_s,
+        sigma_1_s=0.04 * PLANT.sigma_1_s,
+        c=0.01 * PLANT.c,
+    )
+    stated = from_linear(
+        PLANT,
+        name="m",
+        title="",
+        sample_rate_hz=RATE_HZ,
+        inputs=MODEL.inputs[:1],
+        outputs=MODEL.outputs[:1],
+        origin="fitted",
+        source="test",
+        std=std,
+    )
+    tolerance = Tolerance(frequency=0.004, suspension=0.0, damping=0.03, participation=0.0)
+    drawn = drawn_plants(stated, "theta_x", tolerance, 4001, np.random.default_rng(0))
+    np.testing.assert_array_equal(drawn[0].omega_rad_s, PLANT.omega_rad_s)
+    omega = np.stack([p.omega_rad_s for p in drawn[1:]]) / PLANT.omega_rad_s
+    sigma = np.stack([p.sigma_1_s for p in drawn[1:]]) / PLANT.sigma_1_s
+    # 0.3 % and 0.4 % add to 0.5 %, 4 % and 3 % to 5 %; 4000 draws know a standard deviation to 1.1 %
+    np.testing.assert_allclose(omega.std(axis=0), 0.005, rtol=0.05)
+    np.testing.assert_allclose(sigma.std(axis=0), 0.05, rtol=0.05)
+    assert isinstance(stated.modes[0].frequency_hz, Quantity)
+
+
+def test_an_absurd_tolerance_is_refused():
+    with pytest.raises(ConfigError, match="damping is 0.7"):
+        Tolerance(damping=0.7)
+
+
+@pytest.fixture(scope="module")
+def plants():
+    return drawn_plants(MODEL, "theta_x", Tolerance(), 12, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def feedback(plants):
+    return design_feedback(plants, NOISE, RATE_HZ)
+
+
+def test_every_drawn_plant_keeps_the_peak_and_is_stable(plants, feedback):
+    k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)
+    f = np.geomspace(1.0, 4990.0, 4000)
+    z = np.exp(2j * np.pi * f / RATE_HZ)
+    for plant in plants:
+        p = control.ss(*siso_matrices(discretise(plant, RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)
+        assert 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + p(z) * k(z)))) < PEAK_DB + 0.01
+        assert np.max(np.abs(control.feedback(p * k).poles())) < 1.0
+        assert largest_pole(plant, feedback.controller, RATE_HZ) < 1.0
+
+
+def test_margins_are_python_controls(plants, feedback):
+    p = control.ss(*siso_matrices(discretise(plants[0], RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)
+    k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)
+    f = np.geomspace(0.5, 4990.0, 20_000)
+    response = control.frd(p(np.exp(2j * np.pi * f / RATE_HZ)) * k(np.exp(2j * np.pi * f / RATE_HZ)), 2.0 * np.pi * f)
+    _, phase, *_ = control.stability_margins(response)
+    assert feedback.margins.phase_margin_deg == pytest.approx(phase, abs=0.1)
+
+
+def test_the_predicted_scatter_is_what_a_simulated_loop_shows(plants, feedback):
+    rng = np.random.default_rng(5)
+    n = 400_000
+    forget = NOISE.forget(RATE_HZ)
+    torque = signal.lfilter([NOISE.torque_nm * np.sqrt(1.0 - forget**2)], [1.0, -forget], rng.standard_normal(n))
+    a, b, c = siso_matrices(discretise(plants[0], RATE_HZ))
+    ac, bc, cc, dc = feedback.controller.state_space()
+    whole = np.block([[a - b @ dc @ c, b @ cc], [-bc @ c, ac]])
+    into = np.block([[b, -b @ dc], [np.zeros((ac.shape[0], 1)), -bc]])
+    v = NOISE.reading_rad * rng.standard_normal(n)
+    out = np.hstack([c, np.zeros((1, ac.shape[0]))])
+    y = signal.dlsim((whole, into, out, [[0.0, 1.0]], 1.0 / RATE_HZ), np.stack([torque, v], axis=1))[1][:, 0]
+    # its low part has some 50 Hz of bandwidth: 40 s know the variance to sqrt(2 / (2 · 50 · 40)), σ to half of 2 %
+    assert 3.0 * y[10_000:].std() == pytest.approx(feedback.three_sigma_rad[0], rel=0.04)
+
+
+def test_the_chosen_feedback_is_better_than_a_cautious_one_and_not_below_the_bound(plants, feedback):
+    f = frequency_grid(plants[0], RATE_HZ)
+    p = discretise(plants[0], RATE_HZ).frequency_response(f)[:, 0, 0][None]
+    cautious = lqg(plants[0], NOISE, 1e-2, 10.0, RATE_HZ).frequency_response(f)
+    assert feedback.three_sigma_rad[0] < three_sigma(f, p, cautious, NOISE, RATE_HZ)[0]
+    assert feedback.three_sigma_rad[0] > feedback.least_rad > 3.0 * NOISE.reading_rad
+    shares = np.hypot(feedback.from_torque_rad, feedback.from_reading_rad)
+    assert shares == pytest.approx(feedback.three_sigma_rad[0], rel=1e-9)
+
+
+def test_a_plant_that_nobody_knows_is_refused():
+    wild = drawn_plants(
+        MODEL, "theta_x", Tolerance(frequency=0.3, damping=0.4, participation=0.45), 30, np.random.default_rng(2)
+    )
+    with pytest.raises(ConfigError, match="at best, the limit is 5 dB"):
+        design_feedback(wild, NOISE, RATE_HZ)
+
+
+def swept(plant, relative):
+    f = np.arange(5.0, 2000.0, 15.0)
+    response = discretise(plant, RATE_HZ).frequency_response(f)[:, 0, 0]
+    return Sweep("theta_x", f, response, 2.0 * (relative * np.abs(response)) ** 2, np.ones(f.size))
+
+
+def test_convergence_is_proven_at_the_measured_lines(plants, feedback):
+    grid = frequency_grid(plants[0], RATE_HZ)
+    made = design_learning(plants, feedback.controller, grid, swept(plants[0], 0.001), 6, 700.0)
+    assert made.gains == (1.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0) == averaging_gains(6)
+    assert np.max(made.worst) <= LARGEST_FACTOR and np.all(made.factor <= made.worst + 1e-12)
+    lines = made.lines_hz
+    z = np.exp(2j * np.pi * lines / RATE_HZ)
+    p = control.ss(*siso_matrices(discretise(plants[0], RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)(z)
+    k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)(z)
+    left = 1.0 - z**made.lead_samples * p / (1.0 + p * k) * made.filter.frequency_response(lines)
+    taps = np.array(made.taps)
+    q = (np.exp(-2j * np.pi * np.outer(lines, np.arange(taps.size) - taps.size // 2) / RATE_HZ) @ taps).real
+    np.testing.assert_allclose(made.at_lines, np.abs(q * left), atol=1e-6)
+    # an error of P by two standard deviations in the worst direction is within the bound: |dS_p| ≈ |dP| / |1 + P C|²
+    worse = 1.0 - z**made.lead_samples * (p * 1.002) / (1.0 + p * 1.002 * k) * made.filter.frequency_response(lines)
+    assert np.all(np.abs(q * worse) <= made.at_lines_worst * 1.01 + 1e-6)
+
+
+def test_a_measured_response_that_contradicts_the_model_is_refused(plants, feedback):
+    grid = frequency_grid(plants[0], RATE_HZ)
+    other = plants[0].with_(c=-plants[0].c)
+    with pytest.raises(ConfigError, match="learning below 700 Hz.*limit is 0.5"):
+        design_learning(plants, feedback.controller, grid, swept(other, 0.001), 6, 700.0)
+
+
+def test_the_move_arrives_in_time_within_the_learned_band():
+    move = design_move(PLANT, 8.5e-3, 5e-3, 700.0, RATE_HZ)
+    assert move.arrival_s <= MARGIN * 5e-3
+    assert move.unlearned_rad <= UNLEARNED * BAND_RAD
+    # no more than the bang-bang torque of the inertia alone times what smoothness costs, no less than it: 4 J d / T²
+    inertia = 1.0 / float(PLANT.b[0, 0] * PLANT.c[0, 0])
+    bang = 4.0 * inertia * 8.5e-3 / move.arrival_s**2
+    assert bang < move.peak_nm < 5.0 * bang
+
+
+def test_a_move_that_cannot_be_learned_in_time_is_refused():
+    with pytest.raises(ConfigError, match="above 400 Hz.*allow more time"):
+        design_move(PLANT, 8.5e-3, 5e-3, 400.0, RATE_HZ)
