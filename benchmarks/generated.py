@@ -127,12 +127,14 @@ def generated(map_text: str) -> dict[str, tuple[Any, Callable[[Any], object]]]:
     }
 
 
-def draw(name: str, strategy: Any, read: Callable[[Any], object], cases: int) -> tuple[Counter[str], list[str]]:
-    """Read so many examples; return the counts, and what broke."""
+def draw(
+    name: str, strategy: Any, read: Callable[[Any], object], first: int, cases: int
+) -> tuple[Counter[str], list[str]]:
+    """Read so many examples, drawn with the seed `first`; return the counts, and what broke."""
     tally: Counter[str] = Counter()
     broken: list[str] = []
 
-    @seed(1)
+    @seed(first)
     @settings(
         max_examples=cases,
         database=None,

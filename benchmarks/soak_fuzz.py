@@ -20,6 +20,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import cache
 from importlib import resources
 from itertools import count
 from pathlib import Path
@@ -49,6 +50,7 @@ from sim_backend.errors import MccdError
 from sim_backend.model import dump_model, load_model, parse_model
 from sim_backend.simbench import SimBench
 
+ROUND = 500
 HEADROOM_BYTES = 512 * 2**20
 ABSURD = (0, 1, 2**15, 2**31 - 1, 2**31, 2**63, 2**64 - 1)
 WORDS = (b"9e999", b"-1", b"nan", b"[", b"]", b'"', b"\n", b"\x00", b"\xff\xfe", b"{}", b"true", b"1" * 40, b"../../x")
@@ -168,6 +170,7 @@ dof = "z"
 """
 
 
+@cache
 def readers() -> dict[str, tuple[bytes, Reader]]:
     """Return what is damaged and who reads it, by name."""
     image, names = _segment()
@@ -198,17 +201,17 @@ def bound_worker() -> None:
     probe.start_python = isolated.start_python = forked
 
 
-def fuzz(name: str, cases: int) -> tuple[str, dict[str, int], list[str]]:
-    """Damage one input, or make up one kind of it, so many times; return the counts, and what broke."""
-    made_up = generated(MAP.decode())
-    content, read = (b"", None) if name in made_up else readers()[name]
+def fuzz(task: tuple[str, int, int]) -> tuple[str, Counter[str], list[str]]:
+    """Damage one input, or make up one kind of it: so many cases from the first; return the counts, and what broke."""
+    name, first, cases = task
     bound_worker()
-    if read is None:
-        tally, broken = draw(name, *made_up[name], cases)
-        return name, dict(tally), broken[:20]
-    tally, broken = Counter(), []
+    made_up = generated(MAP.decode())
+    if name in made_up:
+        return name, *draw(name, *made_up[name], first, cases)
+    content, read = readers()[name]
+    tally, broken = Counter[str](), []
     read(content)
-    for seed in range(cases):
+    for seed in range(first, first + cases):
         try:
             read(damaged(content, np.random.default_rng([seed, len(name)])))
             tally["read"] += 1
@@ -217,34 +220,47 @@ def fuzz(name: str, cases: int) -> tuple[str, dict[str, int], list[str]]:
         except Exception as error:
             tally["broken"] += 1
             broken.append(f"{name}, case {seed}: {type(error).__name__}: {error}"[:300])
-    return name, dict(tally), broken[:20]
+    return name, tally, broken
+
+
+def summary(code: str, asked: int, tallies: dict[str, Counter[str]], broken: list[str]) -> dict[str, object]:
+    """Count what happened."""
+    return {
+        "mccd": code,
+        "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+        "command": " ".join(["python -m benchmarks.soak_fuzz", *sys.argv[1:]]),
+        "memory_headroom_bytes": HEADROOM_BYTES,
+        "cases_asked_of_each": asked,
+        "cases_in_all": sum(tally.total() for tally in tallies.values()),
+        "cases": {name: dict(tally) for name, tally in tallies.items()},
+        "broken": broken[:100],
+    }
 
 
 def main() -> int:
-    """Run the fuzz and write its result."""
+    """Run the fuzz in rounds over all readers and write its result after each part, so that it may be stopped."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=20_000)
     parser.add_argument("--only", action="append", metavar="NAME", help="one reader instead of all; repeatable")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
     options = parser.parse_args()
-    code = f"{tool_version()} (commit {tool_commit()})"
-    with multiprocessing.get_context("fork").Pool(options.workers, maxtasksperchild=1) as pool:
-        names = options.only or [*readers(), *generated(MAP.decode())]
-        found = pool.starmap(fuzz, [(name, options.cases) for name in names], chunksize=1)
-    counted = {
-        "mccd": code,
-        "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
-        "command": " ".join(["python -m benchmarks.soak_fuzz", *sys.argv[1:]]),
-        "memory_headroom_bytes": HEADROOM_BYTES,
-        "cases": {name: tally for name, tally, _ in found},
-        "broken": [line for _, _, broken in found for line in broken],
-    }
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / f"fuzz-{datetime.now(UTC):%Y-%m-%d}.json"
-    path.write_text(json.dumps(counted, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(counted, indent=2))
-    return 1 if counted["broken"] else 0
+    code = f"{tool_version()} (commit {tool_commit()})"
+    names = options.only or [*readers(), *generated(MAP.decode())]  # made once, before workers are forked
+    tallies = {name: Counter[str]() for name in names}
+    broken: list[str] = []
+    firsts = range(0, options.cases, ROUND)
+    tasks = [(name, first, min(ROUND, options.cases - first)) for first in firsts for name in names]
+    with multiprocessing.get_context("fork").Pool(options.workers, maxtasksperchild=1) as pool:
+        for name, tally, found in pool.imap_unordered(fuzz, tasks):
+            tallies[name] += tally
+            broken += found
+            text = json.dumps(summary(code, options.cases, tallies, broken), indent=2)
+            path.write_text(text + "\n", encoding="utf-8")
+    print(path.read_text(encoding="utf-8"))
+    return 1 if broken else 0
 
 
 if __name__ == "__main__":
