@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-import shlex
 import shutil
 import subprocess
 
-import click
 import pytest
 
 from mccdcli.main import cli, main
 from mccdcli.manual import Page, man_page, markdown, pages
 from mccdcli.registry import COMMANDS
+from tests.command_lines import calls_in, check
 
 PAGES = {page.name.removeprefix("mccd "): page for page in pages(cli)}
 
@@ -29,27 +28,12 @@ def test_a_command_has_examples_and_the_line_of_help_that_the_list_shows(name: s
     assert all(help for _, help in page.options)
 
 
-def commands_of(line: str) -> list[list[str]]:
-    """Return the words of each call of mccd in a line of shell, without what the shell keeps to itself."""
-    line = line.removeprefix('eval "$(').removesuffix(')"')
-    calls = re.split(r"\||&&|;", re.sub(r"[<>] *\S+| &$", "", line))
-    words = [shlex.split(call, comments=True) for call in calls]
-    while_variables = [w[next((i for i, one in enumerate(w) if "=" not in one), 0) :] for w in words]
-    return [w for w in while_variables if w and w[0] == "mccd"]
-
-
 @pytest.mark.parametrize(("page", "example"), [(p, e) for p in PAGES.values() for e in p.examples])
 def test_an_example_is_a_call_that_parses(page: Page, example: str) -> None:
-    called = commands_of(example)
+    called = calls_in(example)
     assert called
     for words in called:
-        ctx, command = click.Context(cli, info_name="mccd"), cli
-        rest = words[1:]
-        while isinstance(command, click.Group):
-            _, command, rest = command.resolve_command(ctx, rest)
-            ctx = click.Context(command, info_name=command.name, parent=ctx, **command.context_settings)
-        # names and number of values of every option; whether a file exists is not asked
-        command.make_parser(ctx).parse_args(list(rest))
+        check(words)
 
 
 def test_markdown_holds_every_option_once_per_command() -> None:
