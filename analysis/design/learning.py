@@ -104,8 +104,8 @@ def design_learning(
     largest = max(float(np.max(x)) for x in (worst, at[2]) if x is not None)
     if largest > LARGEST_FACTOR:
         raise ConfigError(
-            f"learning below {cutoff_hz:g} Hz: the error may shrink to no less than {largest:.2f} of itself per period "
-            f"or grow, the limit is {LARGEST_FACTOR}; identify the axis better or state a smaller tolerance"
+            f"learning below {cutoff_hz:g} Hz: a period may leave {largest:.2f} of an error, the limit is "
+            f"{LARGEST_FACTOR}; identify the axis better or state a smaller tolerance"
         )
     return LearningDesign(
         made, lead, cutoff_hz, half, averaging_gains(periods), f, q * left[0], worst, at[0], at[1], at[2]

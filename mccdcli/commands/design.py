@@ -16,6 +16,7 @@ from mccdcli.trials import count, play
 if TYPE_CHECKING:
     from analysis.design.api import Designed
     from analysis.design.stages import StageResult
+    from campaigns.plans import Plan
 
 
 @click.command()
@@ -34,6 +35,14 @@ if TYPE_CHECKING:
 @click.option(
     "--reach", type=float, default=8.5, show_default=True, metavar="MRAD", help="Longest move for which that holds."
 )
+@click.option(
+    "--tolerance",
+    type=float,
+    default=0.1,
+    show_default=True,
+    metavar="PERCENT",
+    help="How far any mode's frequency may be off besides what the model states (1 sigma).",
+)
 @click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each piece of knowledge, and tabulate it.")
 @common_options()
 def design(
@@ -46,6 +55,7 @@ def design(
     given: tuple[Path, ...],
     settling: float,
     reach: float,
+    tolerance: float,
     stages: bool,
 ) -> int:
     """Design feed-forward, feedback and learning on an identified model, against the noise of the bench at rest.
@@ -63,38 +73,44 @@ def design(
     from analysis.design.api import Options, design_controller
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.stages import play_stages
+    from analysis.design.uncertainty import Tolerance
     from campaigns.benches import open_bench
     from campaigns.log import read_run
     from campaigns.plans import make_plan
     from sim_backend.model import load_model
 
-    options = Options(reach_rad=1e-3 * reach, settling_s=1e-3 * settling, seed=seed)
-    plan, logs = make_plan("rest", {}), list(given)
+    options = Options(1e-3 * reach, 1e-3 * settling, tolerance=Tolerance(1e-2 * tolerance), seed=seed)
+    plan = make_plan("rest", {})
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0
     nominal, folder = load_model(model), prepare_folder(out or Path("design"))
     with ExitStack() as stack:
-        runs = [stack.enter_context(read_run(path)) for path in logs]
+        runs = [stack.enter_context(read_run(path)) for path in given]
         if not any(run.header.test == plan.name for run in runs):
-            played = play(plan, bench, folder / "rest.h5", seed)
-            if played.exit_code:
-                return played.exit_code
-            runs.append(stack.enter_context(read_run(played.log)))
+            log, code = _at_rest(plan, bench, folder, seed)
+            if code:
+                return code
+            runs.append(stack.enter_context(read_run(log)))
         with closing(open_bench(bench, seed)) as opened:
             limits, axes = opened.limits, opened.axes
         with progress("designing") as report:
             report(0.0, 2.0, "feedback and learning")
             designed = design_controller(nominal, runs, limits, axes, options)
-            path, rows = write_controller(designed, folder), []
+            path, rows, moved = write_controller(designed, folder), [], [one.dof for one in designed.axes]
             if stages:
                 report(1.0, 2.0, "stages")
-                moved = [one.dof for one in designed.axes]
                 rows = play_stages(lambda: open_bench(bench, seed), path, moved, seed=seed)
             files = write_design(designed, folder, rows)
     text = _text(designed, rows, [path, *files.values()])
     emit({**document(designed, rows), "files": {"controller": path, **files}}, as_json=as_json, text=text)
     return 0
+
+
+def _at_rest(plan: Plan, bench: str, folder: Path, seed: int) -> tuple[Path, int]:
+    """Return the log of the bench at rest in `folder`, recorded unless a design that was refused has left one."""
+    log = folder / "rest.h5"
+    return (log, 0) if log.exists() else (log, play(plan, bench, log, seed).exit_code)
 
 
 def _text(designed: Designed, stages: list[StageResult], files: list[Path]) -> str:
