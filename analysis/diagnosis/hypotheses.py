@@ -17,8 +17,9 @@ from sim_backend.assembly import retuned
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.model import EffectEntry, Mode, Model
 
-MOST = 4
-"""Hypotheses that an experiment is chosen for: the best and its closest rivals."""
+MOST = {"ambiguous": 3, "unknown": 2}
+"""Hypotheses that an experiment is chosen for, by the verdict: the best and its closest rivals. Time grows with their
+number, and none of those of an unknown verdict is adequate."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def tied_hypotheses(found: Found, judgement: Judgement) -> list[Hypothesis]:
         tied = {name for group in judgement.tied for name in group}
         wanted = [names for names in wanted if set(names) ^ set(own) <= tied]
     hypotheses = [Hypothesis(own, found.best)]
-    for names in wanted[: MOST - 1]:
+    for names in wanted[: MOST[judgement.verdict] - 1]:
         fit = _fit_of(found, names)
         if fit is not None and math.isfinite(fit.misfit):
             hypotheses.append(Hypothesis(names, fit))

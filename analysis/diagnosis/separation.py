@@ -35,11 +35,31 @@ _ROUNDING = 1e-12
 def information(setting: Setting, hypothesis: Hypothesis) -> Array:
     """Return M (k, k): what the data and the prior of `setting` hold about the knobs, then the effects' parameters."""
     total = _prior(setting, hypothesis)
-    columns = exact_sensitivities(setting, hypothesis.fit)
+    _, columns = _responses(setting, hypothesis)
     for record, start, part in zip(setting.data.records, setting.starts, columns, strict=True):
         white = start.project(stack_white(setting.whitener, record, part))
         total += white.T @ white
     return total
+
+
+def _responses(setting: Setting, hypothesis: Hypothesis) -> tuple[list[Array], list[Array]]:
+    """Return, per record of `setting`, what a hypothesis expects (n, n_y), and its sensitivities (n, n_y, k).
+
+    Those of the knobs are found with the torques on the structure held, those of the effects in full simulation.
+    """
+    fit = hypothesis.fit
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    motions = simulated(setting, linear, fit.effects)
+    records = setting.data.records
+    residuals = tuple(r.y - m.reading for r, m in zip(records, motions, strict=True))
+    own = exact_sensitivities(
+        replace(setting, nominal=linear, knobs=[]), replace(fit, change=np.zeros(0), residuals=residuals)
+    )
+    columns = []
+    for motion, states, part in zip(motions, setting.states, own, strict=True):
+        knobs = sensitivities(linear, setting.knobs, motion.torque, setting.data.rate_hz, states, through_delay=False)
+        columns.append(np.concatenate([knobs, part], axis=2))
+    return [m.reading for m in motions], columns
 
 
 def with_spread(setting: Setting, hypothesis: Hypothesis, known: Array) -> Hypothesis:
@@ -70,23 +90,14 @@ class Prediction:
     start: Start
 
 
-def prediction(setting: Setting, hypothesis: Hypothesis, record: Record, *, exact: bool) -> Prediction:
-    """Return what `hypothesis` expects of `record`, whose inputs are played from rest.
-
-    Columns of the knobs are found with the torques held unless `exact`, which costs two simulations for each.
-    """
+def prediction(setting: Setting, hypothesis: Hypothesis, record: Record) -> Prediction:
+    """Return what `hypothesis` expects of `record`, whose inputs are played from rest."""
     linear = turned(setting.nominal, setting.knobs, hypothesis.fit.change)
     data = Dataset(setting.data.rate_hz, (record,))
     start = start_of(record, linear, setting.whitener, data.rate_hz)
     planned = replace(setting, data=data, starts=(start,), states=(np.zeros((setting.nominal.n_blocks, 2)),))
-    motion = simulated(planned, linear, hypothesis.fit.effects)[0]
-    fit = replace(hypothesis.fit, residuals=(record.y - motion.reading,))
-    if exact:
-        return Prediction(motion.reading, exact_sensitivities(planned, fit)[0], start)
-    own = exact_sensitivities(replace(planned, nominal=linear, knobs=[]), replace(fit, change=np.zeros(0)))[0]
-    rest = np.zeros((linear.n_blocks, 2))
-    knobs = sensitivities(linear, setting.knobs, motion.torque, data.rate_hz, rest, through_delay=False)
-    return Prediction(motion.reading, np.concatenate([knobs, own], axis=2), start)
+    (reading,), (columns,) = _responses(planned, hypothesis)
+    return Prediction(reading, columns, start)
 
 
 def separation(setting: Setting, record: Record, expected: Prediction, known: Array) -> float:

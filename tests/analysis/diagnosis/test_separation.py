@@ -91,8 +91,7 @@ def test_what_is_left_over_is_that_of_stacked_least_squares(rng):
     assert left_over(difference, columns, root.T @ root) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("exact", [True, False])
-def test_the_separation_is_what_a_joint_fit_of_old_and_new_data_leaves(exact):
+def test_the_separation_is_what_a_joint_fit_of_old_and_new_data_leaves():
     """The definition itself, by scipy: the wrong cause fitted in full simulation to both records at once."""
     model = one_axis()
     old_u, new_u = sine(0.02, 1.0, 1500), sine(0.01, 21.0, 1500)
@@ -104,7 +103,7 @@ def test_the_separation_is_what_a_joint_fit_of_old_and_new_data_leaves(exact):
     second = hypothesis(model, setting, "cubic-stiffness", **cubic)
 
     record = Record("new", new_u, new_y, (Window("all", 0, 1500),))
-    expected = prediction(setting, second, record, exact=exact)
+    expected = prediction(setting, second, record)
     found = separation(setting, record, expected, information(setting, second))
 
     sd = np.array([k.sd for k in setting.knobs])
@@ -133,7 +132,7 @@ def test_an_experiment_that_repeats_the_old_one_separates_nothing_new():
     setting = setting_of(model, u, y)
     second = hypothesis(model, setting, "sensor-gain", relative=0.1)
     record = Record("new", 3.0 * u, 3.0 * y, (Window("all", 0, 1500),))
-    expected = prediction(setting, second, record, exact=True)
+    expected = prediction(setting, second, record)
     # 10 % of 2 mrad are 200 times the noise; rounding of the replays is all that is left
     assert separation(setting, record, expected, information(setting, second)) < 1e-3
 
@@ -147,7 +146,9 @@ def test_standard_deviations_follow_from_what_is_known():
     # the search's own covariance, which is tested against scipy, of a fit of the same data
     candidate, start = found.fit.held()
     exact = refit(setting, candidate, start, np.zeros(len(setting.knobs)), exact=True)
-    np.testing.assert_allclose(spread.fit.std, exact.std, rtol=1e-3)
+    # the knobs' columns are found with the torque held, which leaves out the spring's share of the stiffness: up to
+    # 3 · 2500 N m/rad³ · (2 mrad)² / 11.4 N m/rad = 0.3 %, on either of two parameters that trade
+    np.testing.assert_allclose(spread.fit.std, exact.std, rtol=6e-3)
 
 
 def watched(model: Model) -> Model:
