@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from analysis.design.api import Designed, Options, design_controller
-from analysis.design.output import CONTROLLER, write_controller, write_design
+from analysis.design.output import CONTROLLER, write_controller, write_numbers
 from analysis.identify import identify_runs
 from analysis.paper.measured import settings_of
 from campaigns.log import Run, read_run
@@ -29,9 +29,8 @@ def design_from_logs(logs: Path, limits: Limits, bench_axes: tuple[str, ...], ou
         if found is None:
             return None
         designed = _designed(*found, limits, bench_axes, out)
-        path = write_controller(designed, out)
-        write_design(designed, out)
-    return path
+        write_numbers(designed, out)
+        return write_controller(designed, out)
 
 
 def _sources(runs: list[Run]) -> tuple[list[Run], list[Run]] | None:

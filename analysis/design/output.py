@@ -96,6 +96,12 @@ def document(designed: Designed, stages: Sequence[StageResult] = ()) -> dict[str
     }
 
 
+def write_numbers(designed: Designed, folder: Path, stages: Sequence[StageResult] = ()) -> Path:
+    """Write `design.json` and return its path."""
+    text = json.dumps(_finite(document(designed, stages)), indent=2, allow_nan=False, ensure_ascii=False)
+    return _write(folder / "design.json", text + "\n")
+
+
 def write_design(designed: Designed, folder: Path, stages: Sequence[StageResult] = ()) -> dict[str, Path]:
     """Write `design.json`, `stages.csv` when there are stages, figures and `index.html`; return paths by name."""
     figures = folder / "figures"
@@ -109,8 +115,7 @@ def write_design(designed: Designed, folder: Path, stages: Sequence[StageResult]
         _write(figures / f"{name}.csv", canvas.numbers().to_csv(index=False))
         drawings[name] = (canvas.title, canvas.caption, Markup(inlined(svg, name, canvas.title)))
     content = document(designed, stages)
-    text = json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False)
-    paths["design.json"] = _write(folder / "design.json", text + "\n")
+    paths["design.json"] = write_numbers(designed, folder, stages)
     if stages:
         paths["stages.csv"] = _write(folder / "stages.csv", stages_csv(stages))
     return paths | {"index.html": _write(folder / "index.html", _page(designed, content, stages, drawings))}
