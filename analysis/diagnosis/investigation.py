@@ -210,7 +210,9 @@ def _judged(
             if report is not None:
                 report(part, 1.0, what)
 
-        diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, face, heard)
+        # the same again would only halve the noise; what is still undecided needs another view
+        done = [_planned(r) for r in (*before, entry)]
+        diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, face, heard, done)
         diagnosis = replace(diagnosis, notes=(*loaded.notes, *diagnosis.notes))
         prepare_folder(folder)
         write_page(diagnosis, quest.model, loaded.sources, folder)

@@ -51,25 +51,25 @@ class Offer:
 
 
 def choose(
-    found: Found, judgement: Judgement, model: Model, bench: Bench | None = None, heard: Sequence[Plan] = ()
+    found: Found, judgement: Judgement, model: Model, bench: Bench | None = None, done: Sequence[Plan] = ()
 ) -> Choice | None:
     """Return the experiment that should be done next; None when the verdict asks for none.
 
     It is one for `bench`, which is asked for its public face alone, or for the bench of `model`, and none of those
-    `heard` already. Where it cannot be chosen the reason says why.
+    `done` already. Where it cannot be chosen the reason says why.
     """
     try:
         hypotheses = tied_hypotheses(found, judgement)
         if len(hypotheses) < 2:
             return None
         face = face_of(bench, model, found.setting.data.rate_hz)
-        return _chosen(hypotheses, model, found.setting, face, heard)
+        return _chosen(hypotheses, model, found.setting, face, done)
     except MccdError as error:
         return Choice(None, f"no next experiment can be chosen: {error}", 0.0)
 
 
 def _chosen(
-    hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench, heard: Sequence[Plan]
+    hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench, done: Sequence[Plan]
 ) -> Choice:
     names = tuple("+".join(h.names) for h in hypotheses)
     if not math.isclose(rate_of(bench), setting.data.rate_hz, rel_tol=1e-6):
@@ -78,7 +78,7 @@ def _chosen(
         )
     # one step per sample is enough to see which plan is best, and several times quicker
     quick = Comparison.of(hypotheses, model, replace(setting, substeps=1), bench)
-    scored = [(quick.worst(offer), offer) for offer in _offers(quick, heard)]
+    scored = [(quick.worst(offer), offer) for offer in _offers(quick, done)]
     if not scored:
         return Choice(None, "no plan keeps the limits of the bench", 0.0)
     _, offer = max(scored, key=_merit)
@@ -177,7 +177,7 @@ class Comparison:
         return worst
 
 
-def _offers(comparison: Comparison, heard: Sequence[Plan]) -> Iterator[Offer]:
+def _offers(comparison: Comparison, done: Sequence[Plan]) -> Iterator[Offer]:
     """Yield the forms of every plan at the largest amplitudes that keep the limits under every hypothesis."""
     bench, setting = comparison.bench, comparison.setting
     axes = _axes(comparison.hypotheses, bench, setting)
@@ -185,7 +185,7 @@ def _offers(comparison: Comparison, heard: Sequence[Plan]) -> Iterator[Offer]:
     reach = reach_of(axes, bench, setting.nominal, setting.places.inputs, comparison.room, largest)
     for cls in PLANS.values():
         taken: dict[int, int] = {}
-        before = list(heard)
+        before = list(done)
         for level in LEVELS:
             for form, plan in enumerate(cls.offers(bench, reach.scaled(level))):
                 if taken.get(form, 0) >= TRIED or plan in before or not comparison.tells(plan):

@@ -23,6 +23,7 @@ from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.testimony import Testimony, hear
 from analysis.diagnosis.tuning import knobs_of, turned
 from analysis.diagnosis.verdict import causes_of, judge
+from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, make_effect
@@ -110,19 +111,20 @@ def diagnose(
     progress: Progress = _silent,
     bench: Bench | None = None,
     heard: Sequence[Testimony] = (),
+    done: Sequence[Plan] = (),
 ) -> Diagnosis:
     """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
 
-    The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`.
-    `heard` is what an instrument beside the bench saw; it decides between causes that readings cannot tell apart.
-    Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
+    The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`, and none
+    that is `done`. `heard` is what an instrument beside the bench saw; it decides between causes that readings cannot
+    tell apart. Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
     """
     options = options or Options()
     found = search_causes(data, model, options, progress)
     progress("weighing the evidence", 0.9)
     judgement = judge(found)
     found, judgement, remark = hear(found, judgement, heard, model, bench)
-    choice = choose(found, judgement, model, bench, [one.plan for one in heard])
+    choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     setting, best = found.setting, found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = found.tuned.residuals, best.residuals
