@@ -66,12 +66,16 @@ def chop(
         return played.exit_code
 
     from analysis.recorded.chop import chop_phase
+    from analysis.recorded.settle import settle_of
     from analysis.requirements import chop_checks
     from campaigns.log import read_run
 
     with read_run(played.log) as run:
         result = chop_phase(run).stability()
+        # the first cycle may still be on its way, so one alone tells nothing of settling
+        settling_ms = settle_of(run).settling_s * 1e3 if plan.settings()["cycles"] > 1 else None
     results = {
+        "settling_ms": settling_ms,
         "stability_urad_3sigma": result.stability_rad * 1e6,
         "inside_percent": result.inside_percent,
         "result": result,
