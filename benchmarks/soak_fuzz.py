@@ -32,7 +32,7 @@ import scipy.io
 
 from benchmarks.forked import forked
 from benchmarks.generated import draw, generated
-from campaigns.campaign import parse_campaign
+from campaigns.campaign import load_campaign
 from campaigns.importing import isolated
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import read_map
@@ -47,7 +47,7 @@ from campaigns.version import tool_commit, tool_version
 from sim_backend.bench import Gate, Segment
 from sim_backend.control.blocks import filter_from_zpk
 from sim_backend.errors import MccdError
-from sim_backend.model import dump_model, load_model, parse_model
+from sim_backend.model import dump_model, load_model
 from sim_backend.simbench import SimBench
 
 ROUND = 500
@@ -184,8 +184,8 @@ def readers() -> dict[str, tuple[bytes, Reader]]:
         "conversation with the firmware": (talk + encode_block(Block(1, 0, image[:1024])), _talk),
         "segment image": (image, lambda case: decode_segment(case, names)),
         "description of a bench": (encode_description(about), decode_description),
-        "model": (model, lambda case: parse_model(case.decode("utf-8", "surrogateescape"), "fuzz")),
-        "campaign": (quick, lambda case: parse_campaign(case.decode("utf-8", "surrogateescape"), "fuzz")),
+        "model": (model, _file("model.toml", load_model)),
+        "campaign": (quick, _file("campaign.toml", load_campaign)),
         "import map": (MAP, _file("map.toml", read_map)),
         "log (HDF5)": (_log_bytes(), _file("run.h5", _read_log)),
         "import source (HDF5)": (_source_bytes("hdf5"), _file("a.h5", _read_source)),
