@@ -57,6 +57,14 @@ class LazyGroup(click.Group):
         """Return the words of every command below, in the order of their names."""
         return sorted(tuple(name.split()) for name in self._entries)
 
+    def find(self, words: tuple[str, ...]) -> click.Command | None:
+        """Return the command of these words, imported now; None if there is none."""
+        found: click.Command | None = self
+        for word in words:
+            ctx = click.Context(found or self, info_name=word)
+            found = found.get_command(ctx, word) if isinstance(found, click.Group) else None
+        return found
+
     def _set_defaults(self, ctx: click.Context, command: click.Command, name: str) -> None:
         """Let the command have the defaults that the user's files give it, under the names of its parameters."""
         settings = ctx.find_object(Settings)

@@ -39,6 +39,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "manual": Entry(
             "mccdcli.commands.manual:manual", "Print the manual: every command with its options and examples."
         ),
+        "schema": Entry(
+            "mccdcli.commands.schema:schema",
+            "Print the JSON Schema of what COMMAND prints with --json, every value described.",
+        ),
         "watch": Entry(
             "mccdcli.commands.watch:watch",
             "Watch a run while it is recorded: angles, residual against a model, status, time left.",

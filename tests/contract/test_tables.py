@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree
 
+import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +16,7 @@ from analysis.paper.numbers import paper_tables
 from analysis.paper.tables import TABLES, make_table
 from analysis.report import build_report
 from mccdcli.main import main
+from mccdcli.schema import schema_of
 from sim_backend.errors import ConfigError
 
 CAMPAIGN = Path(__file__).with_name("campaign_of_tables.toml")
@@ -146,6 +148,7 @@ def test_check_names_each_prediction_outside_its_tolerance_and_json_holds_them_a
     out, err = capsys.readouterr()
     printed = json.loads(out)
     assert printed["tables"] == content["tables"]
+    jsonschema.validate(printed, schema_of("report"))
     assert all(Path(path).is_file() for path in printed["figures"].values())
     failed = [
         (key, row["row"])
