@@ -3,8 +3,11 @@
 #   make test     the tests
 #   make check    formatting, lint, types and import contracts
 #   make format   rewrite the sources in the one format
+#   make docs     the documents as a site (in build/docs), warnings as errors
+#   make release  wheel and source archive (in dist/), each tried in an empty environment
 #   make lock     pin all dependencies anew (constraints.txt)
 #   make picture  the picture of the README, from the report
+#   make help     set up, and show this list
 #   make clean    remove what the targets above have made
 PYTHON ?= python3
 VENV   ?= .venv
@@ -19,7 +22,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report picture test check check-format check-lint check-types check-imports format lock clean
+.PHONY: report picture test check check-format check-lint check-types check-imports format docs release help lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
@@ -49,6 +52,24 @@ check-imports: $(STAMP)
 format: $(STAMP)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+
+# each archive in an environment of its own that holds nothing else
+release: $(STAMP)
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist
+	for archive in dist/*; do \
+	  $(PYTHON) -m venv --clear build/release && \
+	  PIP_CONSTRAINT=constraints.txt build/release/bin/python -m pip install --quiet "$$archive" && \
+	  build/release/bin/mccd --version && \
+	  (cd build/release && bin/mccd campaign run quick --out try/quick && bin/mccd log verify try/quick/*.h5) || exit 1; \
+	done
+	ls dist
+
+help: $(STAMP)
+	@sed -n 's/^#   make/make/p' Makefile
 
 $(STAMP): $(BIN)/python
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev,docs]'

@@ -15,7 +15,7 @@ sys.path.insert(0, str(HERE.parent))
 from campaigns.version import tool_version  # noqa: E402  (the sources stand beside this folder)
 
 project = "mccd"
-copyright = "the authors of mccd; MIT licence"
+copyright = "the mccd contributors; MIT licence"
 release = tool_version()
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
@@ -73,8 +73,8 @@ def schemas_page() -> str:
         "# Results as JSON",
         "Every command takes `--json`: its result goes to standard output as one document (`watch` writes one per "
         "line), everything else to standard error. `mccd schema COMMAND` prints the JSON Schema of that document; the "
-        "tests hold every command to it. Numbers are in SI units unless their name says otherwise; what is not finite is "
-        "`null`.",
+        "tests hold every command to it. Numbers are in SI units unless their name says otherwise; `null` stands for "
+        "what is unknown or not finite.",
     ]
     return "\n\n".join([*parts, *(described(name) for name in names())]) + "\n"
 

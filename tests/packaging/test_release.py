@@ -1,0 +1,97 @@
+"""A release: its version is that of the tag, and what is in the archives is all that it needs to run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("sim_backend", "campaigns", "analysis", "mccdcli")
+AROUND = ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
+
+
+def run(*command: str, cwd: Path, **environment: str) -> str:
+    done = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=180, env=os.environ | environment, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The archives of a checkout whose commit has the tag v1.2.3; the tools to build are those installed here."""
+    sources = tmp_path_factory.mktemp("release") / "sources"
+    sources.mkdir()
+    for name in AROUND:
+        shutil.copy(ROOT / name, sources)
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, sources / package, ignore=shutil.ignore_patterns("__pycache__", "*.nb[ic]"))
+
+    def git(*arguments: str) -> None:
+        identity = ("-c", "user.name=A", "-c", "user.email=a@example.org", "-c", "commit.gpgsign=false")
+        run("git", *identity, *arguments, cwd=sources)
+
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "one")
+    git("tag", "v1.2.3")
+    # the wheel is built from the source archive, so that both are tried
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", "dist", cwd=sources)
+    return sources / "dist"
+
+
+def test_both_archives_have_the_version_of_the_tag(dist: Path) -> None:
+    assert {path.name for path in dist.iterdir()} == {"mccd-1.2.3-py3-none-any.whl", "mccd-1.2.3.tar.gz"}
+
+
+def test_the_wheel_holds_every_file_of_the_packages(dist: Path) -> None:
+    held = set(zipfile.ZipFile(dist / "mccd-1.2.3-py3-none-any.whl").namelist())
+    files = {
+        str(path.relative_to(ROOT))
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and path.suffix not in (".pyc", ".nbi", ".nbc")
+    }
+    assert files - held == set()
+    assert any(name.endswith("licenses/LICENSE") for name in held)
+
+
+def test_the_source_archive_holds_the_licence_and_the_readme(dist: Path) -> None:
+    names = tarfile.open(dist / "mccd-1.2.3.tar.gz").getnames()
+    assert {f"mccd-1.2.3/{name}" for name in AROUND} <= set(names)
+
+
+def test_an_installed_wheel_runs_on_its_own(dist: Path, tmp_path: Path) -> None:
+    place = tmp_path / "site"
+    wheel = str(dist / "mccd-1.2.3-py3-none-any.whl")
+    run(
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-index",
+        "--target",
+        str(place),
+        wheel,
+        cwd=tmp_path,
+    )
+    alone = {"PYTHONPATH": str(place), "HOME": str(tmp_path)}
+    where = run(sys.executable, "-c", "import mccdcli, sim_backend; print(mccdcli.__file__)", cwd=tmp_path, **alone)
+    assert where.startswith(str(place))
+    assert run(sys.executable, "-m", "mccdcli", "--version", cwd=tmp_path, **alone) == "mccd 1.2.3 (commit unknown)\n"
+    # models, campaigns, templates and schemas are data: each is asked for once
+    assert "as-built" in run(sys.executable, "-m", "mccdcli", "bench", "list", cwd=tmp_path, **alone)
+    assert "paper" in run(sys.executable, "-m", "mccdcli", "campaign", "list", cwd=tmp_path, **alone)
+    assert "checks" in run(sys.executable, "-m", "mccdcli", "schema", "chop", cwd=tmp_path, **alone)
+    page = "from analysis.report.page import render_page; print(len(render_page([], {}, {}, [])))"
+    assert int(run(sys.executable, "-c", page, cwd=tmp_path, **alone)) > 1000
