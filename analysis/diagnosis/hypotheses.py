@@ -22,12 +22,22 @@ MOST = {"ambiguous": 3, "unknown": 2}
 number, and none of those of an unknown verdict is adequate."""
 
 
+SUSPECT = 0.7
+"""A candidate whose screened evidence reaches this part of the threshold is suspected although the model passes as
+consistent: by chance in one or two of a hundred data sets (evidence of 15 among some 150 candidates)."""
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """A possible cause by the names it is reported by, sorted, and its fit."""
 
     names: tuple[str, ...]
     fit: Fit
+
+    @property
+    def label(self) -> str:
+        """Return the names joined, or that there is none."""
+        return "+".join(self.names) or "no further effect"
 
     def effects(self, setting: Setting) -> list[Effect]:
         """Return everything that acts under this hypothesis apart from chance: known effects and its own."""
@@ -74,8 +84,11 @@ def tied_hypotheses(found: Found, judgement: Judgement) -> list[Hypothesis]:
     """Return the hypotheses that an experiment should tell apart, best first; fewer than two when there is nothing to.
 
     Of an ambiguous verdict those that are tied; of an unknown one the best and its closest rivals, none of which is
-    adequate, but which the right one will have to beat.
+    adequate, but which the right one will have to beat; of a consistent one the suspect, if there is any, and none.
     """
+    if judgement.verdict == "consistent":
+        suspect = _suspect(found)
+        return [Hypothesis((), found.tuned), suspect] if suspect is not None else []
     if judgement.verdict not in ("ambiguous", "unknown") or not found.best.candidates:
         return []
     own = names_of(found.best.effects)
@@ -89,6 +102,18 @@ def tied_hypotheses(found: Found, judgement: Judgement) -> list[Hypothesis]:
         if fit is not None and math.isfinite(fit.misfit):
             hypotheses.append(Hypothesis(names, fit))
     return hypotheses
+
+
+def _suspect(found: Found) -> Hypothesis | None:
+    """Return the candidate that came closest to the threshold without reaching it, if it came close."""
+    screen = found.first
+    for i in screen.best_per_key()[:1]:
+        if screen.gains[i] >= SUSPECT * screen.threshold:
+            candidate = screen.candidates[i]
+            fit = refit(found.setting, (candidate,), screen.sizes[i], found.tuned.change)
+            if math.isfinite(fit.misfit):
+                return Hypothesis((candidate.effect.reported(),), fit)
+    return None
 
 
 def names_of(effects: Sequence[Effect]) -> tuple[str, ...]:

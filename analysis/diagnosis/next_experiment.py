@@ -33,6 +33,9 @@ only small ones keep the limits."""
 TRIED = 2
 """Amplitudes of each form of a plan that are compared: the largest that keep the limits."""
 
+COARSER = 8
+"""Plans are compared with steps so many times longer than fits take, but none longer than a sample."""
+
 LEAST = 3.0
 """A separation below this (in sigma) separates nothing: to name with 99 %, d²/2 has to reach 4.6."""
 
@@ -71,13 +74,13 @@ def choose(
 def _chosen(
     hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench, done: Sequence[Plan]
 ) -> Choice:
-    names = tuple("+".join(h.names) for h in hypotheses)
+    names = tuple(h.label for h in hypotheses)
     if not math.isclose(rate_of(bench), setting.data.rate_hz, rel_tol=1e-6):
         return Choice(
             None, f"the data were sampled at {setting.data.rate_hz:g} Hz, the bench at {rate_of(bench):g}", 0.0
         )
-    # one step per sample is enough to see which plan is best, and several times quicker
-    quick = Comparison.of(hypotheses, model, replace(setting, substeps=1), bench)
+    # coarse steps are enough to see which plan is best, and several times quicker
+    quick = Comparison.of(hypotheses, model, replace(setting, substeps=max(setting.substeps // COARSER, 1)), bench)
     scored = [(quick.worst(offer), offer) for offer in _offers(quick, done)]
     if not scored:
         return Choice(None, "no plan keeps the limits of the bench", 0.0)

@@ -13,6 +13,7 @@ of a very different hypothesis may leave less than d² says.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,9 +53,10 @@ def _responses(setting: Setting, hypothesis: Hypothesis) -> tuple[list[Array], l
     motions = simulated(setting, linear, fit.effects)
     records = setting.data.records
     residuals = tuple(r.y - m.reading for r, m in zip(records, motions, strict=True))
-    own = exact_sensitivities(
-        replace(setting, nominal=linear, knobs=[]), replace(fit, change=np.zeros(0), residuals=residuals)
-    )
+    own: Sequence[Array] = [np.zeros((*r.y.shape, 0)) for r in records]
+    if fit.effects:
+        held = replace(fit, change=np.zeros(0), residuals=residuals)
+        own = exact_sensitivities(replace(setting, nominal=linear, knobs=[]), held)
     columns = []
     for motion, states, part in zip(motions, setting.states, own, strict=True):
         knobs = sensitivities(linear, setting.knobs, motion.torque, setting.data.rate_hz, states, through_delay=False)

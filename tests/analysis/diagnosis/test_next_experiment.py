@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
@@ -58,10 +59,27 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     assert "No plan tells" in sentence("unknown", (), (), None, choice)
 
 
+def consistent_with(tied, gain):
+    """What a search leaves when this evidence of a cubic spring stays below a threshold of 22."""
+    found, judgement = tied
+    candidates, sizes = found.best.held()
+    screen = SimpleNamespace(
+        candidates=candidates, gains=np.array([gain]), sizes=(sizes,), threshold=22.0, best_per_key=lambda: [0]
+    )
+    none = replace(found.best, candidates=(), effects=(), names=(), values=np.zeros(0), std=np.zeros(0))
+    whole = SimpleNamespace(**{**vars(found), "tuned": none, "first": screen})
+    return whole, SimpleNamespace(**{**vars(judgement), "verdict": "consistent"})
+
+
+def test_a_suspect_below_the_threshold_gets_the_experiment_that_would_show_it(tied):
+    plan = choose(*consistent_with(tied, 16.0), one_axis()).experiment
+    assert plan.separates == ("no further effect", CUBIC) and plan.expected_sigma >= ENOUGH
+    assert choose(*consistent_with(tied, 12.0), one_axis()) is None
+
+
 def test_a_verdict_that_leaves_no_question_gets_no_proposal(tied):
     found, judgement = tied
-    for verdict in ("consistent", "named"):
-        assert choose(found, SimpleNamespace(**{**vars(judgement), "verdict": verdict}), one_axis()) is None
+    assert choose(found, SimpleNamespace(**{**vars(judgement), "verdict": "named"}), one_axis()) is None
 
 
 def test_a_bench_at_another_rate_is_told_apart(tied):
