@@ -13,6 +13,7 @@ from mccdcli.progress import progress
 
 if TYPE_CHECKING:
     from analysis.diagnosis.chop_gain import ChopGain
+    from analysis.diagnosis.face import Face
 
 
 @click.command()
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     "--bench",
     type=BenchAddress(),
     metavar="BENCH",
-    help="Also chop on this bench with feed-forwards designed on both models, and compare how they settle.",
+    help="Propose what this bench can do next, and chop on it with feed-forwards designed on both models, to compare.",
 )
 @common_options("out", "seed", "json")
 def diagnose(
@@ -73,6 +74,7 @@ def diagnose(
             model,
             Options(tolerance=nominal_tolerance, without=without, seed=seed),
             progress=lambda what, part: report(part, 1.0, what),
+            bench=None if bench is None else _face(bench, seed),
             heard=heard,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
@@ -88,6 +90,17 @@ def diagnose(
     content = document(found, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files))
     return 0 if found.verdict == "consistent" else 1
+
+
+def _face(bench: str, seed: int) -> Face:
+    """What a bench may be asked: its own limits bound the next experiment."""
+    from contextlib import closing
+
+    from analysis.diagnosis.face import Face
+    from campaigns.benches import open_bench
+
+    with closing(open_bench(bench, seed)) as opened:
+        return Face.of(opened)
 
 
 def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
