@@ -51,10 +51,10 @@ def kill_one(folder: Path, seed: int) -> int:
     rest, errors = writer.communicate(timeout=60)
     assert errors == ""
     reported: dict[str, int] = {}
-    for line in (first + rest).splitlines():
-        words = line.split()
-        if len(words) == 2:  # the last line may be cut by the kill
-            reported[words[0]] = int(words[1]) if line != rest.splitlines()[-1] else reported.get(words[0], 0)
+    whole, _, _ = (first + rest).rpartition("\n")  # the kill may have cut the last line
+    for line in whole.splitlines():
+        path, rows = line.split()
+        reported[path] = int(rows)
     found = sorted(folder.glob("*.h5"))
     assert {str(path) for path in found} >= set(reported)
     unfinished = [path for path in found if not check_one(path, reported.get(str(path), 0), folder)]
