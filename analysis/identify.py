@@ -23,7 +23,7 @@ from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
 from analysis.simulate import periodic_response, simulate_linear
-from analysis.timefit import fit_records
+from analysis.timefit import TimeFit, fit_records
 from analysis.validation import relative_error
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
@@ -263,14 +263,16 @@ def _from_records(
     orders: tuple[int, ...],
     name: str,
 ) -> Identification:
+    """Fit in time, and give up modes that are not there.
+
+    What no linear model explains is not noise, so the criterion finds modes in it; their frequency or damping is then
+    nothing that the data determine.
+    """
     rate = fitting[0][0].sample_rate_hz
-    fit = fit_records(
-        [_channels(run, s, "input") for run, s in fitting],
-        [_channels(run, s, "output") for run, s in fitting],
-        rate,
-        orders,
-        rigid_bodies=None,
-    )
+    inputs, outputs = ([_channels(run, s, role) for run, s in fitting] for role in ROLES)
+    fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None)
+    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
+        fit = fit_records(inputs, outputs, rate, fit.model.n_blocks - 1, rigid_bodies=None)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(
@@ -281,6 +283,15 @@ def _from_records(
         name=name,
         held_out=_tried(fit.model, parts, rate, rate, offsets.mean(axis=0)),
     )
+
+
+def _all_determined(fit: TimeFit) -> bool:
+    """Tell whether frequency and decay rate of every block stand out of their uncertainty; a rigid body has neither."""
+    model = fit.model
+    moving = model.omega_rad_s > 0.0
+    frequency = model.omega_rad_s >= SIGNIFICANT * fit.omega_std_rad_s
+    decay = model.sigma_1_s >= SIGNIFICANT * fit.sigma_std_1_s
+    return bool(np.all((frequency & decay)[moving]))
 
 
 def _rest(model: ModalModel, data: _Periods) -> Array:

@@ -88,6 +88,8 @@ def fit_records(
             raise DataError(f"{few}; record more or ask for fewer blocks")
         fit = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations)
         tried.append((count, fit.criterion))
+        if best is not None and fit.criterion >= best.criterion and len(tried) > 2:
+            break  # one more block did not help, so more will not
         best = fit if best is None or fit.criterion < best.criterion else best
     assert best is not None
     return replace(best, orders=tuple(tried))

@@ -27,11 +27,17 @@ from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, make_effect
+from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Model, number
 
 Array = NDArray[np.float64]
+
+
+_ANGLE, _FINEST = 0.06, 32
+_COARSER = 8
+"""First trials take steps so many times longer, but none longer than a sample."""
 
 
 @dataclass(frozen=True)
@@ -76,23 +82,28 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
     whitener = whitener_from(data, residuals)
     starts = starts_of(data, linear, whitener)
     rest = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
-    setting = Setting(
-        data,
-        linear,
-        known,
-        places,
-        transducers_of(model),
-        knobs,
-        whitener,
-        starts,
-        rest,
-        1,
-        options.workers,
-    )
+    fine = max(options.substeps, substeps_for(linear, data.rate_hz))
+    first = max(fine // _COARSER, 1)
+    transducers = transducers_of(model)
+    setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, rest, first, options.workers)
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    rules = Rules(searched, options.false_alarm, options.max_effects, options.substeps, options.seed)
+    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
     return search(setting, tuned, rules, scales_of(data, linear), progress)
+
+
+def substeps_for(linear: ModalModel, rate_hz: float) -> int:
+    """Return the steps per sample at which a torque that depends on the motion is simulated well enough.
+
+    The loop's error is of second order: at an angle of 0.06 per step of the mode that moves most, 4e-4 of the torque.
+    """
+    fastest = 0.0
+    for i in range(linear.n_inputs):
+        for o in range(linear.n_outputs):
+            strength = np.abs(residues(linear, i, o)) / np.maximum(linear.omega_rad_s**2, 1e-12)
+            if np.any(strength > 0.0):
+                fastest = max(fastest, float(linear.omega_rad_s[int(np.argmax(strength))]))
+    return int(np.clip(np.ceil(fastest / rate_hz / _ANGLE), 1, _FINEST))
 
 
 def scales_of(data: Dataset, linear: ModalModel) -> Scales:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.motions import measured_motion
 from analysis.diagnosis.noise import whitener_from
+from analysis.diagnosis.refit import Problem as Hypothesis
 from analysis.diagnosis.refit import exact_sensitivities, refit
 from analysis.diagnosis.screening import Problem, gram_of
 from analysis.diagnosis.starts import stack_white, starts_of
@@ -21,6 +23,7 @@ from analysis.diagnosis.tuning import REACH, imitation, turned
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.view import RecordView
+from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -34,8 +37,15 @@ shapes at a few starts, so a true cause with an awkward shape may be far behind 
 SURE = 0.99
 """An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""
 
+MATERIAL = 0.003
+"""An effect that explains less than this part of what the others do is not looked for: it may stand for the
+difference between our form of a stronger effect and nature's, or for what a simulation in steps cannot do better."""
+
 IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
+
+_LINED_UP, _IN_LINE = 4, 0.95
+"""Rounds of refit and noise at most; they end when a fit leaves about the noise that it was weighed by."""
 
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
@@ -59,11 +69,12 @@ class Rules:
 class Screen:
     """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold.
 
-    `knobs` are the changes of the knobs that go with each candidate.
+    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it.
     """
 
     candidates: tuple[Candidate, ...]
     gains: Array
+    drops: Array
     sizes: tuple[Array, ...]
     knobs: tuple[Array, ...]
     freshness: Array
@@ -153,7 +164,8 @@ def _evidence(gram: Gram, candidates: Sequence[Candidate], n_knobs: int, rules: 
     threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
     sizes = tuple(s for _, s in solved)
     knobs = tuple(gram.knobs_beside(i, s)[:n_knobs] for i, s in enumerate(sizes))
-    return Screen(tuple(candidates), gains, sizes, knobs, gram.freshness(reduced), threshold)
+    drops = np.array([drop for drop, _ in solved])
+    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
 
 
 def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]:
@@ -181,7 +193,10 @@ def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]
 
 @dataclass(frozen=True)
 class Found:
-    """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening."""
+    """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
+
+    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves.
+    """
 
     setting: Setting
     tuned: Fit
@@ -189,6 +204,7 @@ class Found:
     rivals: tuple[Fit, ...]
     first: Screen
     last: Screen
+    explained: float
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -198,7 +214,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     first = last = screen(setting, tuned, rules, scales)
     for depth in range(rules.max_effects):
         picks = _shortlist(last)
-        if not picks:
+        least = MATERIAL * _explained(setting, tuned, best)
+        if not picks or max(last.drops[i] for i in picks) < least:
             break
 
         def trial(
@@ -221,13 +238,22 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         if score(top, known) + last.price >= score(best, known):
             rivals += trials
             break
-        setting = replace(settle(setting, top), substeps=rules.substeps)
-        trials = [_again(setting, f) for f in sorted(trials, key=lambda f: score(f, known))[:3]]
+        chosen = sorted(trials, key=lambda f: score(f, known))[:3]
+        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), chosen, rivals[0])
         best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
-        rivals = [*trials, _again(setting, rivals[0])]
+        rivals = [*trials, before]
         last = screen(setting, best, rules, scales)
     best, pruned = _pruned(setting, best, first.price)
-    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last)
+    explained = _explained(setting, tuned, best)
+    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained)
+
+
+def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
+    """Return by how much `best` lowers the sum of squares, in units of the present noise."""
+    if not best.candidates:
+        return 0.0
+    before = Hypothesis(setting, (), []).whiten(tuned.residuals)
+    return max(float(before @ before) - best.misfit, 0.0)
 
 
 def _shortlist(found: Screen) -> list[int]:
@@ -244,21 +270,35 @@ def _shortlist(found: Screen) -> list[int]:
 
 def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
     before, held = fit.held()
-    start = fit.change + knobs
+    sd = np.array([k.sd for k in setting.knobs])
+    # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
+    start = np.clip(fit.change + knobs, -_TRUSTED * sd, _TRUSTED * sd)
     if candidate.effect.site is Site.MODEL:
-        # the effect takes over what the knobs did in its place, at any size
-        sd = np.array([k.sd for k in setting.knobs])
         linear = turned(setting.nominal, setting.knobs, fit.change)
-        effect = candidate.made(
-            dict(zip(candidate.unit_sizes, sizes * list(candidate.unit_sizes.values()), strict=True))
-        )
-        start = fit.change - imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
-        start = np.clip(start, -REACH * sd, REACH * sd)
-    else:
-        # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal
-        near = _TRUSTED * np.array([k.sd for k in setting.knobs])
-        start = np.clip(start, -near, near)
+        units = candidate.unit_sizes
+        effect = candidate.made(dict(zip(units, sizes * np.array(list(units.values())), strict=True)))
+        # the effect takes over what the knobs did in its place, at any size; one that cannot be (a delay below zero)
+        # is left to the fit
+        with suppress(ConfigError):
+            taken = imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
+            start = np.clip(fit.change - taken, -REACH * sd, REACH * sd)
     return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
+
+
+def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+    """Return `trials` and the fit `before` them refitted under the noise that the best of them leaves.
+
+    Without repetition that noise is what the fit itself leaves, so the two are brought into line with one another.
+    """
+    known = setting.whitener.repeats
+    best = min(trials, key=lambda f: score(f, known))
+    rest = [f for f in trials if f is not best]
+    for _ in range(_LINED_UP):
+        setting = settle(setting, best)
+        best = _again(setting, best)
+        if known or best.misfit / best.rows > _IN_LINE:
+            break
+    return setting, [best, *(_again(setting, f) for f in rest)], _again(setting, before)
 
 
 def _again(setting: Setting, fit: Fit) -> Fit:

@@ -9,18 +9,14 @@ import numpy as np
 
 from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import IMITATED, SURE, Found, score
-from sim_backend.effects.base import Effect
+from analysis.diagnosis.search import IMITATED, MATERIAL, SURE, Found, score
+from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
 
 EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
 leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
 friction's)."""
-
-MATERIAL = 0.003
-"""An effect that explains less than this part of what the strongest one does is kept in the model but not named: it
-may stand for the difference between our form of the strongest effect and nature's."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +60,9 @@ def adequate(found: Found) -> bool:
     """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
     best, tuned = found.best, found.tuned
     if not found.setting.whitener.repeats:
-        fresh = found.last.gains[found.last.freshness > IMITATED]
-        return bool(np.max(fresh, initial=0.0) <= max(found.last.threshold, _left(found)))
+        fresh = found.last.freshness > IMITATED
+        significant = fresh & (found.last.gains > found.last.threshold)
+        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - EXPLAINED) * found.explained)
     # the noise level itself is known from as many numbers again: twice the variance of a mean square
     spread = 5.0 * np.sqrt(4.0 / best.rows) + 0.002
     excess = best.misfit / best.rows - 1.0
@@ -73,19 +70,16 @@ def adequate(found: Found) -> bool:
     return bool(excess <= spread or explained >= EXPLAINED)
 
 
-def _left(found: Found) -> float:
-    """Return the evidence that may be left in other candidates: a small part of what was explained."""
-    return float((1.0 - EXPLAINED) * np.max(found.first.gains, initial=0.0))
-
-
 def _without_cause(found: Found) -> Verdict:
     """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
-    tuned = found.tuned
+    tuned, last = found.tuned, found.last
     if found.setting.whitener.repeats:
         excess = tuned.misfit / tuned.rows - 1.0
         if excess > 5.0 * np.sqrt(4.0 / tuned.rows) + 0.01:
             return "unknown"
-    return "consistent"
+    # what stood out in the screening and did not hold as any effect is there all the same
+    trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
+    return "unknown" if np.any(trusted & (last.gains > last.threshold)) else "consistent"
 
 
 def _material(found: Found) -> tuple[int, ...]:
