@@ -14,12 +14,14 @@ _BLOCK = re.compile(r"(?:<!-- (?P<mark>[^>]*?) -->\n)?```(?P<kind>sh|python)\n(?
 
 
 class Block(NamedTuple):
-    """A block of a page: its language, its text, the exit code it ends with; `left_out` says why it is not run."""
+    """A block of a page: its language, its text, the exit code it ends with; `left_out` says why it is not run,
+    `long` that it takes minutes."""
 
     kind: str
     text: str
     exit_code: int
     left_out: str
+    long: bool = False
 
 
 def blocks(page: str) -> list[Block]:
@@ -28,7 +30,7 @@ def blocks(page: str) -> list[Block]:
         mark = match["mark"] or ""
         left_out = mark.removeprefix("not run: ") if mark.startswith("not run: ") else ""
         code = int(mark.removeprefix("exit: ")) if mark.startswith("exit: ") else 0
-        found.append(Block(match["kind"], match["text"], code, left_out))
+        found.append(Block(match["kind"], match["text"], code, left_out, mark.startswith("long: ")))
     return found
 
 

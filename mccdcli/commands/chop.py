@@ -80,5 +80,4 @@ def chop(
         "inside_percent": result.inside_percent,
         "result": result,
     }
-    title = f"chop {alpha:g}°, {strategy}"
-    return conclude(title, chop_checks(result), results, [played.log], as_json=as_json)
+    return conclude(f"chop {alpha:g}°, {strategy}", chop_checks(result), results, [played.log], as_json=as_json)

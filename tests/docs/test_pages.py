@@ -19,7 +19,14 @@ ELSEWHERE = {"log-format.md", "tutorial.md"}
 """Pages that tests of their own follow."""
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if to_run(p) and p not in ELSEWHERE])
+def followed() -> list[object]:
+    """Every page with something to type; those that take minutes only where soaks are asked for."""
+    pages = [page for page in PAGES if to_run(page) and page not in ELSEWHERE]
+    long = {page for page in pages if any(block.long for block in to_run(page))}
+    return [pytest.param(page, marks=pytest.mark.soak) if page in long else page for page in pages]
+
+
+@pytest.mark.parametrize("page", followed())
 def test_what_a_page_tells_to_type_works(page: str, reader: Path) -> None:
     follow(page, reader)
 
@@ -39,7 +46,7 @@ def spoken() -> list[tuple[str, str]]:
     found = []
     for page, text in texts:
         plain = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
-        found += [(page, call) for call in re.findall(r"`(mccd [^`]+)`", plain)]
+        found += [(page, call) for call in re.findall(r"`(mccd [^`]+)`", plain.replace("\\|", "|"))]
         shell = re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL)
         lines = "\n".join(shell).replace("\\\n", " ").splitlines()
         found += [(page, line) for line in lines if line.startswith("mccd ")]
