@@ -227,6 +227,7 @@ def test_the_paper_campaign_holds_every_test_of_the_paper():
         "chop",
         "endstops",
         "hysteresis",
+        "rest",
         "settling",
         "sinesweep",
         "theodolite",
