@@ -21,7 +21,7 @@ from analysis.diagnosis.search import Found, Progress, Rules, search, tune
 from analysis.diagnosis.sentence import sentence
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.testimony import Testimony, hear
-from analysis.diagnosis.tuning import knobs_of, turned
+from analysis.diagnosis.tuning import OWN_TOLERANCE, knobs_of, turned
 from analysis.diagnosis.verdict import causes_of, judge
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
@@ -30,7 +30,7 @@ from sim_backend.effects import EFFECTS, make_effect
 from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
-from sim_backend.model import Model, number
+from sim_backend.model import Model, Quantity, number
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,8 @@ _COARSER = 8
 class Options:
     """How a diagnosis is done.
 
-    `tolerance` is how far the nominal model's own numbers are trusted (relative standard deviation of each);
+    `tolerance` is how far the nominal model's own numbers are trusted (relative standard deviation of each); numbers
+    that were fitted to the same runs are re-tuned freely, whatever it is.
     `without` leaves causes out of the search; `false_alarm` is the chance that any candidate passes the screening on
     noise alone. Raises ConfigError when an effect to leave out is unknown.
     """
@@ -76,7 +77,7 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
         make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
     )
     linear = retuned(linear, known, places)
-    knobs = knobs_of(linear, options.tolerance)
+    knobs = knobs_of(linear, OWN_TOLERANCE if fitted_here(model, data) else options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.y - simulate(discrete, r.u) for r in data.records]
     whitener = whitener_from(data, residuals)
@@ -90,6 +91,17 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
     setting, tuned = tune(setting)
     rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
     return search(setting, tuned, rules, scales_of(data, linear), progress)
+
+
+def fitted_here(model: Model, data: Dataset) -> bool:
+    """Tell whether a number of the model was fitted to a run among the data, whose name then stands in its source."""
+    numbers = [
+        value
+        for mode in model.modes
+        for value in (mode.frequency_hz, mode.decay_rate_1_s, *mode.input.values(), *mode.output.values())
+    ]
+    sources = {n.source or "" for n in numbers if isinstance(n, Quantity) and n.origin == "fitted"}
+    return any(record.name in source for record in data.records for source in sources)
 
 
 def substeps_for(linear: ModalModel, rate_hz: float) -> int:

@@ -136,13 +136,13 @@ class Problem:
 
     def descend(self, slopes: _Slopes, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point from `x` along `slopes`, and its simulation."""
-        sd = np.array([k.sd for k in self.setting.knobs])
+        reach = np.full(len(self.setting.knobs), REACH)
         descent = Descent(
             self.evaluate,
             slopes.normal,
-            np.concatenate([-REACH * sd, [s.bound(s.low) for s in self.scales]]),
-            np.concatenate([REACH * sd, [s.bound(s.high) for s in self.scales]]),
-            np.array([KNOB_STEP] * sd.size + [s.step() for s in self.scales]),
+            np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
+            np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
+            np.array([KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
         )
         return descent.run(x, steps)
 

@@ -281,7 +281,7 @@ def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kn
         # is left to the fit
         with suppress(ConfigError):
             taken = imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
-            start = np.clip(fit.change - taken, -REACH * sd, REACH * sd)
+            start = np.clip(fit.change - taken, -REACH, REACH)
     return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
 
 

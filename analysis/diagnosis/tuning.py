@@ -32,9 +32,12 @@ class Knob:
     sd: float
 
 
-REACH = 100.0
-"""Knobs stay within this many standard deviations. A prior alone does not hold them against a gross error of the
-model, and once far away they would creep back along valleys that the data hardly determine."""
+REACH = 3.0
+"""Knobs stay within a factor of twenty, e^3. A prior alone does not hold them against a gross error of the model."""
+
+OWN_TOLERANCE = 1.0
+"""Relative trust in a model that was fitted to the very runs that are diagnosed: whatever they show, its numbers had
+to follow, so they say nothing on their own."""
 
 
 def knobs_of(linear: ModalModel, tolerance: float) -> list[Knob]:
