@@ -68,6 +68,10 @@ class Spread:
     sensor_gain: float = 0.001
     modulus_per_k: float = -1e-4
 
+    def times(self, scale: float) -> Spread:
+        """Return the spread with every standard deviation `scale` times as large."""
+        return Spread(**{k: v if k == "modulus_per_k" else scale * v for k, v in asdict(self).items()})
+
 
 def drawn_bench(model: Model, spread: Spread, rng: np.random.Generator) -> tuple[Model, dict[str, float]]:
     """Return a bench within `spread` of `model`, at a temperature of its own, and what was drawn of the largest."""
@@ -247,10 +251,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--controller", required=True)
     parser.add_argument("--benches", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scale", type=float, default=1.0, help="this many times the spread")
     parser.add_argument("--out", type=Path, default=None, help="summary; its lines stand beside it as .jsonl")
     given = parser.parse_args(arguments)
     load_controller(given.controller)  # one that is none would cost every trial
-    spread, now = Spread(), datetime.now(UTC)
+    spread, now = Spread().times(given.scale), datetime.now(UTC)
     out: Path = given.out or Path(__file__).parent / "results" / f"robustness-{now:%Y-%m-%d}.json"
     lines = out.with_suffix(".jsonl")
     rows = [json.loads(text) for text in lines.read_text().splitlines()] if lines.exists() else []
