@@ -231,7 +231,7 @@ def test_a_log_without_checksum_is_read_after_a_first_look(unsealed):
 @pytest.mark.parametrize("size", [0, 2**64 - 1])
 def test_damage_that_the_library_does_not_survive_is_one_clear_line(unsealed, monkeypatch, size):
     """The texts of the header lie in a heap of objects, each with its size; a size of 0 leads back to itself."""
-    monkeypatch.setattr("campaigns.log.probe._START_S", 3.0)
+    monkeypatch.setattr("campaigns.log.child.START_S", 3.0)
     content = bytearray(unsealed.read_bytes())
     heap = content.index(b"GCOL")
     content[heap + 24 : heap + 32] = size.to_bytes(8, "little")
