@@ -24,6 +24,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("site")
     # pages made from the code are written beside the others: not into the sources here
     shutil.copytree(DOCS, home / "docs")
+    (home / "benchmarks").symlink_to(DOCS.parent / "benchmarks")  # pages link to results
     done = subprocess.run(
         [
             sys.executable,
