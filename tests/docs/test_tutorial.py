@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import pytest
 
 from mccdcli.schema import schema_of
+from tests import headless
 from tests.reading import DOCS, follow
 
 
@@ -26,3 +28,19 @@ def test_the_tutorial_ends_with_the_name_of_the_hidden_effect(reader: Path) -> N
         line.removeprefix("> ") for line in (DOCS / "tutorial.md").read_text().splitlines() if line.startswith("> ")
     )
     assert quoted in " ".join(printed.split())
+    if headless.installed() is not None:
+        check_page(reader / "diagnosis" / "index.html", found)
+
+
+def check_page(path: Path, found: dict[str, Any]) -> None:
+    """Open the page in a browser: no errors, no requests, no sideways scrolling, and what the JSON says."""
+    with headless.browser() as tab:
+        for width in (1280, 390):
+            tab.open(path, width=width)
+            assert tab.complaints() == [] and tab.requests() == [path.resolve().as_uri()]
+            assert tab.run("document.documentElement.scrollWidth") <= width
+        assert tab.run("document.querySelector('.lead').textContent") == found["sentence"]
+        assert tab.run("document.querySelector('.verdict').textContent") == found["verdict"]
+        tiles = tab.run("[...document.querySelectorAll('.tiles strong')].map(e => e.textContent)")
+        gain = found["gain"]
+        assert tiles[:2] == [f"{100 * gain[name]:.2f} %" for name in ("rms_before", "rms_after")]

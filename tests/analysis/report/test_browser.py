@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
 
@@ -13,12 +12,7 @@ from analysis.paper.numbers import PaperNumber, PaperTable
 from analysis.paper.rows import Ours, build_table
 from analysis.report.explore.view import Explorer, Facts, Panel, Series, View
 from analysis.report.page import render_page
-
-_FILE = Path(__file__).parents[2] / "headless.py"
-_SPEC = importlib.util.spec_from_file_location("headless", _FILE)
-assert _SPEC is not None and _SPEC.loader is not None
-headless = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(headless)
+from tests import headless
 
 pytestmark = pytest.mark.skipif(
     headless.installed() is None, reason="no Chromium is installed; MCCD_BROWSER may name one"

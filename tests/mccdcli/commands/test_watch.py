@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -127,3 +129,30 @@ def test_a_delay_and_blocks_of_any_length_give_what_one_pass_gives(tmp_path):
         seen = watch.look(time.monotonic())
         # rounding of a recursion over 3000 samples, against outputs of up to 1e-4
         assert seen.rows == stop and max(one.residual_rms for one in seen.misfits) < 1e-14
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
+def test_on_a_terminal_it_draws_in_place_and_without_colour(tmp_path):
+    path = tmp_path / "run.h5"
+    with LogWriter.create(path, [Channel("theta_x", "rad", "output", "theta_x", 1e4)], test="chop", bench={}) as log:
+        log.append({"theta_x": 1e-3 * np.sin(np.linspace(0.0, 20.0, 1000))})
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mccdcli", "watch", str(path)],
+        cwd=ROOT,
+        stdout=theirs,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"TERM": "xterm", "NO_COLOR": "1", "COLUMNS": "100"},
+    )
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # how Linux says that nobody writes any more
+        while part := os.read(ours, 65536):
+            shown += part
+    os.close(ours)
+    assert process.wait(timeout=30) == 0
+    assert b"the run is complete" in process.stderr.read()
+    process.stderr.close()
+    text = shown.decode()
+    assert "complete" in text and "theta_x" in text and "█" in text
+    assert not re.search(r"\x1b\[[0-9;]*m", text.replace("\x1b[0m", ""))
