@@ -100,10 +100,10 @@ def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
         near = did_you_mean(strategy, STRATEGIES)
         raise ConfigError(f"there is no strategy '{strategy}'; {near}strategies: {', '.join(STRATEGIES)}")
     stages = STRATEGIES[strategy](task, design)
-    for stage in stages:
-        for dof, controller in zip(task.axes, stage.feedback, strict=True):
-            if controller is not None:
-                design.require_stable(dof, controller)
+    loops = {(dof, id(loop)): loop for stage in stages for dof, loop in zip(task.axes, stage.feedback, strict=True)}
+    for (dof, _), controller in loops.items():
+        if controller is not None:
+            design.require_stable(dof, controller)
     return stages
 
 

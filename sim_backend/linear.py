@@ -148,10 +148,15 @@ class DiscreteModel:
     def frequency_response(self, frequency_hz: Array) -> ComplexArray:
         """Return the response from the samples of the input to those of the output, shape (n_f, n_y, n_u)."""
         z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=float) / self.rate_hz)
-        m = self.a.shape[0]
-        resolvent = z[:, None, None, None] * np.eye(2) - self.a  # (f, m, 2, 2)
-        states = np.linalg.solve(resolvent, np.broadcast_to(self.b, (z.size, m, 2, self.b.shape[2])))
-        out = np.einsum("ymk,fmku->fyu", self.c, states) + self.d
+        # (zI - a)^-1 b block by block, by Cramer's rule
+        first, second = z[:, None] - self.a[:, 0, 0], z[:, None] - self.a[:, 1, 1]
+        upper, lower = self.a[:, 0, 1], self.a[:, 1, 0]
+        per = 1.0 / (first * second - upper * lower)
+        out = np.broadcast_to(self.d, (z.size, *self.d.shape)).astype(complex)
+        for u in range(self.b.shape[2]):
+            b0, b1 = self.b[:, 0, u], self.b[:, 1, u]
+            out[:, :, u] += (per * (second * b0 + upper * b1)) @ self.c[:, :, 0].T
+            out[:, :, u] += (per * (lower * b0 + first * b1)) @ self.c[:, :, 1].T
         # a fractional delay is a straight line between two held samples, exactly as the simulation plays it
         whole = np.floor(self.delay_samples)
         part = self.delay_samples - whole
