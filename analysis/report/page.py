@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,6 +84,11 @@ def verdict_of(tables: dict[str, Table]) -> Verdict:
     )
 
 
+def exactly(value: float | None) -> str:
+    """Return every digit of a number for the page's machine-readable values; empty where JSON has null."""
+    return repr(float(value)) if value is not None and math.isfinite(value) else ""
+
+
 def embedded(value: object) -> Markup:
     """Return `value` as JSON that may stand in a script element: without `<`, `>` and `&`, finite numbers only."""
     return htmlsafe_json_dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
@@ -99,6 +105,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["shown"] = shown
     environment.filters["exact"] = exact
     environment.filters["embedded"] = embedded
+    environment.filters["exactly"] = exactly
     environment.globals["frame_of"] = display_frame
     return environment
 

@@ -18,6 +18,7 @@ from analysis.report import build_report
 from mccdcli.main import main
 from mccdcli.schema import schema_of
 from sim_backend.errors import ConfigError
+from tests import headless
 
 CAMPAIGN = Path(__file__).with_name("campaign_of_tables.toml")
 PAPER_TABLES = {f"6.{i}" for i in range(1, 8)}
@@ -113,6 +114,32 @@ def test_the_interactive_plots_show_what_the_tables_say(home, content):
             assert set(view) == {"panels", "facts"}
             for series in (one for panel in view["panels"] for one in panel["series"]):
                 assert len(series["x"]) == len(series["y"]) > 3 and np.all(np.diff(series["x"]) > 0.0)
+
+
+@pytest.mark.skipif(headless.installed() is None, reason="no Chromium is installed; MCCD_BROWSER may name one")
+def test_the_whole_page_in_a_browser_shows_the_numbers_of_the_json(home, content):
+    every_choice = """
+      [...document.querySelectorAll('.explorer')].map(section => {
+        const selects = [...section.querySelectorAll('select')];
+        let drawn = 0;
+        const turn = i => {
+          if (i === selects.length) { drawn += section.querySelectorAll('svg.panel').length > 0; return; }
+          for (const option of selects[i].options) {
+            selects[i].value = option.value; selects[i].dispatchEvent(new Event('change')); turn(i + 1); } };
+        turn(0);
+        return [section.id, drawn]; })
+    """
+    with headless.browser() as tab:
+        tab.open(home / "index.html")
+        for key, rows in content["tables"].items():
+            places = "#verdict table" if key == "6.6" else f'[id="table-{key}"] table'
+            shown = tab.run(f"[...document.querySelectorAll('{places} td.ours data')].map(e => e.value)")
+            assert [float(text) if text else None for text in shown] == [row["ours"] for row in rows], key
+        drawn = dict(tab.run(every_choice))
+        views = json.loads((home / "explore.json").read_text(encoding="utf-8"))
+        assert drawn == {f"explore-{key}": len(one["views"]) for key, one in views.items()}
+        assert tab.complaints() == []
+        assert tab.requests() == [(home / "index.html").resolve().as_uri()]
 
 
 def test_report_json_is_the_contract(content):
