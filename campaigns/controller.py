@@ -58,8 +58,8 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
 
     A move of up to `reach_rad` takes `move_samples` with `concentration` (`sim_backend.control.concentrated`); a longer
     one takes longer by the root of its length, so that its torque is no larger. The feedback is always closed. After
-    `wait_periods` the input is learned for one period with each of `gains`, through `learning` with `lead_samples`,
-    behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
+    `wait_s` (whole periods, one at least) the input is learned for one period with each of `gains`, through `learning`
+    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
     """
 
     dof: str
@@ -71,7 +71,7 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     lead_samples: int
     q_cutoff_hz: float
     q_half_length: int
-    wait_periods: int
+    wait_s: float
     gains: list[float]
 
     def samples(self, distance_rad: float) -> int:
@@ -116,10 +116,9 @@ def _check(one: AxisControl, rate_hz: float, where: str) -> None:
         raise ConfigError(f"{place}: learning gains {one.gains}; each must be above zero and at most 1")
     if not (math.isfinite(one.reach_rad) and one.reach_rad > 0.0):
         raise ConfigError(f"{place}: reach_rad is {one.reach_rad}; it must be a finite number above zero")
-    if one.wait_periods < 1 or one.lead_samples < 0:
+    if not (math.isfinite(one.wait_s) and one.wait_s >= 0.0) or one.lead_samples < 0:
         raise ConfigError(
-            f"{place}: {one.wait_periods} periods of waiting and a lead of {one.lead_samples} samples; "
-            "wait for one period or more, and do not lag"
+            f"{place}: a wait of {one.wait_s} s and a lead of {one.lead_samples} samples; neither may be negative"
         )
     try:
         concentrated_move(one.move_samples, one.concentration)

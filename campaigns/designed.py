@@ -7,6 +7,7 @@ iron; what it does not know is learned, period by period, around the closed loop
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -147,10 +148,15 @@ def _learning(
 ) -> list[Stage]:
     """Wait until start and magnetisation are forgotten, then learn one period with each gain.
 
-    Axes that move wait for and learn as long as the slowest; one whose gains are used up goes on with its last.
+    Axes that move wait for and learn as long as the slowest; one whose gains are used up goes on with its last. The
+    task's `learning_s` ends learning earlier.
     """
     active = [one for one in learners if one is not None]
-    wait, count = max(one.wait_periods for one in active), max(len(one.gains) for one in active)
+    period_s = task.period / rate_hz
+    wait = max(math.ceil(max(one.wait_s for one in active) / period_s - 1e-9), 1)
+    count = max(len(one.gains) for one in active)
+    if task.tuning.learning_s is not None:
+        count = min(count, max(round(task.tuning.learning_s / period_s), 1))
     stages = [stage_of("settling in", wait * task.period, programs, feedback)]
     for k in range(count):
         learning = tuple(

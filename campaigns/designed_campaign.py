@@ -14,6 +14,9 @@ ALPHAS_DEG = (0, 120, 240)
 FORMS_RAD = {"up": (0.0, 8.5e-3), "down": (0.0, -8.5e-3), "wide": (-8.5e-3, 8.5e-3)}
 """Directions and forms of Table 6.7."""
 
+SLOW_LEARNING_S = 8.0
+"""Learning of a slow chop, four of its periods: it is observed when the feedback has long settled."""
+
 KNOWING = ("designed", "designed-hysteresis", "designed-modes", "designed-linear")
 
 
@@ -32,6 +35,7 @@ def designed_campaign(controller: Path) -> Campaign:
             alpha_deg=float(alpha),
             from_rad=start,
             to_rad=stop,
+            tuning={"learning_s": SLOW_LEARNING_S},
         )
         for alpha in ALPHAS_DEG
         for form, (start, stop) in FORMS_RAD.items()

@@ -27,9 +27,9 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     `move_s` is the time of a transition: exactly that of the feed-forward, at most that of the learned reference
     (whose limits the paper does not print: the fourth-order profile that the derivative of jerk alone bounds).
-    After `learning_s` (by default the longest LEARNING_S of the axes that move) a learned input is frozen, or, with
-    `keeps_learning`, learned on, and the feedback closes with its gain times `feedback_factor`. `learning_modes` is how
-    many modes L inverts: the printed one inverts one.
+    After `learning_s` (by default the longest LEARNING_S of the axes that move, or what a controller file says) a
+    learned input is frozen, or, with `keeps_learning`, learned on, and the feedback closes with its gain times
+    `feedback_factor`. `learning_modes` is how many modes L inverts: the printed one inverts one.
     """
 
     move_s: float = 0.005

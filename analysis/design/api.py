@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.design.feedback import FeedbackDesign, design_feedback, frequency_grid
 from analysis.design.iron import with_iron
 from analysis.design.learning import WAIT_S, LearningDesign, design_learning
-from analysis.design.moves import CHOP_DWELL_S, Move, chop_of_reach, design_move
+from analysis.design.moves import Move, chop_of_reach, design_move
 from analysis.design.noise import MeasuredNoise, measure_noise
 from analysis.design.uncertainty import Tolerance, drawn_plants
 from analysis.recorded.sweep import Sweep, sweep_of
@@ -177,7 +177,7 @@ def _control(
         lead_samples=learning.lead_samples,
         q_cutoff_hz=learning.cutoff_hz,
         q_half_length=learning.half_length,
-        wait_periods=max(round(WAIT_S / (2.0 * CHOP_DWELL_S)), 1),
+        wait_s=WAIT_S,
         gains=list(learning.gains),
     )
 

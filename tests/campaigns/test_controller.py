@@ -19,7 +19,7 @@ AXIS = AxisControl(
     lead_samples=10,
     q_cutoff_hz=700.0,
     q_half_length=60,
-    wait_periods=2,
+    wait_s=0.4,
     gains=[1.0, 0.5],
 )
 WHOLE = Controller(name="small", sample_rate_hz=10_000.0, model=bench_model(hardware=False), axes=[AXIS])
@@ -44,8 +44,8 @@ def test_longer_moves_take_longer_by_the_root_of_their_length():
     [
         ({"gains": [1.0, 1.5]}, "learning gains"),
         ({"gains": [float("nan")]}, "learning gains"),
-        ({"wait_periods": 0}, "wait for one period"),
-        ({"lead_samples": -1}, "do not lag"),
+        ({"wait_s": -0.1}, "neither may be negative"),
+        ({"lead_samples": -1}, "neither may be negative"),
         ({"reach_rad": 0.0}, "reach_rad"),
         ({"concentration": 40.0}, "concentration"),
         ({"q_cutoff_hz": 6000.0}, "Q filter"),

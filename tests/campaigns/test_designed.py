@@ -44,7 +44,7 @@ def controller(model=None):
         lead_samples=10,
         q_cutoff_hz=700.0,
         q_half_length=60,
-        wait_periods=2,
+        wait_s=0.4,
         gains=[GAIN] * 4,
     )
     return Controller(name="test", sample_rate_hz=RATE_HZ, model=known, axes=[axis])
@@ -133,6 +133,22 @@ def test_learning_shrinks_the_error_by_what_its_response_says(path):
         error = np.linalg.norm(lines[phase] - expected) / np.linalg.norm(expected)
         assert error < 0.05, phase
     assert np.linalg.norm(lines["chop"]) < 0.15 * np.linalg.norm(lines["settling in"])
+
+
+def test_waiting_is_a_time_and_learning_ends_early_on_request(path):
+    bench = SimBench(bench_model(), 0)
+
+    def phases(**settings):
+        plan = make_plan("settling", {"strategy": "designed", "controller": path, "alpha_deg": 90.0, **settings})
+        parts = [(s.settings["phase"], s.n_samples // s.reference.shape[0]) for s in checked_segments(plan, bench)]
+        return [part for part in parts if part[0] not in ("approach", "chop")]
+
+    learning = [(f"learning {k}", 1) for k in (1, 2, 3, 4)]
+    assert phases() == [("settling in", 2), *learning]
+    assert phases(frequency_hz=0.5) == [("settling in", 1), *learning]  # a period of 2 s is wait enough
+    assert phases(tuning={"learning_s": 0.4}) == [("settling in", 2), *learning[:2]]
+    assert phases(tuning={"learning_s": 0.01}) == [("settling in", 2), *learning[:1]]
+    assert phases(tuning={"learning_s": 60.0}) == [("settling in", 2), *learning]
 
 
 def test_what_was_learned_stays_when_learning_ends(path):
