@@ -2,7 +2,8 @@
 
 - *stepped sine*: sine fits of the steady state, one axis per run, and a rational fit of each axis;
 - *periodic*: the response of all inputs at once, with noise and distortion told apart, and a rational fit of it;
-- *free*: anything else, a prediction-error fit in time with the start of every segment estimated.
+- *free*: anything else, a prediction-error fit in time with the start of every segment estimated; of an axis that
+  drifts and rubs, the balance of its torques.
 
 Segments with "held-out" in their label take no part; the model is tried on them afterwards.
 """
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from analysis.frf import FrequencyResponse, frequency_response_periodic, smoothed
 from analysis.identified import Fitted, HeldOut, Identification, deviations, identification, side_by_side
+from analysis.inverse_dynamics import balance_of
 from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
@@ -270,6 +272,11 @@ def _from_records(
     """
     rate = fitting[0][0].sample_rate_hz
     inputs, outputs = ([_channels(run, s, role) for run, s in fitting] for role in ROLES)
+    balance = balance_of(inputs, outputs, rate)
+    if balance is not None:
+        rows = sum(y.shape[0] for y in outputs)
+        whole = Fitted(balance.linear, balance.std, None, rows)
+        return identification(whole, _runs_of(parts), *_ports(parts[0][0]), method="free, beside friction", name=name)
     fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None)
     while fit.model.n_blocks > orders[0] and not _all_determined(fit):
         fit = fit_records(inputs, outputs, rate, fit.model.n_blocks - 1, rigid_bodies=None)

@@ -51,7 +51,7 @@ class Fit:
     `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
     standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter). `occam`
     is by how much the data narrowed all parameters, knobs included: the logarithm of the ratio of the prior's volume
-    to the posterior's.
+    to the posterior's. `log_variance` is the sum of the logarithms of the noise variances that `misfit` is in units of.
     """
 
     candidates: tuple[Candidate, ...]
@@ -61,6 +61,7 @@ class Fit:
     penalty: float
     rows: int
     occam: float
+    log_variance: float
     names: tuple[tuple[int, str], ...]
     values: Array
     std: Array

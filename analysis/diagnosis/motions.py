@@ -24,19 +24,13 @@ _OVERSUBTRACTION = 6.0
 """A frequency counts as motion only where the smoothed power is this many times the noise: beyond its chance
 fluctuations."""
 
-_STRAYED = 0.5
-"""A simulation whose residual is more than this part of the output has lost it; the measured motion counts then."""
-
 
 def measured_motion(record: Record, simulated: Array, residual: Array, whitener: Whitener, rate_hz: float) -> Motion:
     """Return the motion of a record from its `simulated` position and the fit's `residual`, both (n, n_y)."""
     cleaned = np.stack([_clean(residual[:, o], whitener, o) for o in range(record.y.shape[1])], axis=1)
     position = simulated + cleaned
-    seen = record.fitted() if record.fitted().any() else np.ones(record.n, dtype=bool)
-    strayed = np.sqrt(np.mean(residual[seen] ** 2, axis=0)) > _STRAYED * np.std(record.y[seen], axis=0)
-    sensed = np.where(strayed, position, simulated)
     return Motion(
-        record.u, position, sensed, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k
+        record.u, position, simulated, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k
     )
 
 

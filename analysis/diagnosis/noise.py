@@ -83,6 +83,17 @@ class Whitener:
             parts.append(spectrum)
         return np.asarray((np.concatenate(parts, axis=1) if parts else white[:, mask]).T)
 
+    def log_variance(self, mask: Mask) -> float:
+        """Return the sum of the logarithms of the variances by which the masked rows of a record are divided."""
+        total = -2.0 * int(mask.sum()) * float(np.sum(np.log(self.taps[:, 0])))
+        if not self.levels.size:
+            return total
+        for start, stop in runs_of(mask):
+            band = np.searchsorted(self.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
+            low = band < self.levels.shape[1]
+            total += float(np.sum(np.log(self.levels[:, band[low]])))
+        return total
+
 
 def runs_of(mask: Mask) -> list[tuple[int, int]]:
     """Return (start, stop) of every unbroken run of set rows."""
@@ -135,15 +146,13 @@ def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Arra
     return best
 
 
-def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = True) -> Whitener:
+def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = None) -> Whitener:
     """Return the whitener of `residuals`, one (n, n_y) per record, from what differs between periods.
 
-    Otherwise the colour and size of the residuals themselves are used.
+    Otherwise the colour and size of the residuals themselves are used. `order` is the longest memory of the filter.
     """
     taps: list[Array] = []
-    repeats = use_repeats and any(
-        w.period and w.stop - w.start >= 2 * w.period for r in data.records for w in r.windows
-    )
+    repeats = any(w.period and w.stop - w.start >= 2 * w.period for r in data.records for w in r.windows)
     for o in range(data.n_outputs):
         parts = []
         for record, residual in zip(data.records, residuals, strict=True):
@@ -151,10 +160,10 @@ def whitener_from(data: Dataset, residuals: list[Array], *, use_repeats: bool = 
                 parts += _differences(record.windows, residual[:, o])
             else:
                 parts.append((residual[:, o], record.fitted()))
-        taps.append(fit_ar(parts))
-    order = max(t.size for t in taps)
-    plain = Whitener(np.stack([np.pad(t, (0, order - t.size)) for t in taps]), repeats)
-    return _with_levels(plain, data, residuals)
+        taps.append(fit_ar(parts, _MAX_ORDER if order is None else order))
+    longest = max(t.size for t in taps)
+    plain = Whitener(np.stack([np.pad(t, (0, longest - t.size)) for t in taps]), repeats)
+    return plain if order == 0 else _with_levels(plain, data, residuals)
 
 
 def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:

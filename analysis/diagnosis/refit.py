@@ -166,6 +166,7 @@ class Problem:
             at.penalty,
             at.stacked.size - x.size,
             occam,
+            sum(self.setting.whitener.log_variance(r.fitted()) for r in self.setting.data.records),
             names,
             values,
             np.array(std),

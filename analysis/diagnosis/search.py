@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -44,8 +44,9 @@ difference between our form of a stronger effect and nature's, or for what a sim
 IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
-_LINED_UP, _IN_LINE = 4, 0.95
-"""Rounds of refit and noise at most; they end when a fit leaves about the noise that it was weighed by."""
+_LONG = 25
+_ROUNDS, _IN_LINE = 6, 10.0
+"""Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
 
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
@@ -93,10 +94,13 @@ class Screen:
         return list(seen.values())
 
 
-def settle(setting: Setting, fit: Fit) -> Setting:
-    """Return the setting with noise colour, start bases and start states brought up to date with `fit`."""
+def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
+    """Return the setting with noise, start bases and start states brought up to date with `fit`.
+
+    `order` is the longest memory of the noise: none when it is white.
+    """
     linear = linear_of(setting, fit)
-    whitener = whitener_from(setting.data, list(fit.residuals))
+    whitener = whitener_from(setting.data, list(fit.residuals), order=order)
     starts = starts_of(setting.data, linear, whitener)
     found = (
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
@@ -131,10 +135,13 @@ def score(fit: Fit, known_noise: bool) -> float:
     """Return minus twice the logarithm of the evidence of a fit (Laplace's approximation), up to a constant.
 
     The price of a parameter is what the data narrowed it by: one that they do not determine costs nothing, and one
-    that has to be far from where it is plausible pays for the distance in the fit's penalty.
+    that has to be far from where it is plausible pays for the distance in the fit's penalty. Where nothing repeats,
+    colour and level of the noise are part of a hypothesis, and the likelihood is that of its innovations.
     """
-    misfit = fit.objective if known_noise else fit.rows * np.log(max(fit.objective, 1e-300))
-    return float(misfit + 2.0 * fit.occam)
+    if known_noise:
+        return float(fit.objective + 2.0 * fit.occam)
+    level = fit.rows * (1.0 + np.log(max(fit.objective, 1e-300) / fit.rows))
+    return float(level + fit.log_variance + 2.0 * fit.occam)
 
 
 def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
@@ -213,27 +220,17 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     known = setting.whitener.repeats
     first = last = screen(setting, tuned, rules, scales)
     for depth in range(rules.max_effects):
-        picks = _shortlist(last)
         least = MATERIAL * _explained(setting, tuned, best)
-        if not picks or max(last.drops[i] for i in picks) < least:
+        stage = _Stage(best, least, depth / rules.max_effects, 1.0 / rules.max_effects, progress)
+        trials = stage.trials(setting, last)
+        if not known:
+            # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
+            # white noise cannot, so the shapes that stand out against white noise are tried as well
+            plain = settle(setting, best, order=0)
+            seen = {c.key for f in trials for c in f.candidates}
+            trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, screen(plain, best, rules, scales), seen)]
+        if not trials:
             break
-
-        def trial(
-            k: int,
-            setting: Setting = setting,
-            best: Fit = best,
-            found: Screen = last,
-            depth: int = depth,
-            picks: list[int] = picks,
-        ) -> Fit:
-            candidate = found.candidates[picks[k]]
-            progress(
-                f"fitting {candidate.effect.name} at {candidate.where}", (depth + k / len(picks)) / rules.max_effects
-            )
-            return _extended(setting, best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
-
-        with ThreadPoolExecutor(setting.workers) as pool:
-            trials = list(pool.map(trial, range(len(picks))))
         top = min(trials, key=lambda f: score(f, known))
         if score(top, known) + last.price >= score(best, known):
             rivals += trials
@@ -246,6 +243,32 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, pruned = _pruned(setting, best, first.price)
     explained = _explained(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """One more effect beside those of `best`: which to try, and where in the whole search that is."""
+
+    best: Fit
+    least: float
+    done: float
+    share: float
+    progress: Progress
+
+    def trials(self, setting: Setting, found: Screen, seen: Container[tuple[str, str]] = ()) -> list[Fit]:
+        """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial."""
+        picks = [i for i in _shortlist(found) if found.candidates[i].key not in seen]
+        if not picks or max(found.drops[i] for i in picks) < self.least:
+            return []
+
+        def trial(k: int) -> Fit:
+            candidate = found.candidates[picks[k]]
+            part = self.done + self.share * k / len(picks)
+            self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
+            return _extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
+
+        with ThreadPoolExecutor(setting.workers) as pool:
+            return list(pool.map(trial, range(len(picks))))
 
 
 def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
@@ -286,25 +309,43 @@ def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kn
 
 
 def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
-    """Return `trials` and the fit `before` them refitted under the noise that the best of them leaves.
+    """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
-    Without repetition that noise is what the fit itself leaves, so the two are brought into line with one another.
+    Where periods repeat, all are compared under one noise. Without repetition the noise is what a fit itself leaves,
+    so each is brought into line with its own.
     """
-    known = setting.whitener.repeats
-    best = min(trials, key=lambda f: score(f, known))
-    rest = [f for f in trials if f is not best]
-    for _ in range(_LINED_UP):
-        setting = settle(setting, best)
-        best = _again(setting, best)
-        if known or best.misfit / best.rows > _IN_LINE:
+    if setting.whitener.repeats:
+        setting = settle(setting, min(trials, key=lambda f: score(f, True)))
+        return setting, [_again(setting, f) for f in trials], _again(setting, before)
+    own = [_lined_up(setting, f) for f in trials]
+    own.sort(key=lambda pair: score(pair[1], False))
+    # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own. White
+    # noise cannot, so the best is tried from there as well
+    plain = settle(setting, own[0][1], order=0)
+    other = _lined_up(plain, _again(plain, own[0][1], steps=_LONG))
+    if score(other[1], False) < score(own[0][1], False):
+        own[0] = other
+    return own[0][0], [fit for _, fit in own], before
+
+
+def _lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
+    """Return the setting and the fit in which the noise is what the fit leaves."""
+    best = settle(setting, fit), fit
+    for _ in range(_ROUNDS):
+        setting = settle(setting, fit)
+        fit = _again(setting, fit)
+        gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
+        if gained > 0.0:
+            best = setting, fit
+        if gained < _IN_LINE:
             break
-    return setting, [best, *(_again(setting, f) for f in rest)], _again(setting, before)
+    return best
 
 
-def _again(setting: Setting, fit: Fit) -> Fit:
+def _again(setting: Setting, fit: Fit, steps: int = 8) -> Fit:
     """Return `fit` refitted under a setting whose noise or starts have changed."""
     candidates, sizes = fit.held()
-    return refit(setting, candidates, sizes, fit.change, steps=8, exact=True)
+    return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
 
 
 def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:

@@ -84,14 +84,16 @@ def _without_cause(found: Found) -> Verdict:
 
 def _material(found: Found) -> tuple[int, ...]:
     """Return the numbers of the effects that explain enough to be named, from what removing each of them costs."""
-    best = found.best
+    best, known = found.best, found.setting.whitener.repeats
     if len(best.candidates) == 1:
         return (0,)
     whole = {c.key for c in best.candidates}
     costs = []
     for c in best.candidates:
         without = [r for r in found.rivals if {x.key for x in r.candidates} == whole - {c.key}]
-        costs.append(min((r.objective for r in without), default=np.inf) - best.objective)
+        # where nothing repeats each fit has a noise of its own, and only their evidence can be compared
+        worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
+        costs.append(min(worth, default=np.inf))
     strongest = max([x for x in costs if np.isfinite(x)], default=np.inf)
     return tuple(i for i, cost in enumerate(costs) if not cost < MATERIAL * strongest)
 

@@ -1,0 +1,123 @@
+"""A linear axis beside friction: the balance of torques, term by term, where a linear fit alone would be bent.
+
+An axis that drifts (nothing or little holds it) and rubs has no linear model that simulates it: a fit then makes an
+oscillator of the friction. The balance of torques u = M a + D v + K y + F sign(v) + u0 is linear in all its numbers,
+and whatever the loop around the axis does, the measured motion stands on one side only. All signals pass the same
+smoothing, so that the equation holds for what is left of them.
+
+Source: the inverse dynamic identification of robots, M. Gautier, J. Robotic Systems 14 (1997).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs
+
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+WINDOWS = (7, 11, 17, 27, 43, 67, 107)
+"""Samples over which a cubic is laid; the best balance decides."""
+
+SHARE = 0.5
+"""Friction counts when it takes this part of what the linear terms leave of the torque, in squares."""
+
+BALANCED = 0.9
+"""All terms together have to explain this part of the torque, in squares."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """The balance of one axis: its linear model, its standard deviations in the same shapes, the friction beside it.
+
+    `friction` is in units of the input.
+    """
+
+    linear: ModalModel
+    std: ModalModel
+    friction: float
+
+
+def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance | None:
+    """Return the balance of torques of one axis, records (n, 1) each; None where friction does not bend its model."""
+    if inputs[0].shape[1] != 1 or outputs[0].shape[1] != 1:
+        return None
+    longest = max(y.shape[0] for y in outputs)
+    tried = [_fitted(inputs, outputs, rate_hz, window) for window in WINDOWS if 20 * window < longest]
+    best = max(tried, key=lambda t: t.explained, default=None)
+    if best is None or best.explained < BALANCED or best.by_friction < SHARE:
+        return None
+    mass, damping, spring, friction = best.numbers[:4]
+    if not (mass > 0.0 and damping > 0.0 and friction > 0.0):
+        return None
+    # nothing, or less, holds the axis: a period of ten records stands for none
+    slowest = 2.0 * np.pi * rate_hz / (10.0 * longest)
+    omega = float(np.sqrt(max(spring / mass, slowest**2)))
+    relative = best.deviations[:3] / np.abs(best.numbers[:3])
+    linear = _axis(omega, 0.5 * damping / mass, 1.0 / mass)
+    spread = float(0.5 * omega * min(relative[2] + relative[0], 1.0))
+    std = _axis(spread, 0.5 * damping / mass * (relative[0] + relative[1]), relative[0] / mass)
+    return Balance(linear, std.with_(c=np.zeros((1, 1))), float(friction))
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """M, D, K, F and offset with their deviations, and the parts of the torque that all and that friction explains."""
+
+    numbers: Array
+    deviations: Array
+    explained: float
+    by_friction: float
+
+
+def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted:
+    taps = [savgol_coeffs(window, 3, deriv=d, delta=1.0 / rate_hz, use="conv") for d in range(3)]
+    rows, torques = [], []
+    for u, y in zip(inputs, outputs, strict=True):
+        if y.shape[0] <= 2 * window:
+            continue
+        position, rate, acceleration = (np.convolve(y[:, 0], t, mode="valid") for t in taps)
+        # a hold gives each torque from its sample on: over the smoothing it acts half a sample late
+        held = 0.5 * (u[:-1, 0] + u[1:, 0])
+        torque = np.convolve(np.concatenate([u[:1, 0], held]), taps[0], mode="valid")
+        rows.append(np.stack([acceleration, rate, position, np.tanh(rate / _still(rate)), np.ones_like(rate)], axis=1))
+        torques.append(torque)
+    x, u_smooth = np.concatenate(rows), np.concatenate(torques)
+    with_all, numbers, deviations = _least_squares(x, u_smooth, window)
+    without, _, _ = _least_squares(np.delete(x, 3, axis=1), u_smooth, window)
+    total = float(np.sum((u_smooth - u_smooth.mean()) ** 2))
+    return _Fitted(numbers, deviations, 1.0 - with_all / max(total, 1e-300), 1.0 - with_all / max(without, 1e-300))
+
+
+def _still(rate: Array) -> float:
+    """Return the rate below which an axis counts as standing: a hundredth of its fastest."""
+    return max(1e-2 * float(np.max(np.abs(rate))), 1e-300)
+
+
+def _least_squares(x: Array, y: Array, window: int) -> tuple[float, Array, Array]:
+    """Return the sum of squares that is left, the numbers and their deviations; `window` rows count as one."""
+    scale = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+    numbers, _, _, _ = np.linalg.lstsq(x / scale, y, rcond=1e-12)
+    left = float(np.sum((y - x / scale @ numbers) ** 2))
+    inverse = np.linalg.pinv((x / scale).T @ (x / scale))
+    variance = left / max(y.size / window - x.shape[1], 1.0) * np.diag(inverse)
+    return left, numbers / scale, np.sqrt(np.maximum(variance, 0.0)) / scale
+
+
+def _axis(omega_rad_s: float, sigma_1_s: float, gain: float) -> ModalModel:
+    zero = np.zeros((1, 1))
+    return ModalModel(
+        omega_rad_s=np.array([omega_rad_s]),
+        sigma_1_s=np.array([sigma_1_s]),
+        b=np.array([[gain]]),
+        b_direct=zero,
+        c=np.ones((1, 1)),
+        c_rate=zero,
+        d=zero,
+        delay_s=np.zeros(1),
+    )
