@@ -45,7 +45,7 @@ def imported(folder: str) -> dict[str, str]:
                 names = [node.module]
             for name in names:
                 found[name.partition(".")[0]] = str(path.relative_to(ROOT))
-    return {k: v for k, v in found.items() if k not in OURS | set(sys.stdlib_module_names) | {"tests"}}
+    return {k: v for k, v in found.items() if k not in OURS | set(sys.stdlib_module_names) | {"tests", "benchmarks"}}
 
 
 def closure(names: Iterator[str] | list[str]) -> set[str]:
