@@ -157,11 +157,16 @@ def _learning(
     count = max(len(one.gains) for one in active)
     if task.tuning.learning_s is not None:
         count = min(count, max(round(task.tuning.learning_s / period_s), 1))
-    stages = [stage_of("settling in", wait * task.period, programs, feedback)]
-    for k in range(count):
-        learning = tuple(
-            None if one is None else learning_of(one, task.period, rate_hz, one.gains[min(k, len(one.gains) - 1)])
+
+    def learning(k: int) -> tuple[Learning | None, ...]:
+        return tuple(
+            None
+            if one is None
+            else learning_of(one, task.period, rate_hz, 0.0 if k < 0 else one.gains[min(k, len(one.gains) - 1)])
             for one in learners
         )
-        stages.append(stage_of(f"learning {k + 1}", task.period, programs, feedback, learning))
+
+    # a gain of zero listens: each period learns from the errors of the one before it
+    stages = [stage_of("settling in", wait * task.period, programs, feedback, learning(-1))]
+    stages += [stage_of(f"learning {k + 1}", task.period, programs, feedback, learning(k)) for k in range(count)]
     return stages

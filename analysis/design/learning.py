@@ -31,6 +31,9 @@ LEAD_S = 0.001
 TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
+FULL = 3
+"""Periods that learn with the whole error: by LARGEST_FACTOR an eighth of it is left at worst."""
+
 WAIT_S = 0.4
 """Time before learning begins: the ringing of a cryostat mode of 9 1/s falls to 3 % in it."""
 
@@ -63,11 +66,12 @@ class LearningDesign:
 
 
 def averaging_gains(count: int) -> tuple[float, ...]:
-    """Return gains that first take the whole error, twice, and then average: 1, 1, 1/2, 1/3 and so on.
+    """Return gains that take the whole error FULL times and then average: 1, 1, 1, 1/2, 1/3 and so on.
 
     With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n.
     """
-    return (1.0, *(1.0 / n for n in range(1, count)))
+    full = min(FULL, count)
+    return (*(1.0 for _ in range(full)), *(1.0 / n for n in range(2, count - full + 2)))
 
 
 def design_learning(

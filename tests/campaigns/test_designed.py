@@ -125,14 +125,14 @@ def test_learning_shrinks_the_error_by_what_its_response_says(path):
     ahead = np.exp(2j * np.pi * f / RATE_HZ * 10) * controller().axes[0].learning.filter(RATE_HZ).frequency_response(f)
     q = q_response(q_taps(700.0, 60, RATE_HZ), f, RATE_HZ)
     left = q * (1.0 - GAIN * p / (1.0 + p * k) * ahead)
-    # period by period e' = Q (1 - k z^lead S_p L) e + (1 - Q) e_0; the last period before the chop is learned as well
+    # period by period, the first one from what was heard while settling in: e' = Q (1 - k z^lead S_p L) e + (1 - Q) e_0
     expected = lines["settling in"]
-    for phase in ("learning 2", "learning 3"):
+    for phase in ("learning 1", "learning 2", "learning 3"):
         expected = left * expected + (1.0 - q) * lines["settling in"]
-        # what is learned in a period acts from the next on; the loop's own memory of 10 ms reaches across its border
+        # the loop's own memory of 10 ms reaches across the border of two periods
         error = np.linalg.norm(lines[phase] - expected) / np.linalg.norm(expected)
         assert error < 0.05, phase
-    assert np.linalg.norm(lines["chop"]) < 0.15 * np.linalg.norm(lines["settling in"])
+    assert np.linalg.norm(lines["chop"]) < 0.08 * np.linalg.norm(lines["settling in"])
 
 
 def test_waiting_is_a_time_and_learning_ends_early_on_request(path):
