@@ -28,7 +28,7 @@ from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, make_effect
 from sim_backend.effects.dominant import residues
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Model, Quantity, number
 
@@ -62,7 +62,10 @@ class Options:
         reported = {e.reported() for e in EFFECTS} | {e.name for e in EFFECTS}
         unknown = sorted(set(self.without) - reported)
         if unknown:
-            raise ConfigError(f"there is no effect '{unknown[0]}' to leave out; effects: {', '.join(sorted(reported))}")
+            near = did_you_mean(unknown[0], reported)
+            raise ConfigError(
+                f"there is no effect '{unknown[0]}' to leave out; {near}effects: {', '.join(sorted(reported))}"
+            )
 
 
 def _silent(what: str, part: float) -> None:

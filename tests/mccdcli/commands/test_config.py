@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from analysis.diagnosis.pipeline import Options
 from mccdcli.main import main
+from sim_backend.errors import ConfigError
 
 
 @pytest.fixture(autouse=True)
@@ -121,3 +123,8 @@ def test_a_file_named_by_a_variable_must_exist_and_is_the_only_one(here, monkeyp
 def test_a_mistyped_name_is_answered_with_the_one_that_was_meant(arguments, meant, capsys):
     assert main(list(arguments)) == 2
     assert f"id you mean '{meant}'?" in capsys.readouterr().err
+
+
+def test_an_effect_to_leave_out_that_is_mistyped_too():
+    with pytest.raises(ConfigError, match="did you mean 'hysteresis'"):
+        Options(without=("hysteresys",))
