@@ -11,14 +11,15 @@ Segments with "held-out" in their label take no part; the model is tried on them
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.frf import FrequencyResponse, frequency_response_periodic, smoothed
 from analysis.identified import Fitted, HeldOut, Identification, deviations, identification, side_by_side
-from analysis.inverse_dynamics import balance_of
+from analysis.inverse_dynamics import Balance, balance_of
 from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
@@ -29,8 +30,8 @@ from analysis.timefit import TimeFit, fit_records
 from analysis.validation import relative_error
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
-from sim_backend.linear import ModalModel, discretise
-from sim_backend.model import Port
+from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from sim_backend.model import EffectEntry, Port, Quantity
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,9 @@ POOLED_LINES = 20
 """Lines to either side over which a variance is pooled."""
 
 ITERATIONS = 60
+
+START_ROWS = 20_000
+"""Rows that decide in what motion a segment begins."""
 
 SIGNIFICANT = 3.0
 """Standard deviations by which a mode's decay rate must differ from zero."""
@@ -274,9 +278,7 @@ def _from_records(
     inputs, outputs = ([_channels(run, s, role) for run, s in fitting] for role in ROLES)
     balance = balance_of(inputs, outputs, rate)
     if balance is not None:
-        rows = sum(y.shape[0] for y in outputs)
-        whole = Fitted(balance.linear, balance.std, None, rows)
-        return identification(whole, _runs_of(parts), *_ports(parts[0][0]), method="free, beside friction", name=name)
+        return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
     fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None)
     while fit.model.n_blocks > orders[0] and not _all_determined(fit):
         fit = fit_records(inputs, outputs, rate, fit.model.n_blocks - 1, rigid_bodies=None)
@@ -290,6 +292,22 @@ def _from_records(
         name=name,
         held_out=_tried(fit.model, parts, rate, rate, offsets.mean(axis=0)),
     )
+
+
+def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], rows: int, name: str) -> Identification:
+    """Return the linear part of a balance of torques; the torque that is always there goes with it."""
+    inputs, outputs = _ports(parts[0][0])
+    whole = Fitted(balance.linear, balance.std, None, rows)
+    found = identification(whole, _runs_of(parts), inputs, outputs, method="free, beside friction", name=name)
+    source = f"{found.method} fit to run {', '.join(run.run_uid for run in _runs_of(parts))}"
+    torque = Quantity(value=balance.constant, origin="fitted", source=source, std=balance.constant_std)
+    point = EffectEntry(
+        effect="constant-torque",
+        where=inputs[0].dof,
+        parameters={"torque": torque},
+        note="operating point of the recorded input, not physics",
+    )
+    return replace(found, model=msgspec.structs.replace(found.model, effects=[point]))
 
 
 def _all_determined(fit: TimeFit) -> bool:
@@ -316,7 +334,10 @@ def _tried(
     hold: float | None,
     offset: Array | float = 0.0,
 ) -> tuple[HeldOut, ...]:
-    """The model on every held-out segment: in steady state where it is periodic, else from rest at `offset` (n_y,)."""
+    """The model on every held-out segment: in steady state where it is periodic, else from the best start.
+
+    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error.
+    """
     discrete, results = discretise(model, rate_hz), []
     for run, segment in parts:
         if not segment.held_out:
@@ -329,7 +350,7 @@ def _tried(
             modelled = periodic_response(model.frequency_response(frequency, hold), u)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
         else:
-            modelled = simulate_linear(discrete, u) + offset
+            modelled = simulate_linear(discrete, u, _start(discrete, u, y - offset)) + offset
         error = relative_error(y, modelled)
         results.append(
             HeldOut(
@@ -340,6 +361,19 @@ def _tried(
             )
         )
     return tuple(results)
+
+
+def _start(model: DiscreteModel, u: Array, y: Array) -> Array:
+    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by what is left from rest."""
+    m = model.a.shape[0]
+    rows = min(u.shape[0], START_ROWS)
+    u, left = u[:rows], y[:rows] - simulate_linear(model, u[:rows])
+    free = []
+    for unit in np.eye(2 * m):
+        free.append(simulate_linear(model, np.zeros_like(u), unit.reshape(m, 2)).ravel())
+    columns = np.stack(free, axis=1)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    return np.asarray(np.linalg.lstsq(columns / scale, left.ravel(), rcond=1e-9)[0] / scale).reshape(m, 2)
 
 
 def _require_same_channels(runs: Sequence[Run]) -> None:

@@ -35,12 +35,15 @@ BALANCED = 0.9
 class Balance:
     """The balance of one axis: its linear model, its standard deviations in the same shapes, the friction beside it.
 
-    `friction` is in units of the input.
+    `friction` and `constant`, the torque that is always there (its standard deviation `constant_std`), are in units of
+    the input.
     """
 
     linear: ModalModel
     std: ModalModel
     friction: float
+    constant: float
+    constant_std: float
 
 
 def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance | None:
@@ -62,7 +65,9 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
     linear = _axis(omega, 0.5 * damping / mass, 1.0 / mass)
     spread = float(0.5 * omega * min(relative[2] + relative[0], 1.0))
     std = _axis(spread, 0.5 * damping / mass * (relative[0] + relative[1]), relative[0] / mass)
-    return Balance(linear, std.with_(c=np.zeros((1, 1))), float(friction))
+    return Balance(
+        linear, std.with_(c=np.zeros((1, 1))), float(friction), -float(best.numbers[4]), float(best.deviations[4])
+    )
 
 
 @dataclass(frozen=True)
