@@ -18,19 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.frf import FrequencyResponse, frequency_response_periodic, smoothed
-from analysis.identified import Fitted, HeldOut, Identification, deviations, identification, side_by_side
+from analysis.held_out import channels_of, tried
+from analysis.identified import Fitted, Identification, deviations, identification, side_by_side
 from analysis.inverse_dynamics import Balance, balance_of
 from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
 from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
-from analysis.simulate import periodic_response, simulate_linear
 from analysis.timefit import TimeFit, fit_records
-from analysis.validation import relative_error
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
-from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Port, Quantity
 
 Array = NDArray[np.float64]
@@ -47,9 +46,6 @@ POOLED_LINES = 20
 """Lines to either side over which a variance is pooled."""
 
 ITERATIONS = 60
-
-START_ROWS = 20_000
-"""Rows that decide in what motion a segment begins."""
 
 SIGNIFICANT = 3.0
 """Standard deviations by which a mode's decay rate must differ from zero."""
@@ -78,7 +74,7 @@ def identify_runs(
         raise DataError("identify: no run is given; give one log at least")
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
         return _from_sweeps(runs, orders, name)
-    _require_same_channels(runs)
+    _require_samechannels_of(runs)
     parts = [(run, s) for run in runs for s in run.segments]
     fitting = [(run, s) for run, s in parts if only in s.label and not s.held_out]
     if not fitting:
@@ -171,7 +167,7 @@ def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
     if count <= skip:
         return None
     blocks = [
-        np.stack([_channels(run, s, role)[: count * period].reshape(count, period, -1)[skip:] for run, s in parts])
+        np.stack([channels_of(run, s, role)[: count * period].reshape(count, period, -1)[skip:] for run, s in parts])
         for role in ("input", "output")
     ]
     inputs, outputs = (block.transpose(2, 3, 0, 1) for block in blocks)
@@ -201,7 +197,7 @@ def _from_periods(
         method="periodic, zero-order hold" if hold else "periodic, band-limited",
         name=name,
         levels=(ratios[0], ratios[1]),
-        held_out=_tried(fit.model, parts, data.rate_hz, hold),
+        held_out=tried(fit.model, parts, data.rate_hz, hold),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
 
@@ -275,7 +271,7 @@ def _from_records(
     nothing that the data determine.
     """
     rate = fitting[0][0].sample_rate_hz
-    inputs, outputs = ([_channels(run, s, role) for run, s in fitting] for role in ROLES)
+    inputs, outputs = ([channels_of(run, s, role) for run, s in fitting] for role in ROLES)
     balance = balance_of(inputs, outputs, rate)
     if balance is not None:
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
@@ -290,7 +286,7 @@ def _from_records(
         *_ports(parts[0][0]),
         method="free",
         name=name,
-        held_out=_tried(fit.model, parts, rate, rate, offsets.mean(axis=0)),
+        held_out=tried(fit.model, parts, rate, rate, offsets.mean(axis=0)),
     )
 
 
@@ -327,56 +323,7 @@ def _rest(model: ModalModel, data: _Periods) -> Array:
     return np.asarray((y - model.frequency_response(np.zeros(1))[0].real @ u).T)
 
 
-def _tried(
-    model: ModalModel,
-    parts: Sequence[tuple[Run, LogSegment]],
-    rate_hz: float,
-    hold: float | None,
-    offset: Array | float = 0.0,
-) -> tuple[HeldOut, ...]:
-    """The model on every held-out segment: in steady state where it is periodic, else from the best start.
-
-    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error.
-    """
-    discrete, results = discretise(model, rate_hz), []
-    for run, segment in parts:
-        if not segment.held_out:
-            continue
-        u, y = _channels(run, segment, "input"), _channels(run, segment, "output")
-        period = int(segment.settings.get("period_samples", 0))
-        if period:
-            u, y = u[-period:], y[-period:]
-            frequency = np.arange(period // 2 + 1) * rate_hz / period
-            modelled = periodic_response(model.frequency_response(frequency, hold), u)
-            modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
-        else:
-            modelled = simulate_linear(discrete, u, _start(discrete, u, y - offset)) + offset
-        error = relative_error(y, modelled)
-        results.append(
-            HeldOut(
-                run.run_uid,
-                segment.label,
-                dict(zip(run.names("output"), error.per_channel.tolist(), strict=True)),
-                error.total,
-            )
-        )
-    return tuple(results)
-
-
-def _start(model: DiscreteModel, u: Array, y: Array) -> Array:
-    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by what is left from rest."""
-    m = model.a.shape[0]
-    rows = min(u.shape[0], START_ROWS)
-    u, left = u[:rows], y[:rows] - simulate_linear(model, u[:rows])
-    free = []
-    for unit in np.eye(2 * m):
-        free.append(simulate_linear(model, np.zeros_like(u), unit.reshape(m, 2)).ravel())
-    columns = np.stack(free, axis=1)
-    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    return np.asarray(np.linalg.lstsq(columns / scale, left.ravel(), rcond=1e-9)[0] / scale).reshape(m, 2)
-
-
-def _require_same_channels(runs: Sequence[Run]) -> None:
+def _require_samechannels_of(runs: Sequence[Run]) -> None:
     for run in runs[1:]:
         same = [run.names(role) == runs[0].names(role) for role in ("input", "output")]
         if not all(same) or run.sample_rate_hz != runs[0].sample_rate_hz:
@@ -384,10 +331,6 @@ def _require_same_channels(runs: Sequence[Run]) -> None:
     for role in ("input", "output"):
         if not runs[0].names(role):
             raise DataError(f"{runs[0].path} has no {role} channel; give at least one that role when importing")
-
-
-def _channels(run: Run, segment: LogSegment, role: str) -> Array:
-    return np.stack([run.read(name, segment.start, segment.stop) for name in run.names(role)], axis=1)
 
 
 def _ports(run: Run) -> tuple[list[Port], list[Port]]:
