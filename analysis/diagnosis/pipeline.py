@@ -154,7 +154,9 @@ def diagnose(
     setting, best = found.setting, found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = found.tuned.residuals, best.residuals
-    gain = gain_of(data, before, after, setting.whitener, setting.nominal, linear, options.seed)
+    # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
+    noise = setting.whitener if setting.whitener.repeats else whitener_from(data, list(after))
+    gain = gain_of(data, before, after, noise, setting.nominal, linear, options.seed)
     causes = causes_of(found, judgement, model)
     return Diagnosis(
         verdict=judgement.verdict,

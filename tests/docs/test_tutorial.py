@@ -21,8 +21,11 @@ def test_the_tutorial_ends_with_the_name_of_the_hidden_effect(reader: Path) -> N
     jsonschema.validate(found, schema_of("diagnose"))
     assert [(c["effect"], c["where"]) for c in found["causes"]] == [("cubic-stiffness", "theta_x")]
     stiffness = found["causes"][0]["parameters"]["stiffness"]
-    # what mystery.toml hides, within four standard deviations
-    assert abs(stiffness["value"] - 2e4) < 4.0 * stiffness["std"]
+    # the page says 2·10⁴: one digit, and half of the next is 2.5 %. That standard deviations are right is not asked
+    # here but over many benches, by the challenge
+    assert stiffness["value"] == pytest.approx(2e4, rel=0.025)
+    # no model gets below the noise: the right one is at it, but for the scatter of its estimate (a tenth is generous)
+    assert found["gain"]["noise_floor"] < 1.1 * found["gain"]["rms_after"]
     # the sentence that the page quotes is the one that was printed
     quoted = " ".join(
         line.removeprefix("> ") for line in (DOCS / "tutorial.md").read_text().splitlines() if line.startswith("> ")
