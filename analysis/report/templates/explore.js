@@ -107,7 +107,6 @@
       this.list();
       this.output.textContent = this.view ? "" : "This campaign has no such run.";
     }
-
     offer() {
       clear(this.legend);
       this.names.forEach((name, i) => {
@@ -120,8 +119,7 @@
           this.list();
         });
         const swatch = make(label, "svg:svg", { width: 28, height: 10, "aria-hidden": "true" });
-        const points = this.view.panels.some((p) => p.series.some((s) => s.name === name && s.kind === "points"));
-        if (points) make(swatch, "svg:circle", { cx: 14, cy: 5, r: 3, fill: this.colour(i) });
+        if (this.view.panels.some((p) => p.series.some((s) => s.name === name && s.kind === "points"))) make(swatch, "svg:circle", { cx: 14, cy: 5, r: 3, fill: this.colour(i) });
         else make(swatch, "svg:line", { x1: 0, x2: 28, y1: 5, y2: 5, stroke: this.colour(i), "stroke-width": 2,
           "stroke-dasharray": DASHES[i % DASHES.length] });
         make(label, "span", {}, name);
@@ -190,8 +188,9 @@
       const last = i === this.view.panels.length - 1;
       const bottom = last ? MARGIN.bottom : 8;
       const total = height - MARGIN.bottom + bottom;
+      const names = this.shown(panel).map((s) => `${s.name} (${s.x.length} points)`).join(", ");
       const svg = make(this.canvas, "svg:svg", { width, height: total, viewBox: `0 0 ${width} ${total}`, class: "panel",
-        role: "img", "aria-label": this.describe(panel) });
+        role: "img", "aria-label": `${panel.y} over ${panel.x}: ${names || "nothing"}` });
       const box = { left: MARGIN.left, top: MARGIN.top, width: width - MARGIN.left - MARGIN.right,
         height: total - MARGIN.top - bottom };
       const [left, right] = this.x || this.extent(panel), [low, high] = this.reach(panel, i);
@@ -239,11 +238,6 @@
       }
       const path = series.x.map((v, k) => `${k ? "L" : "M"}${px(v).toFixed(2)} ${py(series.y[k]).toFixed(2)}`).join("");
       make(parent, "svg:path", { d: path, stroke: colour, class: "curve", "stroke-dasharray": DASHES[i % DASHES.length] });
-    }
-
-    describe(panel) {
-      const names = this.shown(panel).map((s) => `${s.name} (${s.x.length} points)`).join(", ") || "nothing";
-      return `${panel.y} over ${panel.x}: ${names}`;
     }
 
     pointer(frame, i) {
@@ -324,7 +318,6 @@
     }
 
     reset() { this.x = null; this.y = []; this.draw(); this.list(); }
-
     nearest(series, panel, at) {
       const to = this.scale(panel);
       let best = -1, distance = Infinity;
@@ -386,6 +379,7 @@
   }
 
   for (const section of document.querySelectorAll(".explorer")) {
+    section.hidden = false; // first: what is hidden has no width to draw on
     const plot = new Plot(section, JSON.parse(section.querySelector("script").textContent));
     section.querySelector(".download").addEventListener("click", () => {
       plot.details.open = true;
@@ -400,6 +394,7 @@
       link.click();
       URL.revokeObjectURL(link.href);
     });
-    section.hidden = false;
   }
+  // on paper nothing can be unfolded
+  addEventListener("beforeprint", () => document.querySelectorAll(".failures details").forEach((d) => { d.open = true; }));
 })();

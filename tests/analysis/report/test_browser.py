@@ -193,7 +193,10 @@ def test_text_is_readable_on_its_ground_in_both_schemes(browser, page):
         assert browser.run(script) >= 4.5, scheme
 
 
-def test_it_prints_without_its_controls(tab):
+def test_it_prints_without_its_controls_and_with_whole_tables(browser, page):
+    tab = browser
+    tab.open(page, width=720)  # a sheet of A4 less its margins
     tab.call("Emulation.setEmulatedMedia", media="print")
+    assert tab.run("document.querySelector('#verdict table').offsetWidth") <= 720
     assert tab.run("getComputedStyle(document.querySelector('.controls')).display") == "none"
     assert tab.pdf().startswith(b"%PDF")
