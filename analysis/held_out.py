@@ -23,7 +23,7 @@ def tried(
     hold: float | None,
     offset: Array | float = 0.0,
 ) -> tuple[HeldOut, ...]:
-    """Return the errors of the model on every held-out segment: in steady state where it is periodic, else from the best start.
+    """Return the errors on every held-out segment: in steady state where it is periodic, else from the best start.
 
     `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error.
     """

@@ -187,6 +187,8 @@ def _from_periods(
     fits = {hold: _fit_lines(measured, variance, hold, orders) for hold in (data.rate_hz, None)}
     hold = min(fits, key=lambda key: fits[key].criterion)
     fit = fits[hold]
+    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
+        fit = _fit_lines(measured, variance, hold, (fit.model.n_blocks - 1,))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
@@ -306,7 +308,7 @@ def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], 
     return replace(found, model=msgspec.structs.replace(found.model, effects=[point]))
 
 
-def _all_determined(fit: TimeFit) -> bool:
+def _all_determined(fit: TimeFit | RationalFit) -> bool:
     """Tell whether frequency and decay rate of every block stand out of their uncertainty; a rigid body has neither."""
     model = fit.model
     moving = model.omega_rad_s > 0.0
