@@ -44,6 +44,9 @@ difference between our form of a stronger effect and nature's, or for what a sim
 IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
+_DRIFTING = 10.0
+"""Colour of a residual beyond which it is rather motion than noise."""
+
 _LONG = 25
 _ROUNDS, _IN_LINE = 6, 10.0
 """Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
@@ -223,7 +226,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         least = MATERIAL * _explained(setting, tuned, best)
         stage = _Stage(best, least, depth / rules.max_effects, 1.0 / rules.max_effects, progress)
         trials = stage.trials(setting, last)
-        if not known:
+        if not known and _colour(setting, best) > _DRIFTING:
             # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
             # white noise cannot, so the shapes that stand out against white noise are tried as well
             plain = settle(setting, best, order=0)
@@ -243,6 +246,17 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, pruned = _pruned(setting, best, first.price)
     explained = _explained(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained)
+
+
+def _colour(setting: Setting, fit: Fit) -> float:
+    """Return the largest ratio of a residual's size to what its past does not foretell of it."""
+    ratios = [
+        float(np.sqrt(np.mean(residual[record.fitted(), o] ** 2)) * setting.whitener.taps[o, 0])
+        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
+        for o in setting.whitener.outputs
+        if record.fitted().any()
+    ]
+    return max(ratios, default=0.0)
 
 
 @dataclass(frozen=True)
@@ -319,12 +333,13 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
         return setting, [_again(setting, f) for f in trials], _again(setting, before)
     own = [_lined_up(setting, f) for f in trials]
     own.sort(key=lambda pair: score(pair[1], False))
-    # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own. White
-    # noise cannot, so the best is tried from there as well
-    plain = settle(setting, own[0][1], order=0)
-    other = _lined_up(plain, _again(plain, own[0][1], steps=_LONG))
-    if score(other[1], False) < score(own[0][1], False):
-        own[0] = other
+    if _colour(*own[0]) > _DRIFTING:
+        # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
+        # White noise cannot, so the best is tried from there as well
+        plain = settle(setting, own[0][1], order=0)
+        other = _lined_up(plain, _again(plain, own[0][1], steps=_LONG))
+        if score(other[1], False) < score(own[0][1], False):
+            own[0] = other
     return own[0][0], [fit for _, fit in own], before
 
 
