@@ -19,6 +19,7 @@ from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search import Found, Progress, Rules, search, tune
 from analysis.diagnosis.sentence import sentence
+from analysis.diagnosis.spread import spread_causes
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.testimony import Testimony, hear
 from analysis.diagnosis.tuning import OWN_TOLERANCE, knobs_of, turned
@@ -27,6 +28,7 @@ from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, make_effect
+from sim_backend.effects.base import Effect
 from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel, discretise
@@ -72,9 +74,14 @@ def _silent(what: str, part: float) -> None:
     """Take no notice."""
 
 
+def searched_effects(options: Options) -> tuple[type[Effect], ...]:
+    """Return the effects that are not left out."""
+    return tuple(e for e in EFFECTS if not {e.reported(), e.name} & set(options.without))
+
+
 def search_causes(data: Dataset, model: Model, options: Options, progress: Progress = _silent) -> Found:
     """Return everything the search finds."""
-    searched = tuple(e for e in EFFECTS if not {e.reported(), e.name} & set(options.without))
+    searched = searched_effects(options)
     linear, places = model.linear(), places_of(model)
     known = tuple(
         make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
@@ -148,8 +155,10 @@ def diagnose(
     options = options or Options()
     found = search_causes(data, model, options, progress)
     progress("weighing the evidence", 0.9)
-    judgement = judge(found)
-    found, judgement, remark = hear(found, judgement, heard, model, bench)
+    searched = searched_effects(options)
+    spread = spread_causes(found.setting, found.best, searched, found.explained)
+    found, judgement, remark = hear(found, judge(found, spread.allowed), heard, model, bench)
+    judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     setting, best = found.setting, found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
@@ -157,7 +166,7 @@ def diagnose(
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     noise = setting.whitener if setting.whitener.repeats else whitener_from(data, list(after))
     gain = gain_of(data, before, after, noise, setting.nominal, linear, options.seed)
-    causes = causes_of(found, judgement, model)
+    causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     return Diagnosis(
         verdict=judgement.verdict,
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, choice),
@@ -169,7 +178,7 @@ def diagnose(
         data=data,
         nominal=model.linear(),
         linear=linear,
-        effects=best.effects,
+        effects=(*best.effects, *spread.effects),
         before=before,
         after=after,
         considered=judgement.rivals,

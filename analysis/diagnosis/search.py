@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
 from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.matched import wanted_inputs
 from analysis.diagnosis.motions import measured_motion
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.refit import Problem as Hypothesis
@@ -24,6 +25,7 @@ from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -154,7 +156,7 @@ def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
         measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
         for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
     ]
-    views = _views(setting, motions)
+    views = _views(setting, motions, linear)
     taken = {c.key for c in fit.candidates}
     candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
     exact = exact_sensitivities(setting, fit)
@@ -178,7 +180,7 @@ def _evidence(gram: Gram, candidates: Sequence[Candidate], n_knobs: int, rules: 
     return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
 
 
-def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]:
+def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
     """Return what effects may look at when they guess, per degree of freedom, all records joined."""
     places, views = setting.places, {}
     lowest = float(np.min(setting.nominal.omega_rad_s, initial=0.0)) / (2.0 * np.pi)
@@ -186,6 +188,7 @@ def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]
     joined = (
         None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
     )
+    wanted, seen = wanted_inputs(setting, linear, [m.residual for m in motions])
     for name in dict.fromkeys((*places.inputs, *places.outputs)):
         i = places.inputs.index(name) if name in places.inputs else 0
         o = places.outputs.index(name) if name in places.outputs else min(i, len(places.outputs) - 1)
@@ -197,6 +200,8 @@ def _views(setting: Setting, motions: Sequence[Motion]) -> dict[str, RecordView]
             np.concatenate([m.residual[:, o] for m in motions]),
             joined,
             lowest,
+            wanted[i],
+            seen[i],
         )
     return views
 

@@ -31,19 +31,22 @@ class Judgement:
     rivals: tuple[tuple[str, float], ...]
 
 
-def judge(found: Found) -> Judgement:
-    """Return the verdict on the outcome of a search."""
+def judge(found: Found, allowed: float = 0.0) -> Judgement:
+    """Return the verdict on the outcome of a search.
+
+    `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see.
+    """
     known = found.setting.whitener.repeats
     best = found.best
     inflation = max(1.0, best.misfit / best.rows) if known else 1.0
     if not best.candidates:
-        return Judgement(_without_cause(found), (), (), 1.0, inflation, ())
+        return Judgement(_without_cause(found, allowed), (), (), 1.0, inflation, ())
     named = _material(found)
     gaps = _gaps(found, named, inflation)
     weights = np.exp(-np.array([gap for _, gap in gaps]))
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
-    if not adequate(found):
+    if not adequate(found, allowed):
         return Judgement("unknown", (), (), probability, inflation, rivals)
     if probability >= SURE:
         return Judgement("named", named, (), probability, inflation, rivals)
@@ -56,7 +59,7 @@ def judge(found: Found) -> Judgement:
     return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
 
 
-def adequate(found: Found) -> bool:
+def adequate(found: Found, allowed: float = 0.0) -> bool:
     """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
     best, tuned = found.best, found.tuned
     if not found.setting.whitener.repeats:
@@ -65,16 +68,16 @@ def adequate(found: Found) -> bool:
         return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - EXPLAINED) * found.explained)
     # the noise level itself is known from as many numbers again: twice the variance of a mean square
     spread = 5.0 * np.sqrt(4.0 / best.rows) + 0.002
-    excess = best.misfit / best.rows - 1.0
+    excess = best.misfit / best.rows - 1.0 - allowed
     explained = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
     return bool(excess <= spread or explained >= EXPLAINED)
 
 
-def _without_cause(found: Found) -> Verdict:
+def _without_cause(found: Found, allowed: float) -> Verdict:
     """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
     tuned, last = found.tuned, found.last
     if found.setting.whitener.repeats:
-        excess = tuned.misfit / tuned.rows - 1.0
+        excess = tuned.misfit / tuned.rows - 1.0 - allowed
         if excess > 5.0 * np.sqrt(4.0 / tuned.rows) + 0.01:
             return "unknown"
     # what stood out in the screening and did not hold as any effect is there all the same
@@ -140,7 +143,7 @@ def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, 
     causes = []
     for i in judgement.named:
         effect = best.effects[i]
-        u, y = _units(effect, model)
+        u, y = units_of(effect, model)
         spread = np.sqrt(judgement.inflation)
         estimates = {}
         for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True):
@@ -152,7 +155,8 @@ def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, 
     return tuple(causes)
 
 
-def _units(effect: Effect, model: Model) -> tuple[str, str]:
+def units_of(effect: Effect, model: Model) -> tuple[str, str]:
+    """Return the units of input and output at the place of an effect."""
     target = effect.where.rpartition("->")[2]
     u = next((p.unit for p in model.inputs if p.dof == target), model.inputs[0].unit)
     y = next((p.unit for p in model.outputs if p.dof == target), model.outputs[0].unit)

@@ -33,5 +33,11 @@ class CommandQuantisation(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return steps from a 4096th of the largest command to a quarter of it."""
-        return [{"step_size": view.u_peak / steps} for steps in (4, 32, 256, 4096)]
+        """Return the steps that the residual speaks for, or from a 4096th of the largest command to a quarter of it."""
+        steps = view.likely_roundings(4) or [view.u_peak / parts for parts in (4, 32, 256, 4096)]
+        return [{"step_size": q} for q in steps]
+
+    @classmethod
+    def choices(cls, view: RecordView) -> int:
+        """Return how many steps were compared with the residual."""
+        return max(view.rounding_steps().size, 1)

@@ -5,9 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+_VISIBLE, _FINE, _MOST = 4.0, 0.2, 20_000
+"""Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
+that shift the input by so much of a step; at most so many are tried."""
+
+
+@njit(cache=True, nogil=True)
+def _rounding_scores(u, wanted, steps, scores):  # type: ignore[no-untyped-def]
+    """Fill `scores` with the sum of `wanted` times what rounding `u` (both n,) to each of `steps` adds, per step."""
+    for i in range(steps.size):
+        q, total = steps[i], 0.0
+        per = 1.0 / q
+        for k in range(u.size):
+            x = u[k] * per
+            total += wanted[k] * (np.floor(x + 0.5) - x)
+        scores[i] = total
 
 
 @dataclass(frozen=True)
@@ -15,7 +32,9 @@ class RecordView:
     """The signals at one place: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
 
     `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first
-    resonance of the nominal model at this place (0 for a rigid body).
+    resonance of the nominal model at this place (0 for a rigid body). `wanted` (n,), where known, is by how much the
+    likelihood would rise per unit of a small change of each sample of the input, and `seen` by how many standard
+    deviations of noise a change by one unit of a single sample moves the readings.
     """
 
     rate_hz: float
@@ -25,6 +44,8 @@ class RecordView:
     residual: Array
     temperature_k: Array | None
     lowest_mode_hz: float
+    wanted: Array | None = None
+    seen: float = 0.0
 
     @property
     def u_peak(self) -> float:
@@ -45,6 +66,37 @@ class RecordView:
     def duration_s(self) -> float:
         """Length of the record."""
         return self.u.size / self.rate_hz
+
+    def rounding_steps(self) -> Array:
+        """Return every step of a rounding of the input that is told apart from its neighbours, ascending."""
+        moving = self.u[self.wanted != 0.0] if self.wanted is not None else self.u[:0]
+        size = float(np.sqrt(np.mean(moving**2))) if moving.size else 0.0
+        if not (size > 0.0 and self.seen > 0.0):
+            return np.zeros(0)
+        # rounding to a step q adds an error of q²/12 to each sample
+        low = max(_VISIBLE * np.sqrt(12.0 / moving.size) / self.seen, size / (_FINE * _MOST))
+        # at a distance of _FINE q²/size an input of this size is shifted against its lattice by _FINE steps
+        count = int(max((1.0 / low - 4.0 / self.u_peak) * size / _FINE, 0.0))
+        return np.asarray(1.0 / (1.0 / low - np.arange(count) * _FINE / size))
+
+    def likely_roundings(self, n: int) -> list[float]:
+        """Return the `n` steps of a rounding of the input that the residual speaks for most."""
+        steps = self.rounding_steps()
+        if not steps.size or self.wanted is None:
+            return []
+        used = self.wanted != 0.0
+        u, wanted = np.ascontiguousarray(self.u[used]), np.ascontiguousarray(self.wanted[used])
+        scores = np.empty(steps.size)
+        _rounding_scores(u, wanted, steps, scores)
+        found = []
+        for _ in range(min(n, steps.size)):
+            i = int(np.argmax(scores))
+            near = 1.0 / (1.0 / steps[i] + np.linspace(-1.0, 1.0, 21) * _FINE / float(np.sqrt(np.mean(u**2))))
+            finer = np.empty(near.size)
+            _rounding_scores(u, wanted, near, finer)
+            found.append(float(near[int(np.argmax(finer))]))
+            scores[max(0, i - 2) : i + 3] = -np.inf
+        return found
 
     def residual_lines_hz(self, n: int) -> list[float]:
         """Return the `n` frequencies at which the residual's spectrum stands highest above its surroundings."""

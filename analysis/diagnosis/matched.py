@@ -1,0 +1,68 @@
+"""The residual through the plant backwards: what it asks of every sample of an input.
+
+The gain of a small change of an input is its inner product with this, so that thousands of changes can be compared with
+the residual without simulating any of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct, idct
+
+from analysis.diagnosis.fit import Setting
+from analysis.diagnosis.noise import Whitener, runs_of
+from analysis.diagnosis.responses import response
+from sim_backend.linear import ModalModel, discretise
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LONGEST = 20_000
+"""Samples after which the response to one sample is taken to be over."""
+
+
+def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Array]) -> tuple[list[Array], list[float]]:
+    """Return per input the gradient of the log-likelihood by its samples, all records joined, and one sample's effect.
+
+    `residuals` are one (n, n_y) per record. The gradient is zero outside the rows that are fitted; the effect is by how
+    many standard deviations of the noise one unit at one sample moves all readings.
+    """
+    model = discretise(linear, setting.data.rate_hz)
+    whitener = setting.whitener
+    wanted: list[Array] = []
+    for j in range(linear.n_inputs):
+        parts = []
+        for record, residual in zip(setting.data.records, residuals, strict=True):
+            fitted = record.fitted()
+            total = np.zeros(record.n)
+            for o in whitener.outputs:
+                white = _levelled(whitener, whitener.apply(residual[:, o, None], o)[:, 0], fitted, o)
+                back = np.ascontiguousarray(whitener.apply(white[::-1, None], o)[:, 0])
+                total += response(model, back, j, through_delay=True)[::-1, o]
+            parts.append(np.where(fitted, total, 0.0))
+        wanted.append(np.concatenate(parts))
+    return wanted, [_effect(setting, linear, j) for j in range(linear.n_inputs)]
+
+
+def _levelled(whitener: Whitener, white: Array, mask: Mask, output: int) -> Array:
+    """Return filtered values (n,) divided by the noise's levels in its low bands, zero outside the mask."""
+    out = np.zeros(white.size)
+    for start, stop in runs_of(mask):
+        spectrum = dct(white[start:stop], norm="ortho")
+        if whitener.levels.size:
+            band = np.searchsorted(whitener.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
+            low = band < whitener.levels.shape[1]
+            spectrum[low] /= whitener.levels[output][band[low]]
+        out[start:stop] = idct(spectrum, norm="ortho")
+    return out
+
+
+def _effect(setting: Setting, linear: ModalModel, j: int) -> float:
+    pulse = np.zeros(min(max(r.n for r in setting.data.records), _LONGEST))
+    pulse[0] = 1.0
+    moved = response(discretise(linear, setting.data.rate_hz), pulse, j)
+    white = [setting.whitener.apply(moved[:, o, None], o) for o in setting.whitener.outputs]
+    return float(np.sqrt(sum(float(np.sum(w**2)) for w in white)))

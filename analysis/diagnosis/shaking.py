@@ -1,0 +1,189 @@
+"""Broadband vibration: a hump in the spectrum of the noise that has the form of a torque through the plant.
+
+The spectrum of what does not repeat is fitted with a smooth floor of each output, alone and with |G|² times a
+resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency of as many terms as the
+Bayesian information criterion likes. A torque of all frequencies is an amplifier's noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from analysis.diagnosis.chance import Chance
+from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.whittle import Band, Start, Whittle, series_of, spectrum_of
+from sim_backend.effects.amplifier_noise import AmplifierNoise
+from sim_backend.effects.base import Effect
+from sim_backend.effects.broadband_vibration import BroadbandVibration
+from sim_backend.effects.command_quantisation import CommandQuantisation
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+_ORDERS = (4, 6, 8, 10, 12)
+"""Terms of the floor's polynomial."""
+
+_PITCH, _WIDTH, _FIRST_TERMS = 1.4, 0.3, 6
+"""Grid of starts: ratio of neighbouring centres, width in parts of the centre, and terms of the floor below."""
+
+_STARTS = 3
+"""Bands of the grid, per input, that are fitted over every floor."""
+
+_NARROW = 4.0
+"""A band below so many times the frequency resolution is a line, which is another effect."""
+
+_CHUNK = 2048
+_STEADY = 0.5
+"""Whether the band is there as well when little moves, at least to this part, is seen on chunks of so many rows."""
+
+
+def shaking(setting: Setting, fit: Fit) -> list[Chance]:
+    """Return the random torque that the noise shows, broadband vibration or an amplifier's noise, if there is one."""
+    acting = {(type(e), e.where) for e in (*setting.known, *fit.effects)}
+    series = [
+        part
+        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
+        for part in series_of(setting, record, _white(setting, residual))
+    ]
+    spectrum = spectrum_of(setting, [x for x, _ in series])
+    if spectrum is None:
+        return []
+    linear = linear_of(setting, fit)
+    whittle = Whittle.of(spectrum, linear, setting.data.rate_hz)
+    found = _best(whittle, float(1.0 / max(x.shape[0] for x, _ in series)) * setting.data.rate_hz)
+    if found is None or not _steady(setting, linear, series, found.band):
+        return []
+    place = setting.places.inputs[found.band.input]
+    kind = AmplifierNoise if math.isinf(found.band.width_hz) else BroadbandVibration
+    return [] if (kind, place) in acting else [_chance(setting, whittle, found, place)]
+
+
+def _white(setting: Setting, residual: Array) -> Array:
+    columns = [setting.whitener.apply(residual[:, o, None], o)[:, 0] for o in setting.whitener.outputs]
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best band with its evidence against nothing, its p-value, and how far the other kind or place trails."""
+
+    band: Band
+    evidence: float
+    p_value: float
+    rivals: tuple[tuple[Band, float], ...]
+
+
+def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
+    numbers = float(whittle.spectrum.count.sum()) * whittle.spectrum.power.shape[0]
+    price = 0.5 * math.log(numbers)
+    n_y, n_u = whittle.gain.shape[:2]
+    orders = [k for k in _ORDERS if 3 * k < whittle.spectrum.count.size]
+    floors = {k: whittle.floor(k) for k in orders}
+    if not floors:
+        return None
+    nothing = max(value - price * n_y * k for k, (_, value) in floors.items())
+    flexible = max(value for _, value in floors.values())
+    terms = min(_FIRST_TERMS, max(orders))
+    starts, tried = _starts(whittle, floors[terms][0], terms)
+    best: dict[tuple[int, bool], tuple[float, Band]] = {}
+    for terms, (floor, _) in floors.items():
+        for start in starts:
+            band = whittle.band(terms, start, floor)
+            if band is None or band.width_hz < _NARROW * resolution_hz:
+                continue
+            wide = math.isinf(band.width_hz)
+            value = band.log_likelihood - price * (n_y * terms + 1) - (0.0 if wide else _narrowed(whittle, band))
+            key = band.input, wide
+            if key not in best or value > best[key][0]:
+                best[key] = value, band
+    if not best:
+        return None
+    top = max(best, key=lambda k: best[k][0])
+    value, band = best[top]
+    # against the most flexible floor of all, at any place of the grid
+    p_value = min(tried * float(chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
+    rivals = tuple((other, value - v) for key, (v, other) in best.items() if key != top)
+    return _Best(band, value - nothing, p_value, rivals)
+
+
+def _narrowed(whittle: Whittle, band: Band) -> float:
+    """Return the logarithm by which the data narrow centre and width, either of which may be of any size at first."""
+    f = whittle.spectrum.frequency_hz
+    room = math.log(float(f[-1, -1]) / float(f[0, 0]))
+    share = (band.std[1] / band.centre_hz, band.std[2] / band.width_hz)
+    return sum(max(math.log(room / (math.sqrt(2.0 * math.pi) * max(s, 1e-12))), 0.0) for s in share)
+
+
+def _starts(whittle: Whittle, floor: Array, terms: int) -> tuple[list[Start], int]:
+    """Return starts for every input, and how many were tried for them.
+
+    Whittle's likelihood has a maximum near every feature of the spectrum; a band is fitted from each of many centres.
+    """
+    low, high = float(whittle.spectrum.frequency_hz[0, 0]), float(whittle.spectrum.frequency_hz[-1, -1])
+    centres = np.geomspace(low * _PITCH, high / _PITCH, max(round(math.log(high / low) / math.log(_PITCH)), 2))
+
+    def start(j: int, centre: float, width: float, steep: bool) -> Start:
+        return j, centre, width, steep, 1.0 / float(np.max(whittle.hump(j, centre, width, steep) / floor))
+
+    starts = []
+    for j in range(whittle.gain.shape[1]):
+        tried = [whittle.band(terms, start(j, float(c), _WIDTH * float(c), True), floor) for c in centres]
+        bands = sorted((b for b in tried if b is not None), key=lambda b: -b.log_likelihood)[:_STARTS]
+        starts += [(j, b.centre_hz, b.width_hz, steep, b.rms**2) for b in bands for steep in (True, False)]
+        starts.append(start(j, 1.0, math.inf, True))
+    return starts, 2 * centres.size * whittle.gain.shape[1]
+
+
+def _steady(setting: Setting, linear: ModalModel, series: Sequence[tuple[Array, Array]], band: Band) -> bool:
+    """Tell whether the band is there as well in the half of the rows in which less is played."""
+    chunks = [
+        (x[a : a + _CHUNK], float(motion[a : a + _CHUNK].mean()))
+        for x, motion in series
+        for a in range(0, max(x.shape[0] - _CHUNK // 2, 1), _CHUNK)
+    ]
+    middle = float(np.median([size for _, size in chunks]))
+    halves = [[x for x, size in chunks if (size > middle) is loud] for loud in (False, True)]
+    seen = []
+    for half in halves:
+        spectrum = spectrum_of(setting, half)
+        if spectrum is None:
+            return True
+        seen.append(Whittle.of(spectrum, linear, setting.data.rate_hz).strength(band))
+    (quiet, first), (loud, second) = seen
+    return quiet > _STEADY * loud - 4.0 * math.hypot(first, _STEADY * second)
+
+
+def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Chance:
+    band = found.band
+    effect: Effect
+    if math.isinf(band.width_hz):
+        effect, std = AmplifierNoise(place, std=band.rms), {"std": band.std[0]}
+    else:
+        effect = BroadbandVibration(place, rms=band.rms, centre_hz=band.centre_hz, bandwidth_hz=band.width_hz)
+        std = dict(zip(("rms", "centre_hz", "bandwidth_hz"), band.std, strict=True))
+    hump = band.rms**2 * whittle.hump(band.input, band.centre_hz, band.width_hz, band.steep)
+    f = whittle.spectrum.frequency_hz.mean(axis=1) / setting.data.rate_hz
+    line = np.exp(-2j * np.pi * np.outer(f, np.arange(setting.whitener.order + 1)))
+    raised = hump * np.abs(line @ setting.whitener.taps.T).T ** 2
+    count = whittle.spectrum.count
+    rivals = [gap for other, gap in found.rivals if math.isinf(other.width_hz) is not math.isinf(band.width_hz)]
+    if math.isinf(band.width_hz):
+        # a torque of all frequencies may be any of these: a wide band, or what rounding leaves of a lively command
+        names = [(name, 0.0) for name in (BroadbandVibration.name, CommandQuantisation.name)]
+    else:
+        names = [(name, gap) for gap in rivals for name in (AmplifierNoise.name, CommandQuantisation.name)]
+    return Chance(
+        effect,
+        std,
+        found.evidence,
+        found.p_value,
+        float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
+        math.sqrt(0.5 * float(np.sum(count * (hump / whittle.spectrum.power) ** 2))),
+        tuple(names),
+    )
