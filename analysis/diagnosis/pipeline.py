@@ -13,6 +13,7 @@ from analysis.diagnosis.dataset import Dataset
 from analysis.diagnosis.evidence import evidence
 from analysis.diagnosis.fit import Setting
 from analysis.diagnosis.gain import gain_of
+from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.next_experiment import choose
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.responses import simulate
@@ -153,7 +154,7 @@ def diagnose(
     tell apart. Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
     """
     options = options or Options()
-    found = search_causes(data, model, options, progress)
+    found = without_lines(search_causes(data, model, options, progress))
     progress("weighing the evidence", 0.9)
     searched = searched_effects(options)
     spread = spread_causes(found.setting, found.best, searched, found.explained)

@@ -1,15 +1,15 @@
 """Broadband vibration: a hump in the spectrum of the noise that has the form of a torque through the plant.
 
 The spectrum of what does not repeat is fitted with a smooth floor of each output, alone and with |G|² times a
-resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency of as many terms as the
-Bayesian information criterion likes. A torque of all frequencies is an amplifier's noise.
+resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency of as many terms as Akaike's
+criterion likes. A torque of all frequencies is an amplifier's noise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,22 +46,41 @@ _STEADY = 0.5
 def shaking(setting: Setting, fit: Fit) -> list[Chance]:
     """Return the random torque that the noise shows, broadband vibration or an amplifier's noise, if there is one."""
     acting = {(type(e), e.where) for e in (*setting.known, *fit.effects)}
-    series = [
-        part
-        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
-        for part in series_of(setting, record, _white(setting, residual))
-    ]
-    spectrum = spectrum_of(setting, [x for x, _ in series])
-    if spectrum is None:
-        return []
-    linear = linear_of(setting, fit)
-    whittle = Whittle.of(spectrum, linear, setting.data.rate_hz)
-    found = _best(whittle, float(1.0 / max(x.shape[0] for x, _ in series)) * setting.data.rate_hz)
-    if found is None or not _steady(setting, linear, series, found.band):
+    series = _series(setting, fit)
+    whittle = _whittle(setting, fit, [x for x, _ in series])
+    found = None if whittle is None else _best(whittle, _resolution(setting, series))
+    if whittle is None or found is None or not _steady(setting, linear_of(setting, fit), series, found.band):
         return []
     place = setting.places.inputs[found.band.input]
     kind = AmplifierNoise if math.isinf(found.band.width_hz) else BroadbandVibration
     return [] if (kind, place) in acting else [_chance(setting, whittle, found, place)]
+
+
+def noise_evidence(setting: Setting, fit: Fit) -> float:
+    """Return the logarithm of the evidence of what does not repeat under the best floor, with or without a torque."""
+    series = _series(setting, fit)
+    whittle = _whittle(setting, fit, [x for x, _ in series])
+    if whittle is None:
+        return 0.0
+    found = _best(whittle, _resolution(setting, series))
+    return _nothing(whittle)[0] + (max(found.evidence, 0.0) if found else 0.0)
+
+
+def _series(setting: Setting, fit: Fit) -> list[tuple[Array, Array]]:
+    return [
+        part
+        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
+        for part in series_of(setting, record, _white(setting, residual))
+    ]
+
+
+def _whittle(setting: Setting, fit: Fit, series: Sequence[Array]) -> Whittle | None:
+    spectrum = spectrum_of(setting, series)
+    return None if spectrum is None else Whittle.of(spectrum, linear_of(setting, fit), setting.data.rate_hz)
+
+
+def _resolution(setting: Setting, series: Sequence[tuple[Array, Array]]) -> float:
+    return setting.data.rate_hz / max(x.shape[0] for x, _ in series)
 
 
 def _white(setting: Setting, residual: Array) -> Array:
@@ -80,26 +99,20 @@ class _Best:
 
 
 def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
-    numbers = float(whittle.spectrum.count.sum()) * whittle.spectrum.power.shape[0]
-    price = 0.5 * math.log(numbers)
-    n_y, n_u = whittle.gain.shape[:2]
-    orders = [k for k in _ORDERS if 3 * k < whittle.spectrum.count.size]
-    floors = {k: whittle.floor(k) for k in orders}
-    if not floors:
-        return None
-    nothing = max(value - price * n_y * k for k, (_, value) in floors.items())
+    nothing, floors = _nothing(whittle)
+    price, n_y = _price(whittle), whittle.gain.shape[0]
     flexible = max(value for _, value in floors.values())
-    terms = min(_FIRST_TERMS, max(orders))
+    terms = min(_FIRST_TERMS, max(floors))
     starts, tried = _starts(whittle, floors[terms][0], terms)
-    best: dict[tuple[int, bool], tuple[float, Band]] = {}
+    best: dict[tuple[int, bool, bool], tuple[float, Band]] = {}
     for terms, (floor, _) in floors.items():
         for start in starts:
             band = whittle.band(terms, start, floor)
             if band is None or band.width_hz < _NARROW * resolution_hz:
                 continue
             wide = math.isinf(band.width_hz)
-            value = band.log_likelihood - price * (n_y * terms + 1) - (0.0 if wide else _narrowed(whittle, band))
-            key = band.input, wide
+            value = band.log_likelihood - n_y * terms - price - (0.0 if wide else _narrowed(whittle, band))
+            key = band.input, wide, band.steep
             if key not in best or value > best[key][0]:
                 best[key] = value, band
     if not best:
@@ -108,8 +121,43 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
     value, band = best[top]
     # against the most flexible floor of all, at any place of the grid
     p_value = min(tried * float(chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
-    rivals = tuple((other, value - v) for key, (v, other) in best.items() if key != top)
-    return _Best(band, value - nothing, p_value, rivals)
+    rivals = tuple((other, value - v) for key, (v, other) in best.items() if key[:2] != top[:2])
+    forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
+    return _Best(_blended(band, forms), value - nothing, p_value, rivals)
+
+
+def _price(whittle: Whittle) -> float:
+    """Return what one parameter costs: half the logarithm of all numbers."""
+    return 0.5 * math.log(float(whittle.spectrum.count.sum()) * whittle.spectrum.power.shape[0])
+
+
+def _nothing(whittle: Whittle) -> tuple[float, dict[int, tuple[Array, float]]]:
+    """Return the evidence of the best floor alone, and every floor with its log-likelihood by its terms.
+
+    A term costs one (Akaike 1974): a floor that is too stiff would pull a band aside.
+    """
+    orders = [k for k in _ORDERS if 3 * k < whittle.spectrum.count.size]
+    floors = {k: whittle.floor(k) for k in orders or _ORDERS[:1]}
+    n_y = whittle.gain.shape[0]
+    return max(value - n_y * k for k, (_, value) in floors.items()), floors
+
+
+def _blended(band: Band, forms: Sequence[tuple[float, Band]]) -> Band:
+    """Return `band` with the mean of its numbers over both forms of its flanks, and their scatter in what is known."""
+    weight = np.exp([v for v, _ in forms])
+    weight /= weight.sum()
+    values = np.array([[b.rms, b.centre_hz, b.width_hz] for _, b in forms])
+    if not np.all(np.isfinite(values)):
+        return band
+    mean = weight @ values
+    std = np.sqrt(weight @ (np.array([b.std for _, b in forms]) ** 2 + (values - mean) ** 2))
+    return replace(
+        band,
+        rms=float(mean[0]),
+        centre_hz=float(mean[1]),
+        width_hz=float(mean[2]),
+        std=(float(std[0]), float(std[1]), float(std[2])),
+    )
 
 
 def _narrowed(whittle: Whittle, band: Band) -> float:

@@ -1,0 +1,33 @@
+"""A line or a band: noise in a narrow band looks like a line while it is watched, and is given up for the band."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from analysis.diagnosis.refit import refit
+from analysis.diagnosis.search import SURE, Found
+from analysis.diagnosis.shaking import noise_evidence
+from sim_backend.effects.vibration_line import VibrationLine
+
+
+def without_lines(found: Found) -> Found:
+    """Return the outcome without its vibration lines, where random vibration explains the data as well.
+
+    Both are compared by the evidence of what does not repeat, the noise of either being free to have a band; a line
+    must be worth its parameters (each half the logarithm of the rows) and being sure.
+    """
+    best, setting = found.best, found.setting
+    keep = [i for i, c in enumerate(best.candidates) if c.effect is not VibrationLine]
+    count = len(best.candidates) - len(keep)
+    if not count:
+        return found
+    candidates, sizes = best.held(keep)
+    rest = refit(setting, candidates, sizes, best.change, exact=True)
+    price = math.log(SURE / (1.0 - SURE)) + 0.5 * len(VibrationLine.parameters()) * count * math.log(best.rows)
+    worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
+    if worth > price or not math.isfinite(rest.misfit):
+        return found
+    explained = max(found.explained - max(rest.misfit - best.misfit, 0.0), 0.0) if candidates else 0.0
+    rivals = tuple(f for f in found.rivals if not any(c.effect is VibrationLine for c in f.candidates))
+    return replace(found, best=rest, rivals=rivals, explained=explained)

@@ -1,0 +1,64 @@
+"""A bench of one mode and settings about given residuals, for tests of what is seen in the residual alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter
+
+from analysis.diagnosis.dataset import Dataset, Record, Window
+from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.noise import Whitener
+from sim_backend.assembly import places_of, transducers_of
+from sim_backend.model import Mode, Model, Port
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 1000.0
+RESONANCE_HZ, DECAY_1_S = 20.0, 12.0
+_OMEGA = 2.0 * np.pi * RESONANCE_HZ
+
+MODEL = Model(
+    name="oscillator",
+    sample_rate_hz=RATE_HZ,
+    inputs=[Port(name="force", unit="N", dof="x")],
+    outputs=[Port(name="x", unit="m", dof="x")],
+    modes=[
+        Mode(
+            label="only",
+            frequency_hz=RESONANCE_HZ,
+            decay_rate_1_s=DECAY_1_S,
+            input={"force": _OMEGA**2},
+            output={"x": 1.0},
+        )
+    ],
+)
+
+
+def moved(force: Array) -> Array:
+    """Return the oscillator's displacement under a held `force` (n,), by scipy's own discretisation."""
+    top, bottom, _ = cont2discrete(([_OMEGA**2], [1.0, 2.0 * DECAY_1_S, _OMEGA**2]), 1.0 / RATE_HZ)
+    return np.asarray(lfilter(top.ravel(), bottom, force))
+
+
+def setting_of(force: Array, reading: Array, residual: Array, noise_std: float, period: int = 0) -> tuple[Setting, Fit]:
+    """Return a setting of one record with white noise of known size, and the fit that leaves `residual` (n,)."""
+    n = force.size
+    record = Record("run", force[:, None], reading[:, None], (Window("all", 0, n, False, period),))
+    whitener = Whitener(np.array([[1.0 / noise_std]]), bool(period))
+    setting = Setting(
+        Dataset(RATE_HZ, (record,)),
+        MODEL.linear(),
+        (),
+        places_of(MODEL),
+        transducers_of(MODEL),
+        [],
+        whitener,
+        (),
+        (),
+        1,
+    )
+    none = np.zeros(0)
+    misfit = float(np.sum((residual / noise_std) ** 2))
+    fit = Fit((), none, (), misfit, 0.0, n, 0.0, 0.0, (), none, none, (residual[:, None],))
+    return setting, fit
