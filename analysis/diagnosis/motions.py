@@ -24,11 +24,16 @@ _OVERSUBTRACTION = 6.0
 """A frequency counts as motion only where the smoothed power is this many times the noise: beyond its chance
 fluctuations."""
 
+_MOVED = 0.1
+"""An output moves when its simulation is at least this part of its residual."""
+
 
 def measured_motion(record: Record, simulated: Array, residual: Array, whitener: Whitener, rate_hz: float) -> Motion:
     """Return the motion of a record from its `simulated` position and the fit's `residual`, both (n, n_y)."""
     cleaned = np.stack([_clean(residual[:, o], whitener, o) for o in range(record.y.shape[1])], axis=1)
-    position = simulated + cleaned
+    # where next to nothing was driven, all that moves is noise and what leaks from other axes: no motion to act along
+    moved = np.std(simulated, axis=0) > _MOVED * np.std(residual, axis=0)
+    position = np.where(moved, simulated + cleaned, simulated)
     return Motion(
         record.u, position, simulated, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k
     )

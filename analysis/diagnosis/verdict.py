@@ -7,11 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search import IMITATED, MATERIAL, SURE, Found, score
 from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
+
+_OVERWHELMING = 10.0
+"""A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
+the threshold."""
 
 EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
@@ -80,9 +85,25 @@ def _without_cause(found: Found, allowed: float) -> Verdict:
         excess = tuned.misfit / tuned.rows - 1.0 - allowed
         if excess > 5.0 * np.sqrt(4.0 / tuned.rows) + 0.01:
             return "unknown"
-    # what stood out in the screening and did not hold as any effect is there all the same
     trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
-    return "unknown" if np.any(trusted & (last.gains > last.threshold)) else "consistent"
+    for i in np.flatnonzero(trusted & (last.gains > last.threshold)):
+        if (
+            last.gains[i] > _OVERWHELMING * last.threshold
+            or _realised(found, last.candidates[i]) > 0.25 * last.gains[i]
+        ):
+            return "unknown"
+    return "consistent"
+
+
+def _realised(found: Found, candidate: Candidate) -> float:
+    """Return by how much the refit with a candidate alone improved the fit; less than its screening where that erred.
+
+    What was not refitted counts as realised in full.
+    """
+    known, tuned = found.setting.whitener.repeats, found.tuned
+    fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
+    gained = [score(tuned, known) - score(r, known) + 2.0 * (r.occam - tuned.occam) for r in fits]
+    return max(gained, default=np.inf)
 
 
 def _material(found: Found) -> tuple[int, ...]:
