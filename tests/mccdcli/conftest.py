@@ -31,7 +31,7 @@ def mccd() -> Run:
             [sys.executable, "-m", "mccdcli", *arguments],
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=180,
             stdin=subprocess.DEVNULL,
             env=os.environ | environment,
         )
