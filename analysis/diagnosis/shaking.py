@@ -19,7 +19,6 @@ from analysis.diagnosis.chance import Chance
 from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.whittle import Band, Start, Whittle, series_of, spectrum_of
 from sim_backend.effects.amplifier_noise import AmplifierNoise
-from sim_backend.effects.base import Effect
 from sim_backend.effects.broadband_vibration import BroadbandVibration
 from sim_backend.effects.command_quantisation import CommandQuantisation
 from sim_backend.linear import ModalModel
@@ -35,6 +34,9 @@ _PITCH, _WIDTH, _FIRST_TERMS = 1.4, 0.3, 6
 _STARTS = 3
 """Bands of the grid, per input, that are fitted over every floor."""
 
+_SURE = math.log(99.0)
+"""A lead in evidence, as a natural logarithm, that leaves one chance in a hundred."""
+
 _NARROW = 4.0
 """A band below so many times the frequency resolution is a line, which is another effect."""
 
@@ -44,16 +46,16 @@ _STEADY = 0.5
 
 
 def shaking(setting: Setting, fit: Fit) -> list[Chance]:
-    """Return the random torque that the noise shows, broadband vibration or an amplifier's noise, if there is one."""
-    acting = {(type(e), e.where) for e in (*setting.known, *fit.effects)}
+    """Return the broadband vibration that the noise shows, if there is one."""
     series = _series(setting, fit)
     whittle = _whittle(setting, fit, [x for x, _ in series])
     found = None if whittle is None else _best(whittle, _resolution(setting, series))
     if whittle is None or found is None or not _steady(setting, linear_of(setting, fit), series, found.band):
         return []
     place = setting.places.inputs[found.band.input]
-    kind = AmplifierNoise if math.isinf(found.band.width_hz) else BroadbandVibration
-    return [] if (kind, place) in acting else [_chance(setting, whittle, found, place)]
+    known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
+    # noise of all frequencies through the plant is an amplifier's, which is no error of a simulation
+    return [] if known or found.lead < -_SURE else [_chance(setting, whittle, found, place)]
 
 
 def noise_evidence(setting: Setting, fit: Fit) -> float:
@@ -90,12 +92,12 @@ def _white(setting: Setting, residual: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Best:
-    """The best band with its evidence against nothing, its p-value, and how far the other kind or place trails."""
+    """The best band with its evidence against nothing, its p-value, and how far a torque of all frequencies trails."""
 
     band: Band
     evidence: float
     p_value: float
-    rivals: tuple[tuple[Band, float], ...]
+    lead: float
 
 
 def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
@@ -117,13 +119,16 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
                 best[key] = value, band
     if not best:
         return None
-    top = max(best, key=lambda k: best[k][0])
+    finite = [key for key in best if not key[1]]
+    if not finite:
+        return None
+    top = max(finite, key=lambda k: best[k][0])
     value, band = best[top]
     # against the most flexible floor of all, at any place of the grid
     p_value = min(tried * float(chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
-    rivals = tuple((other, value - v) for key, (v, other) in best.items() if key[:2] != top[:2])
     forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
-    return _Best(_blended(band, forms), value - nothing, p_value, rivals)
+    unbounded = max((v for key, (v, _) in best.items() if key[1]), default=-math.inf)
+    return _Best(_blended(band, forms), value - nothing, p_value, value - unbounded)
 
 
 def _price(whittle: Whittle) -> float:
@@ -209,23 +214,15 @@ def _steady(setting: Setting, linear: ModalModel, series: Sequence[tuple[Array, 
 
 def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Chance:
     band = found.band
-    effect: Effect
-    if math.isinf(band.width_hz):
-        effect, std = AmplifierNoise(place, std=band.rms), {"std": band.std[0]}
-    else:
-        effect = BroadbandVibration(place, rms=band.rms, centre_hz=band.centre_hz, bandwidth_hz=band.width_hz)
-        std = dict(zip(("rms", "centre_hz", "bandwidth_hz"), band.std, strict=True))
+    effect = BroadbandVibration(place, rms=band.rms, centre_hz=band.centre_hz, bandwidth_hz=band.width_hz)
+    std = dict(zip(("rms", "centre_hz", "bandwidth_hz"), band.std, strict=True))
     hump = band.rms**2 * whittle.hump(band.input, band.centre_hz, band.width_hz, band.steep)
     f = whittle.spectrum.frequency_hz.mean(axis=1) / setting.data.rate_hz
     line = np.exp(-2j * np.pi * np.outer(f, np.arange(setting.whitener.order + 1)))
     raised = hump * np.abs(line @ setting.whitener.taps.T).T ** 2
     count = whittle.spectrum.count
-    rivals = [gap for other, gap in found.rivals if math.isinf(other.width_hz) is not math.isinf(band.width_hz)]
-    if math.isinf(band.width_hz):
-        # a torque of all frequencies may be any of these: a wide band, or what rounding leaves of a lively command
-        names = [(name, 0.0) for name in (BroadbandVibration.name, CommandQuantisation.name)]
-    else:
-        names = [(name, gap) for gap in rivals for name in (AmplifierNoise.name, CommandQuantisation.name)]
+    # what rounding leaves of a lively command is a torque of all frequencies as well
+    rivals = [(name, found.lead) for name in (AmplifierNoise.name, CommandQuantisation.name)]
     return Chance(
         effect,
         std,
@@ -233,5 +230,5 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
         found.p_value,
         float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
         math.sqrt(0.5 * float(np.sum(count * (hump / whittle.spectrum.power) ** 2))),
-        tuple(names),
+        tuple(rivals),
     )

@@ -40,18 +40,13 @@ def _case(seed: int, rms: float, centre_hz: float, width_hz: float):  # type: ig
 
 @pytest.mark.parametrize(("rms", "centre_hz", "width_hz"), [(0.01, 30.0, 6.0), (0.01, 12.0, 4.0), (0.1, 60.0, 15.0)])
 def test_a_band_is_found_and_measured(rms: float, centre_hz: float, width_hz: float) -> None:
-    """Each of its numbers, over four records, is right to three standard deviations of their mean.
-
-    Where an estimate is of a neighbouring kind (a band without limits) it does not count, but that may happen once.
-    """
+    """Each of its numbers, over four records, is right to three standard deviations of their mean."""
     off = []
     for seed in range(4):
         (cause,) = shaking(*_case(seed, rms, centre_hz, width_hz))
         assert cause.p_value < 1e-6
-        if cause.effect.name == "broadband-vibration":
-            truth = {"rms": rms, "centre_hz": centre_hz, "bandwidth_hz": width_hz}
-            off.append([(getattr(cause.effect, k) - v) / cause.std[k] for k, v in truth.items()])
-    assert len(off) >= 3
+        truth = {"rms": rms, "centre_hz": centre_hz, "bandwidth_hz": width_hz}
+        off.append([(getattr(cause.effect, k) - v) / cause.std[k] for k, v in truth.items()])
     # half a standard deviation more for what a digital resonator differs from a continuous one
     assert np.max(np.abs(np.mean(off, axis=0))) < 3.0 / math.sqrt(len(off)) + 0.5
 
@@ -65,15 +60,17 @@ def test_none_is_found_in_coloured_noise_alone() -> None:
     assert np.sum(np.array(values) < 0.002) <= 1
 
 
-def test_a_torque_of_all_frequencies_stays_tied() -> None:
-    """An amplifier's noise, a very wide band and a rounded command look alike."""
-    rng = np.random.default_rng(9)
-    force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
-    residual = _noise(rng) + moved(0.05 * rng.standard_normal(N))
-    (cause,) = shaking(*setting_of(force, moved(force) + residual, residual, 0.01))
-    assert cause.effect.name == "amplifier-noise"
-    assert cause.effect.values()[0] == pytest.approx(0.05, abs=4.0 * cause.std["std"])
-    assert {name for name, gap in cause.rivals if gap < 1.0} == {"broadband-vibration", "command-quantisation"}
+def test_a_torque_of_all_frequencies_is_never_sure_to_be_a_band() -> None:
+    """Amplifier noise, a very wide band and a rounded command look alike: they are tied, or nothing is said."""
+    for seed in range(5):
+        rng = np.random.default_rng(900 + seed)
+        force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
+        residual = _noise(rng) + moved(0.05 * rng.standard_normal(N))
+        for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
+            assert {name for name, gap in cause.rivals if gap < math.log(99.0)} == {
+                "amplifier-noise",
+                "command-quantisation",
+            }
 
 
 def test_what_shakes_only_while_much_is_played_is_no_vibration() -> None:
