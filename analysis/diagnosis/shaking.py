@@ -65,7 +65,8 @@ def noise_evidence(setting: Setting, fit: Fit) -> float:
     if whittle is None:
         return 0.0
     found = _best(whittle, _resolution(setting, series))
-    return _nothing(whittle)[0] + (max(found.evidence, 0.0) if found else 0.0)
+    # a torque of all frequencies may be the better one
+    return _nothing(whittle)[0] + (max(found.evidence + max(-found.lead, 0.0), 0.0) if found else 0.0)
 
 
 def _series(setting: Setting, fit: Fit) -> list[tuple[Array, Array]]:
