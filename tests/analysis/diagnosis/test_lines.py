@@ -28,7 +28,7 @@ def _found(shake: np.ndarray, frequency_hz: float) -> Found:
     tuned = refit(setting, (), np.zeros(0), np.zeros(0))
     unit = {"cosine": 0.01, "sine": 0.01}
     trials = []
-    for f in frequency_hz + (-0.2, 0.05, 0.2):
+    for f in frequency_hz + np.array([-0.2, 0.05, 0.2]):
         line = Candidate(VibrationLine, "x", {"frequency_hz": float(f)}, unit, {"frequency_hz": frequency_hz})
         trials.append(refit(setting, (line,), np.array([0.3, 0.3]), np.zeros(0), exact=True))
     best = min(trials, key=lambda fit: fit.objective)
