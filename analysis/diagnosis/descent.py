@@ -38,7 +38,8 @@ class Descent(Generic[Point]):
 
     `evaluate` gives a point, `normal` its equations (H, -gradient/2).
 
-    `low` and `high` bound the parameters; `cap` (n,) is how far each may move in one step.
+    `low` and `high` bound the parameters; `cap` (n,) is how far each may move in one step. `rows` is how many numbers
+    of unit variance the sum of squares is of; without it the variance is taken for one.
     """
 
     def __init__(
@@ -48,9 +49,11 @@ class Descent(Generic[Point]):
         low: Array,
         high: Array,
         cap: Array,
+        rows: int = 0,
     ) -> None:
         self._evaluate, self._normal = evaluate, normal
         self._low, self._high, self._cap = low, high, cap
+        self._rows = rows
 
     def run(self, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point found from `x` in at most `steps` steps, and its evaluation."""
@@ -64,7 +67,9 @@ class Descent(Generic[Point]):
                 break
             gained = here.objective - moved[1].objective
             x, here, damping = moved
-            if gained < _CLOSE and damping < _FREE:
+            # where far more than noise is left, so much more is a tenth of a standard deviation
+            level = max(1.0, here.objective / self._rows) if self._rows else 1.0
+            if gained < _CLOSE * level and damping < _FREE:
                 break  # a short step that gains little says nothing; a free one does
         return x, here
 

@@ -17,12 +17,16 @@ import numpy as np
 from analysis.diagnosis.channels import Match, check_finite, match_channels, saturation
 from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.holding import with_held_out
+from analysis.diagnosis.tuning import knobs_of
 from campaigns.log import Run, read_run, sha256_of
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model
 
 MAX_ROWS = 1_000_000
 """Rows that are taken into memory; of more, stretches from the beginning, the middle and the end of each segment."""
+
+MAX_PRODUCTS = 20_000_000
+"""Rows times re-tunable numbers of the model that are taken: what their derivatives cost in memory and time."""
 
 MIN_ROWS = 60
 """Fewest rows that a fit may use: three per output would fit a noise model alone."""
@@ -79,6 +83,7 @@ def load_runs(paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_
 
 def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     rate_hz = _common_rate(runs)
+    max_rows = min(max_rows, max(MAX_PRODUCTS // max(len(knobs_of(model.linear(), 1.0)), 1), MIN_ROWS))
     matches = [match_channels(run, model) for run in runs]
     stretches = [_stretches(run) for run in runs]
     total = sum(s.stop - s.start for per_run in stretches for s in per_run)
@@ -90,8 +95,13 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
         if run.status != "complete"
     ]
     if total > max_rows:
-        notes.append(f"{total} rows were recorded; about {max_rows} of them are used, spread over every segment")
-        stretches = [[piece for s in per_run for piece in _thinned(s, max_rows / total)] for per_run in stretches]
+        share = max_rows / total
+        if all(w.period for per_run in stretches for s in per_run for w in s.windows) and all(map(_many, stretches)):
+            notes.append(f"{total} rows were recorded; one realisation in {round(1 / share)} is used, of every kind")
+            stretches = [_some(per_run, share) for per_run in stretches]
+        else:
+            notes.append(f"{total} rows were recorded; about {max_rows} of them are used, spread over every segment")
+            stretches = [[piece for s in per_run for piece in _thinned(s, share)] for per_run in stretches]
     warm = all(match.temperature is not None for match in matches)
     records: list[Record] = []
     sources: list[Source] = []
@@ -147,6 +157,22 @@ def _continuous(run: Run) -> bool:
         return "parts" not in tomllib.loads(text)
     except (ValueError, AttributeError, TypeError):  # not the configuration of an import
         return True
+
+
+def _many(stretches: Sequence[_Stretch]) -> bool:
+    """Tell whether a run is many independent stretches of one segment each, as realisations are."""
+    return len(stretches) > 6 and all(len(s.windows) == 1 for s in stretches)
+
+
+def _some(stretches: Sequence[_Stretch], share: float) -> list[_Stretch]:
+    """Return evenly chosen ones of those to fit and of those held out, at least three of each if there are."""
+    chosen: list[_Stretch] = []
+    for held in (False, True):
+        group = [s for s in stretches if s.windows[0].held_out is held]
+        count = min(max(round(share * len(group)), 3), len(group))
+        at = (np.arange(count) + 0.5) * len(group) / max(count, 1)
+        chosen += [group[int(i)] for i in at]
+    return chosen
 
 
 def _thinned(stretch: _Stretch, share: float) -> Iterator[_Stretch]:

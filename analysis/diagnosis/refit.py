@@ -143,6 +143,7 @@ class Problem:
             np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
             np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
             np.array([KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
+            self.setting.rows,
         )
         return descent.run(x, steps)
 
