@@ -53,9 +53,8 @@ def _levelled(whitener: Whitener, white: Array, mask: Mask, output: int) -> Arra
     for start, stop in runs_of(mask):
         spectrum = dct(white[start:stop], norm="ortho")
         if whitener.levels.size:
-            band = np.searchsorted(whitener.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
-            low = band < whitener.levels.shape[1]
-            spectrum[low] /= whitener.levels[output][band[low]]
+            levels = whitener.band_levels(spectrum.shape[0], output)
+            spectrum[: levels.size] /= levels
         out[start:stop] = idct(spectrum, norm="ortho")
     return out
 

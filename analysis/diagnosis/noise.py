@@ -25,6 +25,9 @@ _BAND_ROWS, _MAX_BANDS = 12, 24
 _KNOWN_ROWS = 24
 """The mean square of so many normal numbers is known to 30 %."""
 
+_STEEPEST = 2.0
+"""Steepest rise of noise towards low frequencies that is thought possible: a random walk's power."""
+
 _GROWTH = 1.5
 """Ratio of a band's edges: spectra of noise are smooth on a logarithmic scale, and high bands hold rows enough."""
 _MEDIAN_OF_SQUARE = 0.4549
@@ -44,6 +47,24 @@ class Whitener:
     repeats: bool
     edges: Array = field(default_factory=lambda: np.zeros(1))
     levels: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def band_levels(self, n: int, output: int) -> Array:
+        """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.
+
+        Below the middle of the lowest band the noise goes on rising as it did from the second to it: noise that is
+        coloured down there is strongest where one can see least of it, and an offset would be taken for physics.
+        """
+        frequency = np.arange(n) / (2.0 * n)
+        band = np.searchsorted(self.edges, frequency, side="right") - 1
+        count = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency
+        levels = self.levels[output][band[:count]]
+        if self.levels.shape[1] < 2:
+            return levels
+        first, second = 0.5 * (self.edges[:2] + self.edges[1:3])
+        ratio = max(float(self.levels[output, 0] / self.levels[output, 1]), 1e-300)
+        slope = float(np.clip(np.log(ratio) / np.log(second / first), 0.0, _STEEPEST))
+        below = frequency[:count] < first
+        return np.asarray(levels * np.where(below, first / np.maximum(frequency[:count], 0.25 / n), 1.0) ** slope)
 
     @property
     def order(self) -> int:
@@ -77,9 +98,8 @@ class Whitener:
         parts = []
         for start, stop in runs_of(mask):
             spectrum = dct(white[:, start:stop], axis=1, norm="ortho", overwrite_x=True)
-            band = np.searchsorted(self.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
-            low = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency
-            spectrum[:, :low] /= np.sqrt(self.levels[output][band[:low]])
+            levels = self.band_levels(stop - start, output)
+            spectrum[:, : levels.size] /= np.sqrt(levels)
             parts.append(spectrum)
         return np.asarray((np.concatenate(parts, axis=1) if parts else white[:, mask]).T)
 
@@ -89,9 +109,7 @@ class Whitener:
         if not self.levels.size:
             return total
         for start, stop in runs_of(mask):
-            band = np.searchsorted(self.edges, np.arange(stop - start) / (2.0 * (stop - start)), side="right") - 1
-            low = band < self.levels.shape[1]
-            total += float(np.sum(np.log(self.levels[:, band[low]])))
+            total += sum(float(np.sum(np.log(self.band_levels(stop - start, o)))) for o in self.outputs)
         return total
 
 

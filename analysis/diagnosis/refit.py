@@ -151,6 +151,8 @@ class Problem:
         """Return the fit at `x`, its standard deviations from `jacobian`."""
         n_knobs = len(self.setting.knobs)
         sd = self.prior()[1]
+        if not np.isfinite(jacobian).all():  # a hypothesis that cannot be simulated: its misfit is infinite already
+            jacobian = np.zeros_like(jacobian)
         precision = (jacobian * sd).T @ (jacobian * sd)  # in units of the prior's
         covariance = np.linalg.pinv(precision, rcond=1e-14) * np.outer(sd, sd)
         occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, jacobian))[1])

@@ -19,6 +19,9 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
     return p[0] * math.cos(angle) + p[1] * math.sin(angle)
 
 
+_PERIODS = 20.0
+
+
 @dataclass(frozen=True)
 class VibrationLine(Effect):
     """Torque cosine · cos(2π frequency_hz t) + sine · sin(2π frequency_hz t), t from the start of the run."""
@@ -37,7 +40,8 @@ class VibrationLine(Effect):
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the strongest lines of the residual."""
-        return [{"frequency_hz": f} for f in view.residual_lines_hz(5) if f > 0.0]
+        # fewer periods than this are drift: the noise down there is known from a handful of rows
+        return [{"frequency_hz": f} for f in view.residual_lines_hz(5) if f * view.duration_s > _PERIODS]
 
     @classmethod
     def choices(cls, view: RecordView) -> int:
