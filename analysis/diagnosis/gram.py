@@ -71,7 +71,7 @@ class Gram:
         columns = self.groups[i]
         own = reduced[np.ix_(columns, columns)]
         left = np.maximum(np.diag(own), 0.0)
-        live = np.flatnonzero(left > 1e-11 * np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny))
+        live = np.flatnonzero(np.isin(columns, self._live(reduced, columns)))
         sizes = np.zeros(columns.size)
         if not live.size:
             return 0.0, sizes
@@ -85,6 +85,11 @@ class Gram:
             x = np.linalg.solve(basis, r)
         sizes[live] = x / scale
         return float(2.0 * r @ x - x @ basis @ x), sizes
+
+    def _live(self, reduced: Array, columns: Ints) -> Ints:
+        """Return those of `columns` of which more than rounding is left after projection."""
+        before = np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny)
+        return columns[np.diag(reduced)[columns] > 1e-11 * before]
 
     def knobs_beside(self, i: int, sizes: Array) -> Array:
         """Return the change (n_knobs,) that goes with candidate `i` at `sizes`: with it there, what the knobs do."""
@@ -101,16 +106,23 @@ class Gram:
         return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
 
     def null_maxima(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
-        """Return the largest ratio over all candidates in `draws` simulated noise-only data sets, shape (draws,)."""
-        used = np.unique(np.concatenate(self.groups)) if self.groups else np.zeros(0, dtype=int)
-        scale = np.sqrt(np.maximum(np.diag(reduced)[used], np.finfo(float).tiny))
+        """Return the largest ratio over all candidates in `draws` simulated noise-only data sets, shape (draws,).
+
+        Columns of which nothing but rounding is left take no part, as in `solve`.
+        """
+        groups = [self._live(reduced, columns) for columns in self.groups]
+        groups = [g for g in groups if g.size]
+        if not groups:
+            return np.zeros(draws)
+        used = np.unique(np.concatenate(groups))
+        scale = np.sqrt(np.diag(reduced)[used])
         correlation = reduced[np.ix_(used, used)] / np.outer(scale, scale)
         values, vectors = np.linalg.eigh(correlation)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         z = root @ rng.standard_normal((used.size, draws))
         position = {int(c): i for i, c in enumerate(used)}
         top = np.zeros(draws)
-        for columns in self.groups:
+        for columns in groups:
             rows = [position[int(c)] for c in columns]
             inner = correlation[np.ix_(rows, rows)] + 1e-9 * np.eye(len(rows))
             part = z[rows]

@@ -53,12 +53,13 @@ class Whitener:
 
         Below the middle of the lowest band the noise goes on rising as it did from the second to it: noise that is
         coloured down there is strongest where one can see least of it, and an offset would be taken for physics.
+        Where nothing repeats, the levels hold what an effect leaves as well, and their slope says nothing of the noise.
         """
         frequency = np.arange(n) / (2.0 * n)
         band = np.searchsorted(self.edges, frequency, side="right") - 1
         count = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency
         levels = self.levels[output][band[:count]]
-        if self.levels.shape[1] < 2:
+        if self.levels.shape[1] < 2 or not self.repeats:
             return levels
         first, second = 0.5 * (self.edges[:2] + self.edges[1:3])
         ratio = max(float(self.levels[output, 0] / self.levels[output, 1]), 1e-300)

@@ -233,3 +233,14 @@ def test_every_effect_is_tried_at_every_place_it_can_act() -> None:
     tried = {c.effect.name for c in enumerate_candidates(EFFECTS, places_of(model), {"theta_x": view}, scales)}
     assert {"cubic-stiffness", "coulomb-friction", "delay", "thermal-stiffness-drift", "amplifier-saturation"} <= tried
     assert "cross-coupling" not in tried  # one axis has nothing to couple to
+
+
+def test_a_column_that_the_knobs_span_leaves_the_threshold_alone() -> None:
+    rng = np.random.default_rng(8)
+    knob, free, residual = rng.standard_normal((3, 400))
+    spanned = 2.0 * knob + 1e-8 * rng.standard_normal(400)  # 1e-16 of its energy is left: rounding
+    columns = np.stack([residual, knob, free, spanned], axis=1)
+    gram = Gram(columns.T @ columns, 1, (np.array([2]), np.array([3])), (False, False), 400, True)
+    maxima = gram.null_maxima(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000)
+    # one live column: chi-squared with one degree of freedom, 99 % below 6.63; 4000 draws know that to 0.35
+    assert np.quantile(maxima, 0.99) == pytest.approx(6.635, abs=1.1)
