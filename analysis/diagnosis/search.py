@@ -61,7 +61,7 @@ _TRUSTED = 3.0
 class Rules:
     """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
 
-    First trials run on the data's own time grid; what they find is fitted again with `substeps` steps per sample.
+    First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
     """
 
     effects: tuple[type[Effect], ...]
@@ -362,9 +362,9 @@ def _lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
     return best
 
 
-def _again(setting: Setting, fit: Fit, steps: int = 8) -> Fit:
-    """Return `fit` refitted under a setting whose noise or starts have changed."""
-    candidates, sizes = fit.held()
+def _again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
+    """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
+    candidates, sizes = fit.held(keep)
     return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
 
 
@@ -376,8 +376,7 @@ def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
         smaller = []
         for i in range(len(best.candidates)):
             keep = [k for k in range(len(best.candidates)) if k != i]
-            candidates, sizes = best.held(keep)
-            smaller.append(refit(setting, candidates, sizes, best.change, steps=8, exact=True))
+            smaller.append(_again(setting, best, keep=keep))
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
         if score(least, known) > score(best, known) + price:

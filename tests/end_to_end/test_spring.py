@@ -2,39 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
+from tests.end_to_end.unknown_bench import diagnosed
+
 RATE_HZ = 500.0
-MAP = """
-[log]
-test = "free-run"
-source = "data.csv"
-sample_rate_hz = {rate}
-[channels.drive]
-select = "u"
-unit = "V"
-role = "input"
-dof = "x"
-[channels.position]
-select = "y"
-unit = "m"
-role = "output"
-dof = "x"
-[segments]
-"train" = [0, {split}]
-"held-out end" = [{split}, {stop}]
-"""
-
-
-def mccd(folder, *arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "mccdcli", *arguments], cwd=folder, capture_output=True, text=True, timeout=300
-    )
 
 
 def play(cubic_1_m2: float, seed: int):
@@ -61,18 +34,8 @@ def play(cubic_1_m2: float, seed: int):
     return u, y + 5e-4 * rng.standard_normal(n)
 
 
-def diagnosed(tmp_path, cubic_1_m2: float, seed: int):
-    u, y = play(cubic_1_m2, seed)
-    np.savetxt(tmp_path / "data.csv", np.stack([u, y], axis=1), delimiter=",", header="u,y", comments="")
-    (tmp_path / "map.toml").write_text(MAP.format(rate=RATE_HZ, split=3 * u.size // 4, stop=u.size))
-    for arguments in (("import", "map.toml", "-o", "run.h5"), ("identify", "--log", "run.h5", "-o", "nominal.toml")):
-        done = mccd(tmp_path, *arguments)
-        assert done.returncode == 0, done.stderr
-    return json.loads(mccd(tmp_path, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json").stdout)
-
-
 def test_a_spring_that_stiffens_is_named(tmp_path):
-    found = diagnosed(tmp_path, 1.2, 11)
+    found = diagnosed(tmp_path, *play(1.2, 11), RATE_HZ)
     assert [cause["effect"] for cause in found["causes"]] == ["cubic-stiffness"], found["sentence"]
     stiffness = found["causes"][0]["parameters"]["stiffness"]["value"]  # the drive is in units of the spring's own
     assert stiffness == pytest.approx(1.2, rel=0.03)
@@ -81,4 +44,4 @@ def test_a_spring_that_stiffens_is_named(tmp_path):
 
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_a_linear_spring_is_consistent(tmp_path, seed):
-    assert diagnosed(tmp_path, 0.0, seed)["verdict"] == "consistent"
+    assert diagnosed(tmp_path, *play(0.0, seed), RATE_HZ)["verdict"] == "consistent"
