@@ -1,0 +1,10 @@
+"""Speed against peers: `BENCHMARKS` is the only list; adding one is a file beside this and a line here."""
+
+from __future__ import annotations
+
+from benchmarks.speed import linear_simulation
+from benchmarks.speed.base import Benchmark
+
+BENCHMARKS: tuple[Benchmark, ...] = (linear_simulation.BENCHMARK,)
+
+__all__ = ["BENCHMARKS"]

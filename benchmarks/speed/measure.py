@@ -1,0 +1,108 @@
+"""Run a benchmark: contenders by turns, what they computed compared, and the targets' numbers taken round by round."""
+
+from __future__ import annotations
+
+import cProfile
+import pstats
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from benchmarks.speed.base import Benchmark, Contender, Prepared, Round, Target
+
+PROFILED = 12
+"""Lines of the profile of a contender that misses a target."""
+
+
+def measure(benchmark: Benchmark, rounds: int, quick: bool, clock: Callable[[], float] = time.perf_counter) -> Any:
+    """Return everything that is known of a benchmark after `rounds` rounds, ready for JSON.
+
+    In each round every contender has its turn, in an order that changes from round to round, so that what the machine
+    does besides strikes all alike; a target's number is taken from the times of one round.
+    """
+    with TemporaryDirectory(prefix="mccd-bench-") as folder:
+        prepared = benchmark.prepare(quick, Path(folder))
+        turns = _turns(prepared.contenders, rounds, clock)
+        agreements = prepared.check(turns[-1].results)
+        targets = [_told_target(benchmark, target, turns, prepared) for target in benchmark.targets]
+        late = {target["of"] for target in targets if target["reached"] is False}
+        profiles = {c.name: _profile(c) for c in prepared.contenders if c.name in late and not quick}
+    return {
+        "name": benchmark.name,
+        "work": benchmark.work,
+        "facts": dict(prepared.facts),
+        "contenders": {c.name: _told_times(c, turns) for c in prepared.contenders},
+        "absent": dict(prepared.absent),
+        "agreements": [{**asdict(a), "holds": a.holds} for a in agreements],
+        "targets": targets,
+        "profiles": profiles,
+    }
+
+
+def _turns(contenders: Sequence[Contender], rounds: int, clock: Callable[[], float]) -> list[Round]:
+    """Return the rounds; in each, `results` are the latest of every contender."""
+    results: dict[str, Any] = {}
+    for contender in contenders:
+        for _ in range(contender.warm):
+            results[contender.name] = contender.run()
+    turns = []
+    for number in range(rounds):
+        seconds: dict[str, float] = {}
+        first = number % len(contenders)
+        for contender in [*contenders[first:], *contenders[:first]]:
+            if number < contender.rounds:
+                started = clock()
+                results[contender.name] = contender.run()
+                seconds[contender.name] = (clock() - started) / contender.amount
+        turns.append(Round(seconds, dict(results)))
+    return turns
+
+
+def _told_times(contender: Contender, turns: Sequence[Round]) -> dict[str, Any]:
+    seconds = [turn.seconds[contender.name] for turn in turns if contender.name in turn.seconds]
+    return {"amount": contender.amount, "seconds_per_unit": _spread(seconds)}
+
+
+def _told_target(benchmark: Benchmark, target: Target, turns: Sequence[Round], prepared: Prepared) -> dict[str, Any]:
+    told: dict[str, Any] = {
+        "what": target.what,
+        "of": target.needs[0],
+        "limit": target.limit,
+        "at_most": target.at_most,
+        "unit": target.unit,
+        "reached": None,
+    }
+    known = {c.name for c in prepared.contenders}
+    lacking = [name for name in target.needs if name not in known]
+    if lacking:
+        return {**told, "why": "; ".join(f"{name}: {prepared.absent.get(name, 'absent')}" for name in lacking)}
+    values = [target.value(turn) for turn in turns if all(name in turn.seconds for name in target.needs)]
+    spread = _spread(values)
+    reached = target.reached(spread["median"])
+    told.update(spread, reached=reached)
+    if not reached and target.what in benchmark.missed:
+        told["why"] = benchmark.missed[target.what]
+    return told
+
+
+def _spread(values: Sequence[float]) -> dict[str, Any]:
+    return {
+        "median": float(np.median(values)),
+        "lowest": float(np.min(values)),
+        "highest": float(np.max(values)),
+        "rounds": len(values),
+    }
+
+
+def _profile(contender: Contender) -> list[str]:
+    """Return where one run spends its time by itself, the longest first; compiled functions count as their caller."""
+    profile = cProfile.Profile()
+    profile.runcall(contender.run)
+    entries = pstats.Stats(profile).get_stats_profile().func_profiles.items()
+    longest = sorted(entries, key=lambda item: -item[1].tottime)[:PROFILED]
+    return [f"{e.tottime:.4f} s in {e.ncalls} calls of {name} ({Path(e.file_name).name})" for name, e in longest]

@@ -1,0 +1,68 @@
+"""The table of a results file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_ANSWERS = {True: "yes", False: "**no**", None: "not measured"}
+
+
+def markdown(found: dict[str, Any]) -> str:
+    """Return the results of a run as a page of Markdown."""
+    lines = [
+        f"mccd {found['mccd']}, {found['machine']}; {found['started_utc']}, `{found['command']}`.",
+        "",
+        "| work | number | must be | median (lowest to highest) | reached |",
+        "|---|---|---|---|---|",
+    ]
+    for row in found["benchmarks"]:
+        lines += [_target_line(row, target) for target in row["targets"]]
+    lines += [
+        "",
+        "| work | contender | time per unit (median) | differs from the reference by | may differ by |",
+        "|---|---|---|---|---|",
+    ]
+    for row in found["benchmarks"]:
+        lines += _contender_lines(row)
+    for row in found["benchmarks"]:
+        lines += _remarks(row)
+    return "\n".join(lines) + "\n"
+
+
+def _target_line(row: dict[str, Any], target: dict[str, Any]) -> str:
+    sign = "≤" if target["at_most"] else "≥"
+    limit = f"{sign} {target['limit']:g} {target['unit']}"
+    measured = "–"
+    if target["reached"] is not None:
+        measured = f"{_short(target['median'])} ({_short(target['lowest'])} to {_short(target['highest'])})"
+    return f"| {row['name']} | {target['what']} | {limit} | {measured} | {_ANSWERS[target['reached']]} |"
+
+
+def _contender_lines(row: dict[str, Any]) -> list[str]:
+    lines = []
+    errors = {a["name"]: a for a in row["agreements"]}
+    for name, told in row["contenders"].items():
+        time = f"{told['seconds_per_unit']['median']:.3g} s"
+        error, allowed = (
+            ("reference", "")
+            if name not in errors
+            else (f"{errors[name]['error']:.2g}", f"{errors[name]['allowed']:.2g}: {errors[name]['what']}")
+        )
+        lines.append(f"| {row['name']} | {name} | {time} | {error} | {allowed} |")
+    return lines
+
+
+def _remarks(row: dict[str, Any]) -> list[str]:
+    facts = ", ".join(f"{key} {value}" for key, value in row["facts"].items())
+    lines = ["", f"**{row['name']}**: {row['work']}" + (f" ({facts})." if facts else ".")]
+    lines += [f"- {name} is absent: {why}" for name, why in row["absent"].items()]
+    for target in row["targets"]:
+        if target["reached"] is False:
+            lines.append(f"- not reached, {target['what']}: {target.get('why', 'no reason known yet')}")
+    for name, profile in row["profiles"].items():
+        lines += [f"- profile of {name}:", *(f"  - {line}" for line in profile)]
+    return lines
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
