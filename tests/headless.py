@@ -70,6 +70,13 @@ class Tab:
         assert "exceptionDetails" not in done, done["exceptionDetails"]
         return done["result"].get("value")
 
+    def choose(self, place: str, option: str) -> None:
+        """Choose an option of the list that a CSS selector finds."""
+        self.run(
+            f"{{const s = document.querySelector({json.dumps(place)}); s.value = {json.dumps(option)};"
+            "s.dispatchEvent(new Event('change'))}"
+        )
+
     def key(self, name: str, code: int, modifiers: int = 0) -> None:
         """Press and release a key as a person does."""
         text = {"Enter": "\r", " ": " "}.get(name, name if len(name) == 1 else "")
@@ -131,6 +138,32 @@ class Tab:
         message, _, self._rest = self._rest.partition(b"\0")
         found: dict[str, Any] = json.loads(message)
         return found
+
+
+def nameless(tab: Tab) -> int:
+    """Return how many controls and drawings of the page have no name for somebody who hears it."""
+    found = tab.run(
+        "[...document.querySelectorAll('button, input, select, [tabindex], [role=group], svg[role=img]')]"
+        ".filter(e => !(e.ariaLabel || e.labels?.[0]?.textContent.trim() || e.textContent.trim())).length"
+    )
+    return int(found)
+
+
+def least_contrast(tab: Tab) -> float:
+    """Return the lowest contrast of text with its ground on the page, as WCAG 2 counts it."""
+    script = """
+      const parse = c => c.match(/[\\d.]+/g).map(Number);
+      const linear = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+      const light = c => { const [r, g, b] = parse(c).map(linear); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+      const ground = e => { for (; e; e = e.parentElement) {
+        const c = getComputedStyle(e).backgroundColor; if (!/, 0\\)$/.test(c)) return c; }
+        return "rgb(255, 255, 255)"; };
+      const texts = 'h1, p, th, td, a, button, .label, .met, .mark, .verdict, .cell, strong';
+      [...document.querySelectorAll(texts)].map(e => {
+        const [a, b] = [light(getComputedStyle(e).color), light(ground(e))].sort((x, y) => y - x);
+        return (a + 0.05) / (b + 0.05); }).reduce((x, y) => Math.min(x, y))
+    """
+    return float(tab.run(script))
 
 
 @contextlib.contextmanager

@@ -14,15 +14,21 @@ from numpy.typing import NDArray
 from analysis.diagnosis.dataset import Dataset
 from analysis.diagnosis.result import Domain
 from analysis.diagnosis.words import scaled
-from analysis.paper.canvas import COLOURS, QUIET, Canvas
+from analysis.paper.canvas import COLOURS, QUIET, Canvas, thinned
 from sim_backend.model import Model
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER = COLOURS[1], COLOURS[0]
+BEFORE, AFTER = COLOURS[0], COLOURS[1]
+"""As in the interactive plots, whose colours follow the order."""
+
+MOST_POINTS = 1500
+"""Longest curve of a figure: each stretch of a longer one is drawn with its least and its greatest value."""
 
 SIZE = (4.4, 2.7)
 """Small enough to be read on a telephone, two beside each other on a desk."""
+
+STEEP = 20.0
 
 QUANTITIES = {
     "frequency": "frequency",
@@ -62,13 +68,15 @@ def residual_figures(
         canvas = Canvas(f"Residual of {port.dof}", "", size=SIZE)
         canvas.panel(0, port.dof, "time in the segment (s)", f"measured − simulated ({unit})")
         time_s = np.arange(w.stop - w.start) / data.rate_hz
-        canvas.line(0, "nominal", time_s, old * factor, color=BEFORE, linewidth=0.9)
-        canvas.line(0, "extended", time_s, new * factor, color=AFTER, linewidth=0.9)
+        canvas.line(0, "nominal", *thinned(time_s, old * factor, MOST_POINTS), color=BEFORE, linewidth=0.9)
+        canvas.line(0, "extended", *thinned(time_s, new * factor, MOST_POINTS), color=AFTER, linewidth=0.9)
         reach = 2.0 * float(noise_rms[o]) * factor
         canvas.band(0, -reach, reach, "noise, ±2σ")
         _legend(canvas)
         held = ", which no fit has seen" if w.held_out else ""
-        caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most."
+        step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1
+        drawn_of = f" Of every {step} samples the least and the greatest are drawn." if step > 1 else ""
+        caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most.{drawn_of}"
         drawn.append(Drawn(f"residual-{names[o]}", f"Residual of {port.dof}", caption, canvas))
     return drawn
 
@@ -105,17 +113,32 @@ def chance(p: float) -> str:
     return "p < 1e-12" if p < 1e-12 else f"p = {p:.2g}"
 
 
+def by_category(name: str) -> bool:
+    """Tell whether a domain has names along its axis instead of a quantity."""
+    return name in ("direction", "cross-axis")
+
+
+def categories(name: str, domain: Domain, model: Model) -> tuple[str, ...]:
+    """Return the names along the axis of a domain by category."""
+    return ("down", "up") if name == "direction" else tuple(model.outputs[int(k)].dof for k in domain.axis)
+
+
+def level_label(name: str) -> str:
+    """Return what the levels of a domain are."""
+    return "share that follows ÷ noise" if name == "cross-axis" else "residual ÷ noise"
+
+
+def is_steep(domain: Domain) -> bool:
+    """Tell whether a curve rises so far above the noise that only a logarithmic axis shows both."""
+    return float(np.max(domain.level)) > STEEP * float(np.mean(domain.floor))
+
+
 def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Canvas:
-    by_category = name in ("direction", "cross-axis")
-    factor, unit = (1.0, "") if by_category else scaled(float(np.max(np.abs(first.axis))), first.unit)
-    if name == "cross-axis":
-        level_label = "share that follows ÷ noise"
-    else:
-        level_label = "residual ÷ noise"
+    factor, unit = (1.0, "") if by_category(name) else scaled(float(np.max(np.abs(first.axis))), first.unit)
     canvas = Canvas(name, "", size=SIZE)
-    canvas.panel(0, f"{first.output}", f"{QUANTITIES[name]}{f' ({unit})' if unit else ''}", level_label)
-    if by_category:
-        _as_bars(canvas, first, second, model, name)
+    canvas.panel(0, f"{first.output}", f"{QUANTITIES[name]}{f' ({unit})' if unit else ''}", level_label(name))
+    if by_category(name):
+        _as_bars(canvas, first, second, categories(name, first, model))
     else:
         _as_curves(canvas, first, second, factor)
         if name == "frequency":
@@ -126,17 +149,16 @@ def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Can
 
 
 def _as_curves(canvas: Canvas, first: Domain, second: Domain | None, factor: float) -> None:
-    for label, curve, colour in (("nominal", first, BEFORE), ("extended", second, AFTER)):
+    for label, curve, colour, mark in (("nominal", first, BEFORE, "o"), ("extended", second, AFTER, "s")):
         if curve is not None:
-            canvas.line(0, label, curve.axis * factor, curve.level, color=colour, marker="o", markersize=2.2)
+            canvas.line(0, label, curve.axis * factor, curve.level, color=colour, marker=mark, markersize=2.2)
 
 
-def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, model: Model, name: str) -> None:
+def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, names: Sequence[str]) -> None:
     at = np.arange(first.axis.size, dtype=float)
     for label, curve, colour, shift in (("nominal", first, BEFORE, -0.2), ("extended", second, AFTER, 0.2)):
         if curve is not None:
             canvas.bars(0, label, at + shift, curve.level, 0.38, color=colour)
-    names = ["down", "up"] if name == "direction" else [model.outputs[int(k)].dof for k in first.axis]
     canvas.axes[0].set_xticks(at, names, parse_math=False)
     canvas.axes[0].grid(axis="x", visible=False)
 
@@ -145,7 +167,7 @@ def _floor(canvas: Canvas, first: Domain) -> None:
     axes: Axes = canvas.axes[0]
     level = float(np.mean(first.floor))
     top = max(float(np.max(first.level)), level)
-    if top > 20.0 * level:
+    if is_steep(first):
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
         axes.set_ylim(bottom=0.4 * level)

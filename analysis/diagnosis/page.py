@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 from analysis.diagnosis.chop_gain import ChopGain
 from analysis.diagnosis.difference import Change, changes
 from analysis.diagnosis.evidence import evidence
+from analysis.diagnosis.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.figures import Drawn, chance, evidence_figures, residual_figures
 from analysis.diagnosis.gain import model_rms
 from analysis.diagnosis.loading import Source
@@ -20,7 +21,9 @@ from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.output import DOMAINS, extended_model, write_text
 from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.diagnosis.words import quantity
+from analysis.report.explore.view import Explorer
 from analysis.report.formats import shown
+from analysis.report.page import embedded
 from analysis.report.svg import inlined
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import EFFECTS
@@ -56,11 +59,21 @@ class OverviewRow:
     cells: tuple[Cell | None, ...]
 
 
+@dataclass(frozen=True)
+class Drawings:
+    """What is drawn on the page: figures of the residual and the evidence, their SVG by name, and interactive plots."""
+
+    figures: tuple[list[Drawn], list[Drawn]]
+    svg: dict[str, Markup]
+    explorers: dict[str, Explorer]
+
+
 def write_page(
     diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path, chops: Sequence[ChopGain] = ()
 ) -> dict[str, Path]:
     """Write `index.html` and its figures (SVG and CSV) into the folder `out` and return the paths by name."""
-    figures = _figures(diagnosis, model)
+    files = {s.run_uid: Path(s.file).name for s in sources}
+    figures, explorers = _drawings(diagnosis, model, files)
     folder = out / "figures"
     folder.mkdir(exist_ok=True)
     runs = ", ".join(s.run_uid[:8] for s in sources[:2]) + (" …" if len(sources) > 2 else "")
@@ -72,17 +85,12 @@ def write_page(
         paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
         write_text(folder / f"{figure.name}.csv", figure.canvas.numbers().to_csv(index=False))
         drawings[figure.name] = Markup(inlined(svg, figure.name, str(escape(figure.title))))
-    page = render(diagnosis, model, sources, figures, drawings, chops)
+    page = render(diagnosis, model, sources, Drawings(figures, drawings, explorers), chops)
     return paths | {"index.html": write_text(out / "index.html", page)}
 
 
 def render(
-    diagnosis: Diagnosis,
-    model: Model,
-    sources: Sequence[Source],
-    figures: tuple[list[Drawn], list[Drawn]],
-    drawings: dict[str, Markup],
-    chops: Sequence[ChopGain] = (),
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], drawn: Drawings, chops: Sequence[ChopGain] = ()
 ) -> str:
     """Return the page's HTML; everything that comes from files is escaped."""
     domains = [d for d in (*DOMAINS, *(k for k in diagnosis.evidence if k not in DOMAINS)) if diagnosis.evidence.get(d)]
@@ -97,9 +105,10 @@ def render(
             sources=sources,
             domains=domains,
             overview=_overview(diagnosis.evidence, domains, files),
-            residuals=figures[0],
-            evidence=figures[1],
-            drawings=drawings,
+            residuals=drawn.figures[0],
+            evidence=drawn.figures[1],
+            drawings=drawn.svg,
+            explorers=drawn.explorers,
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
             symptoms={e.reported(): e.symptom for e in reversed(EFFECTS)},
             held_out=_held_out(diagnosis, files),
@@ -124,21 +133,30 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters["shown"] = shown
+    environment.filters["embedded"] = embedded
     environment.filters["quantity"] = quantity
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
     return environment
 
 
-def _figures(diagnosis: Diagnosis, model: Model) -> tuple[list[Drawn], list[Drawn]]:
-    whitener = whitener_from(diagnosis.data, list(diagnosis.after))
-    longest = max(r.n for r in diagnosis.data.records)
+def _drawings(
+    diagnosis: Diagnosis, model: Model, files: dict[str, str]
+) -> tuple[tuple[list[Drawn], list[Drawn]], dict[str, Explorer]]:
+    data, before = diagnosis.data, diagnosis.before
+    whitener = whitener_from(data, list(diagnosis.after))
+    longest = max(r.n for r in data.records)
     noise_rms = np.array([model_rms(taps, longest) for taps in whitener.taps])
-    after = evidence(diagnosis.data, diagnosis.after, whitener, model)
-    return (
-        residual_figures(diagnosis.data, diagnosis.before, diagnosis.after, noise_rms, model),
+    after = evidence(data, diagnosis.after, whitener, model)
+    figures = (
+        residual_figures(data, before, diagnosis.after, noise_rms, model),
         evidence_figures(diagnosis.evidence, after, model),
     )
+    explorers = (
+        residual_explorer(data, before, diagnosis.after, whitener, noise_rms, model, files),
+        evidence_explorer(diagnosis.evidence, after, model, files),
+    )
+    return figures, {one.key: one for one in explorers if one is not None}
 
 
 def _overview(found: dict[str, tuple[Domain, ...]], domains: Sequence[str], files: dict[str, str]) -> list[OverviewRow]:
@@ -158,7 +176,7 @@ def _cell(d: Domain, total: int) -> Cell:
     level = float(np.max(d.level / d.floor))
     corrected = d.p_value * total
     mark = "quiet" if corrected >= SIGNIFICANT else "strong" if level >= 3.0 else "faint"
-    return Cell(f"{level:.3g}", chance(d.p_value), d.where, mark)
+    return Cell(shown(level), chance(d.p_value), d.where, mark)
 
 
 def _grouped(rows: Sequence[Change]) -> dict[str, list[Change]]:

@@ -97,21 +97,20 @@ def test_the_interactive_plots_show_what_the_tables_say(home, content):
     explorers = json.loads((home / "explore.json").read_text(encoding="utf-8"))
     assert set(explorers) == {"bode", "settling", "chopping"}
     ours = {row["row"]: row["ours"] for rows in content["tables"].values() for row in rows}
-    settled = explorers["settling"]["views"]
+    settled = {tuple(view["chosen"]): view for view in explorers["settling"]["views"]}
     for direction, row in (
         ("θx (α = 0°)", "settling time in θx, repetitive"),
         ("θy (α = 90°)", "settling time in θy, repetitive"),
     ):
         both = [
-            dict(map(lambda r: (r[0], r[1]), settled[f"{direction}|{move}"]["facts"]["rows"]))
-            for move in ("away", "back")
+            dict(map(lambda r: (r[0], r[1]), settled[direction, move]["facts"]["rows"])) for move in ("away", "back")
         ]
         assert max(one["repetitive"] for one in both) == pytest.approx(ours[row], rel=1e-9)
-    stillest = [row[1:3] for view in explorers["chopping"]["views"].values() for row in view["facts"]["rows"]]
+    stillest = [row[1:3] for view in explorers["chopping"]["views"] for row in view["facts"]["rows"]]
     assert np.max(stillest) == pytest.approx(ours["positional stability, 3σ"], rel=1e-9)
     for explorer in explorers.values():
-        for view in explorer["views"].values():
-            assert set(view) == {"panels", "facts"}
+        for view in explorer["views"]:
+            assert set(view) == {"chosen", "panels", "facts", "note"}
             for series in (one for panel in view["panels"] for one in panel["series"]):
                 assert len(series["x"]) == len(series["y"]) > 3 and np.all(np.diff(series["x"]) > 0.0)
 

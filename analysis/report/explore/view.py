@@ -19,7 +19,7 @@ POINTS = 1500
 DIGITS = 6
 """Significant digits of the values that are drawn: finer than a pixel of a figure zoomed a thousand times."""
 
-Kind = Literal["line", "points"]
+Kind = Literal["line", "points", "bars"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,10 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; `band` is the allowed range of y, `y_range` what is shown at first (default: all)."""
+    """One pair of axes; `band` is the allowed range of y, `y_range` what is shown at first (default: all).
+
+    With `names`, x counts them: 0 is the first.
+    """
 
     x_label: str
     y_label: str
@@ -53,6 +56,8 @@ class Panel:
     log_x: bool = False
     band: tuple[float, float, str] | None = None
     y_range: tuple[float, float] | None = None
+    log_y: bool = False
+    names: tuple[str, ...] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the panel as the page's script reads it."""
@@ -60,6 +65,8 @@ class Panel:
             "x": self.x_label,
             "y": self.y_label,
             "log": self.log_x,
+            "log_y": self.log_y,
+            "names": self.names,
             "band": self.band,
             "range": self.y_range,
             "series": [one.as_json() for one in self.series],
@@ -80,10 +87,11 @@ class Facts:
 
 @dataclass(frozen=True)
 class View:
-    """What one combination of choices shows: panels below one another over the same x, and the facts."""
+    """What one combination of choices shows: panels below one another over the same x, the facts, and a sentence."""
 
     panels: tuple[Panel, ...]
     facts: Facts
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,14 +110,19 @@ class Explorer:
         return replace(self, run_uids=run_uids)
 
     def as_json(self) -> dict[str, Any]:
-        """Return all views as the page's script reads them, by their options joined with `|`."""
+        """Return all views as the page's script reads them, each with the options that choose it."""
         return {
             "key": self.key,
             "choices": [{"name": name, "options": list(options)} for name, options in self.choices.items()],
-            "views": {
-                "|".join(chosen): {"panels": [p.as_json() for p in view.panels], "facts": view.facts.as_json()}
+            "views": [
+                {
+                    "chosen": list(chosen),
+                    "panels": [p.as_json() for p in view.panels],
+                    "facts": view.facts.as_json(),
+                    "note": view.note,
+                }
                 for chosen, view in self.views.items()
-            },
+            ],
         }
 
 

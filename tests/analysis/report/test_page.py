@@ -67,7 +67,7 @@ def test_the_page_escapes_what_it_shows_and_asks_for_nothing_outside():
     page = render_page([], {"6.6": table}, {}, [])
     reader = Reader()
     reader.feed(page)
-    assert "script" not in reader.tags and "link" not in reader.tags and "img" not in reader.tags
+    assert reader.tags.count("script") == 1 and "link" not in reader.tags and "img" not in reader.tags
     assert "<script>alert(1)</script> & more" in " ".join(reader.text)
     assert len(reader.ids) == len(set(reader.ids))
     assert not any(s.startswith(("http:", "https:", "//")) for s in reader.sources)
