@@ -59,7 +59,7 @@ def residual_explorer(
 ) -> Explorer | None:
     """Return the residual before and after by segment and output, in time and frequency; None without segments.
 
-    `before` and `after` are each record's residuals (n, n_y), `noise_rms` (n_y,) is that of the noise, `files` names runs.
+    `before` and `after` are each record's residuals (n, n_y), `noise_rms` has shape (n_y,), `files` names the runs.
     """
     everything = _segments(data, before, noise_rms, files)
     segments = everything[:SEGMENTS]
