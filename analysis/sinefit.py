@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,18 @@ class SineFit:
         """E|error|² of the phasors (n_s, n_c)."""
         return self.covariance[:, :, 0, 0] + self.covariance[:, :, 1, 1]
 
+    def channel(self, i: int) -> SineFit:
+        """Return the fit of one channel alone."""
+        own = slice(i, i + 1)
+        parts = (self.phasor[:, own], self.offset[:, own], self.noise_std[:, own], self.covariance[:, own])
+        return SineFit(self.frequency_hz, *parts)
+
+
+def joined(fits: Sequence[SineFit]) -> SineFit:
+    """Return the fits of consecutive parts of a record, whose phases count from the same sample, as one."""
+    names = ("frequency_hz", "phasor", "offset", "noise_std", "covariance")
+    return SineFit(*(np.concatenate([getattr(fit, name) for fit in fits]) for name in names))
+
 
 @dataclass(frozen=True)
 class SineResponse:
@@ -71,12 +84,14 @@ def fit_sines(
     stop: NDArray[np.intp],
     frequency_hz: Array,
     noise_lines: int = 4,
+    first_sample: int = 0,
 ) -> SineFit:
     """Return the fit of one sine of known frequency to each segment [start, stop) of a record.
 
     Shapes: `record` (n, n_c); `start`, `stop`, `frequency_hz` (n_s,), segments in order and apart; they should hold
     the steady state only. The noise is measured `noise_lines` lines to either side of each sine, so that coloured
-    noise gives the right uncertainty; with 0 it is the rms of the residual (white noise). Raises ConfigError for
+    noise gives the right uncertainty; with 0 it is the rms of the residual (white noise). Phases count from
+    `first_sample` before the record's first sample, for a record that is a part of a longer one. Raises ConfigError for
     segments that overlap or leave the record, DataError when a segment is too short.
     """
     start, stop = np.asarray(start, dtype=np.intp), np.asarray(stop, dtype=np.intp)
@@ -88,7 +103,7 @@ def fit_sines(
     # phases run from each segment's first sample, where they are small and exact, and are turned back at the end
     local = inside - np.repeat(start, length)
     data = record[inside]
-    centre = np.add.reduceat(data, first, axis=0) / length[:, None]
+    centre = _sums(data, first) / length[:, None]
     data = data - np.repeat(centre, length, axis=0)
 
     def turning(cycles: Array) -> ComplexArray:
@@ -98,12 +113,18 @@ def fit_sines(
     design = np.stack([carrier.real, -carrier.imag, np.ones(local.size)], axis=1)
     products = design[:, :, None] * design[:, None, :]
     inverse = np.linalg.inv(np.add.reduceat(products, first, axis=0))
-    found = inverse @ np.add.reduceat(design[:, :, None] * data[:, None, :], first, axis=0)
-    residual = data - np.einsum("ti,tic->tc", design, np.repeat(found, length, axis=0))
-    noise = np.add.reduceat(residual**2, first, axis=0) / (length - 3)[:, None]
+
+    def solved(x: Array) -> tuple[Array, Array]:
+        one = inverse @ np.add.reduceat(design[:, :, None] * x[:, None, :], first, axis=0)
+        return one, x - np.einsum("ti,tic->tc", design, np.repeat(one, length, axis=0))
+
+    # column by column: what one channel gives does not depend, to the last digit, on what is fitted beside it
+    columns = [solved(data[:, [i]]) for i in range(data.shape[1])]
+    found, residual = np.concatenate([c[0] for c in columns], axis=2), np.concatenate([c[1] for c in columns], axis=1)
+    noise = _sums(residual**2, first) / (length - 3)[:, None]
     if noise_lines:
         noise = _local_noise(residual, turning, first, length, frequency / rate_hz, noise_lines)
-    back = np.exp(-2j * np.pi * np.mod(frequency / rate_hz * start, 1.0))
+    back = np.exp(-2j * np.pi * np.mod(frequency / rate_hz * (start + first_sample), 1.0))
     return SineFit(
         frequency,
         (found[:, 0] + 1j * found[:, 1]) * back[:, None],
@@ -139,6 +160,11 @@ def _check(
         )
 
 
+def _sums(values: Any, first: NDArray[np.intp]) -> Any:
+    """Return the sums (n_s, n_c) over segments that begin at `first`, column by column."""
+    return np.concatenate([np.add.reduceat(values[:, [i]], first, axis=0) for i in range(values.shape[1])], axis=1)
+
+
 def _local_noise(
     residual: Array,
     turning: Callable[[Array], ComplexArray],
@@ -157,7 +183,7 @@ def _local_noise(
     for k in (*range(-lines, 0), *range(1, lines + 1)):
         near = cycles + k / length
         valid = (near > 0.5 / length) & (near < 0.5 - 0.5 / length)
-        line = np.add.reduceat(turning(-near)[:, None] * residual, first, axis=0)
+        line = _sums(turning(-near)[:, None] * residual, first)
         power += np.where(valid[:, None], np.abs(line) ** 2, 0.0)
         count += valid[:, None]
     return power / count / length[:, None]

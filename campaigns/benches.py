@@ -21,6 +21,7 @@ class BenchKind:
     """One way to reach a bench: `open` takes the address after the colon and a seed.
 
     `digest` tells two benches at the same address apart. A `repeatable` bench gives the same record for the same seed.
+    Of a bench that is `many`, each opening gives another one, so that several can play at once.
     """
 
     form: str
@@ -28,6 +29,7 @@ class BenchKind:
     open: Callable[[str, int], Bench]
     digest: Callable[[str], str]
     repeatable: bool
+    many: bool = False
 
 
 def _open_simulated(address: str, seed: int) -> Bench:
@@ -62,6 +64,7 @@ BENCHES: dict[str, BenchKind] = {
         _open_simulated,
         _model_digest,
         repeatable=True,
+        many=True,
     ),
     "emulator": BenchKind(
         "emulator[:MODEL]",

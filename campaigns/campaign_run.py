@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 import tempfile
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,8 @@ from campaigns.log import read_run, sidecar_of
 from campaigns.log.read import has_writer
 from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
-from campaigns.runner import Report, fingerprint, fingerprint_of, run_plan
+from campaigns.runner import Outcome, Report, fingerprint, fingerprint_of, run_plan
+from campaigns.side_by_side import free_cores, share
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
 
@@ -109,20 +111,45 @@ def _play_missing(
 ) -> str:
     """Play every run without a complete log, replacing its entry in `states`; return the campaign's status."""
     missing = [name for name, state in states.items() if state.status != "complete"]
-    total, done = sum(estimates[name].samples for name in missing), 0
+    tally = _Tally(report, sum(estimates[name].samples for name in missing))
+    kind, _ = bench_kind(address)
+
+    def play(name: str) -> None:
+        _set_aside(states[name].log)
+        states[name] = dataclasses.replace(states[name], played=True)
+        try:
+            ended = _play(plans[name], states[name], address, signals, tally.of(name), estimates[name])
+        except BaseException:
+            states[name] = _found(states[name])
+            raise
+        states[name] = dataclasses.replace(states[name], status=ended.status, run_uid=ended.run_uid)
+        tally.done[name] = estimates[name].samples
+
     with Interrupts() as signals:
-        for name in missing:
-            if signals.pausing:
-                return "paused"
-            _set_aside(states[name].log)
-            try:
-                _play(plans[name], states[name], address, signals, _shifted(report, done, total, name))
-            finally:
-                states[name] = dataclasses.replace(_found(states[name]), played=True)
-            done += estimates[name].samples
-            if states[name].status != "complete":
-                return states[name].status
-    return "complete"
+        share(missing, play, free_cores() if kind.many else 1, signals)
+    return "complete" if all(state.status == "complete" for state in states.values()) else "paused"
+
+
+class _Tally:
+    """Adds up what runs that may play at once have played, and passes the sum on."""
+
+    def __init__(self, report: Report | None, total: float) -> None:
+        self.done: dict[str, float] = {}
+        self._report, self._total = report, total
+        self._lock = threading.Lock()
+
+    def of(self, name: str) -> Report | None:
+        """Return the report of one run."""
+        if self._report is None:
+            return None
+        report = self._report
+
+        def add(done: float, _total: float, what: str) -> None:
+            with self._lock:
+                self.done[name] = done
+                report(sum(self.done.values()), self._total, f"{name}: {what}")
+
+        return add
 
 
 @contextlib.contextmanager
@@ -233,22 +260,23 @@ def _set_aside(log: Path) -> None:
         sidecar.rename(aside.with_name(f"{aside.name}.sha256"))
 
 
-def _play(plan: Plan, state: RunState, address: str, signals: Interrupts, report: Report | None) -> None:
+def _play(
+    plan: Plan, state: RunState, address: str, signals: Interrupts, report: Report | None, counted: Estimate
+) -> Outcome:
     kind, _ = bench_kind(address)
     # a repeatable bench gives the same data again, so the same configuration has the same name
     uid = state.fingerprint[:32] if kind.repeatable else None
     with contextlib.closing(open_bench(address, state.seed)) as bench:
-        run_plan(plan, bench, state.log, seed=state.seed, report=report, run_uid=uid, interrupts=signals)
-
-
-def _shifted(report: Report | None, before: float, total: float, name: str) -> Report | None:
-    if report is None:
-        return None
-
-    def shifted(done: float, _total: float, what: str) -> None:
-        report(before + done, total, f"{name}: {what}")
-
-    return shifted
+        return run_plan(
+            plan,
+            bench,
+            state.log,
+            seed=state.seed,
+            report=report,
+            run_uid=uid,
+            interrupts=signals,
+            counted=counted,
+        )
 
 
 def _write_state(

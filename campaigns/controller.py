@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -93,8 +94,9 @@ class Controller(_Strict, frozen=True, kw_only=True):
         return next((one for one in self.axes if one.dof == dof), None)
 
 
+@lru_cache(maxsize=8)
 def parse_controller(text: str, where: str) -> Controller:
-    """Return the controller written in `text`; `where` names it in errors.
+    """Return the controller written in `text`; `where` names it in errors. The same text gives the same object.
 
     Raises ConfigError for broken TOML, unknown fields, and values that no strategy could play.
     """

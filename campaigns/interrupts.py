@@ -24,12 +24,15 @@ class Interrupts:
     """Signal handlers for the time of a run; use as a context manager, in the main thread (elsewhere it does nothing).
 
     `pausing` is set by the first Ctrl-C. An abort raises KeyboardInterrupt, or Terminated, inside `abortable()` alone;
-    one that came at another time is raised when that is next entered, or at the latest when the context ends.
+    one that came at another time is raised when that is next entered, or at the latest when the context ends. Threads
+    that share it are told to pause and to abort likewise, the latter whenever they enter `abortable()`.
     """
 
     def __init__(self) -> None:
         self.pausing = False
+        self._owner = threading.get_ident()
         self._abortable = False
+        self._aborted: type[KeyboardInterrupt] | None = None
         self._pending: type[KeyboardInterrupt] | None = None
         self._before: dict[int, Any] = {}
 
@@ -47,7 +50,12 @@ class Interrupts:
 
     @contextlib.contextmanager
     def abortable(self) -> Iterator[None]:
-        """Let an abort happen inside the block."""
+        """Let an abort happen inside the block; in a helper's thread, which no signal reaches, at its start alone."""
+        if threading.get_ident() != self._owner:
+            if self._aborted is not None:
+                raise self._aborted
+            yield
+            return
         self._abortable = True
         try:
             self._raise_pending()
@@ -64,6 +72,6 @@ class Interrupts:
         if number == signal.SIGINT and not self.pausing:
             self.pausing = True
             return
-        self._pending = KeyboardInterrupt if number == signal.SIGINT else Terminated
+        self._pending = self._aborted = KeyboardInterrupt if number == signal.SIGINT else Terminated
         if self._abortable:
             self._raise_pending()

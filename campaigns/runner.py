@@ -58,15 +58,17 @@ def run_plan(
     report: Report | None = None,
     run_uid: str | None = None,
     interrupts: Interrupts | None = None,
+    counted: Estimate | None = None,
 ) -> Outcome:
     """Play `plan` on `bench` into a new log at `path` and return how it ended.
 
-    Nothing moves unless all segments keep the bench's limits. The first Ctrl-C ends the run after its segment as
-    *paused*, the second as *aborted* (KeyboardInterrupt), an error as *failed*; the bench is made safe in each case.
+    Nothing moves unless all segments keep the bench's limits; `counted` is the estimate of a caller who has made sure.
+    The first Ctrl-C ends the run after its segment as *paused*, the second as *aborted* (KeyboardInterrupt), an error
+    as *failed*; the bench is made safe in each case.
     Raises ConfigError for what the bench cannot be asked, DataError for a log that cannot be written (a segment for
     which the disk has no room is not played), HardwareError for a bench that fails.
     """
-    total = estimate(plan, bench)
+    total = counted or estimate(plan, bench)
     require_free(Path(path).absolute().parent, total.bytes)
     channels = set(plan.channels(bench))
     writer = LogWriter.create(

@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.design.api import Designed, Options, design_controller
 from analysis.design.output import CONTROLLER, write_controller, write_numbers
 from analysis.identify import identify_runs
 from analysis.paper.measured import settings_of
-from campaigns.log import Run, read_run
+from campaigns.log import Run
 from sim_backend.bench import Limits
 from sim_backend.model import dump_model
 
 AXES = ("theta_x", "theta_y")
 
 
-def design_from_logs(logs: Path, limits: Limits, bench_axes: tuple[str, ...], out: Path) -> Path | None:
-    """Return the controller file in `out`, designed from the runs in `logs`; one that is there already is kept.
+def design_from_logs(runs: Sequence[Run], limits: Limits, bench_axes: tuple[str, ...], out: Path) -> Path | None:
+    """Return the controller file in `out`, designed from complete runs; one that is there already is kept.
 
-    None when the logs lack a sweep of both tilt axes or the bench at rest. Raises what identification and design do.
+    None when the runs lack a sweep of both tilt axes or the bench at rest. Raises what identification and design do.
     """
     if (out / CONTROLLER).exists():
         return out / CONTROLLER
-    with ExitStack() as stack:
-        runs = [stack.enter_context(read_run(path)) for path in sorted(logs.glob("*.h5"))]
-        found = _sources(runs)
-        if found is None:
-            return None
-        designed = _designed(*found, limits, bench_axes, out)
-        write_numbers(designed, out)
-        return write_controller(designed, out)
+    found = _sources(runs)
+    if found is None:
+        return None
+    designed = _designed(*found, limits, bench_axes, out)
+    write_numbers(designed, out)
+    return write_controller(designed, out)
 
 
-def _sources(runs: list[Run]) -> tuple[list[Run], list[Run]] | None:
+def _sources(runs: Sequence[Run]) -> tuple[list[Run], list[Run]] | None:
     """The sweeps to identify from, and the other records to design from; None when something is missing."""
-    complete = [run for run in runs if run.status == "complete"]
-    sweeps = [next((run for run in complete if _sweeps(run, axis)), None) for axis in AXES]
-    rest = [run for run in complete if run.header.test == "rest"]
-    loops = [run for run in complete if run.header.test == "hysteresis"]
+    sweeps = [next((run for run in runs if _sweeps(run, axis)), None) for axis in AXES]
+    rest = [run for run in runs if run.header.test == "rest"]
+    loops = [run for run in runs if run.header.test == "hysteresis"]
     found = [run for run in sweeps if run is not None]
     return (found, [*rest[:1], *loops]) if rest and len(found) == len(AXES) else None
 

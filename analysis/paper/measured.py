@@ -62,14 +62,19 @@ class Measured:
         self._entries: list[_Entry] = []
         self._done: dict[tuple[object, ...], tuple[Any, tuple[str, ...]]] = {}
         self._traced: list[set[str]] = []
-        for path in (p for place in (self.folder, *more) for p in sorted(Path(place).glob("*.h5"))):
+        for place in (self.folder, *more):
+            self.add(place)
+        if not self._entries:
+            raise ConfigError(f"{self.folder} holds no complete log; run `mccd campaign run` into it first")
+
+    def add(self, folder: str | Path) -> None:
+        """Open the complete runs of another folder too; before anything is measured of what they could replace."""
+        for path in sorted(Path(folder).glob("*.h5")):
             run = read_run(path)
             if run.status == "complete":
                 self._entries.append(_Entry(run, settings_of(run)))
             else:
                 run.close()
-        if not self._entries:
-            raise ConfigError(f"{self.folder} holds no complete log; run `mccd campaign run` into it first")
 
     def __enter__(self) -> Self:
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,7 +63,11 @@ class ChopPhase:
         return observation_windows(self.read(*names), 2, self.dwell, self.window)[::-1]
 
     def stability(self) -> ChopStability:
-        """Return the stability of both positions; raises DataError when there is no whole period."""
+        """Return the stability of both positions, computed once; raises DataError when there is no whole period."""
+        return self._stability
+
+    @cached_property
+    def _stability(self) -> ChopStability:
         return chop_stability(self.windows(*TIP_TILT), self.commanded_rad)
 
     def moves(self, position: int, dof: str, skip: int = 1) -> Array:

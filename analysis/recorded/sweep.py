@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.sinefit import fit_sines, sine_response
+from analysis.sinefit import SineFit, fit_sines, joined, sine_response
 from analysis.thermal import SweepDifference, compare_sweeps
-from campaigns.log import Run
+from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+ROWS_AT_ONCE = 250_000
+"""Rows that are fitted together: few enough for the processor's cache, and memory does not grow with the sweep."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,13 @@ def difference_of(first: Sweep, second: Sweep) -> SweepDifference:
 def sweep_of(run: Run) -> Sweep:
     """Return the response that a stepped sine measured, by sine fits of its steady state; section 6.2.2.
 
-    Raises DataError when the run holds no sine of known frequency, or lacks the axis.
+    It is measured once for each open run, however many ask. Raises DataError when the run holds no sine of known
+    frequency, or lacks the axis.
     """
+    return run.once("sweep", _measured)
+
+
+def _measured(run: Run) -> Sweep:
     parts = [s for s in run.segments if "frequency_hz" in s.settings and "measure_from" in s.settings]
     if not parts:
         raise DataError(
@@ -68,13 +77,8 @@ def sweep_of(run: Run) -> Sweep:
     reading = next((n for n in run.names("output") if run.channels[n].dof == axis), None)
     if command is None or reading is None:
         raise DataError(f"{run.path} lacks the command or the reading of axis '{axis}'; record both")
-    first = parts[0].start
-    start = np.array([s.start + int(s.settings["measure_from"]) for s in parts]) - first
-    stop = np.array([s.stop for s in parts]) - first
-    frequency = np.array([float(s.settings["frequency_hz"]) for s in parts])
-    record = np.stack([run.read(n, first, parts[-1].stop) for n in (command, reading)], axis=1)
-    inputs = fit_sines(record[:, :1], run.sample_rate_hz, start, stop, frequency)
-    outputs = fit_sines(record[:, 1:], run.sample_rate_hz, start, stop, frequency)
+    fits = [_fitted(run, (command, reading), few, parts[0].start) for few in _gathered(parts)]
+    inputs, outputs = (joined([fit.channel(i) for fit in fits]) for i in range(2))
     measured = sine_response(inputs, outputs)
     rising = np.argsort(measured.frequency_hz, kind="stable")
     return Sweep(
@@ -84,3 +88,24 @@ def sweep_of(run: Run) -> Sweep:
         measured.variance[rising, 0, 0],
         inputs.amplitude[rising, 0],
     )
+
+
+def _gathered(parts: list[LogSegment]) -> Iterator[list[LogSegment]]:
+    """Yield consecutive segments that hold at most `ROWS_AT_ONCE` together, or a single longer one."""
+    few: list[LogSegment] = []
+    for part in parts:
+        if few and part.stop - few[0].start > ROWS_AT_ONCE:
+            yield few
+            few = []
+        few.append(part)
+    yield few
+
+
+def _fitted(run: Run, names: tuple[str, ...], parts: list[LogSegment], origin: int) -> SineFit:
+    """Fit some neighbouring segments; phases count from row `origin`."""
+    first = parts[0].start
+    start = np.array([s.start + int(s.settings["measure_from"]) for s in parts]) - first
+    stop = np.array([s.stop for s in parts]) - first
+    frequency = np.array([float(s.settings["frequency_hz"]) for s in parts])
+    record = np.stack([run.read(n, first, parts[-1].stop) for n in names], axis=1)
+    return fit_sines(record, run.sample_rate_hz, start, stop, frequency, first_sample=first - origin)

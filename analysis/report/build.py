@@ -63,33 +63,37 @@ def build_report(logs: Path, out: Path, progress: Progress | None = None, design
 
     Raises ConfigError when there is no complete log, DataError for a log that cannot be read.
     """
+    with Measured(logs, *(() if designed is None else (designed,))) as measured:
+        return report_of(measured, out, progress)
+
+
+def report_of(measured: Measured, out: Path, progress: Progress | None = None) -> Report:
+    """Build the report of what is measured as `build_report` does; raises DataError for a log that cannot be read."""
     tell = progress or _silent
     total = float(len(TABLES) + len(FIGURES) + 1)
-    folders = (logs,) if designed is None else (logs, designed)
-    with Measured(*folders) as measured:
-        for name in ("tables", "figures"):
-            (out / name).mkdir(parents=True, exist_ok=True)
-        tables: dict[str, Table] = {}
-        for key in TABLES:
-            tell(float(len(tables)), total, f"table {key}")
-            tables[key] = make_table(key, measured)
-            write_table(tables[key], out / "tables", render_table(tables[key]))
-        figures: dict[str, FigurePart] = {}
-        for i, key in enumerate(FIGURES):
-            tell(float(len(TABLES) + i), total, f"figure {key}")
-            canvas = make_figure(key, measured)
-            if canvas is not None:
-                figures[key] = _write_figure(key, canvas, measured, out / "figures")
-        tell(total - 1.0, total, "page")
-        explorers = make_explorers(measured)
-        _write_json({one.key: one.as_json() for one in explorers}, out / "explore.json", indent=None)
-        evidence = [make() for make in EVIDENCE]
-        _write_evidence(evidence, out / "tables")
-        page = out / "index.html"
-        stages = measured_stages(measured)
-        if stages:
-            (out / "tables" / "stages.csv").write_text(stages_csv(stages), encoding="utf-8")
-        page.write_text(render_page(measured.runs, tables, figures, evidence, explorers, stages), encoding="utf-8")
+    for name in ("tables", "figures"):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    tables: dict[str, Table] = {}
+    for key in TABLES:
+        tell(float(len(tables)), total, f"table {key}")
+        tables[key] = make_table(key, measured)
+        write_table(tables[key], out / "tables", render_table(tables[key]))
+    figures: dict[str, FigurePart] = {}
+    for i, key in enumerate(FIGURES):
+        tell(float(len(TABLES) + i), total, f"figure {key}")
+        canvas = make_figure(key, measured)
+        if canvas is not None:
+            figures[key] = _write_figure(key, canvas, measured, out / "figures")
+    tell(total - 1.0, total, "page")
+    explorers = make_explorers(measured)
+    _write_json({one.key: one.as_json() for one in explorers}, out / "explore.json", indent=None)
+    evidence = [make() for make in EVIDENCE]
+    _write_evidence(evidence, out / "tables")
+    page = out / "index.html"
+    stages = measured_stages(measured)
+    if stages:
+        (out / "tables" / "stages.csv").write_text(stages_csv(stages), encoding="utf-8")
+    page.write_text(render_page(measured.runs, tables, figures, evidence, explorers, stages), encoding="utf-8")
     report = Report(out, tables, {key: part.path for key, part in figures.items()}, page, out / "report.json")
     _write_json(report.content(relative=True), report.json)
     return report

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -37,6 +37,7 @@ from campaigns.log.schema import (
 from sim_backend.errors import ConfigError, DataError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 BLOCK_ROWS = 65536
 _MAX_SEGMENTS = 1_000_000
 _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
@@ -59,6 +60,7 @@ class Run:
     _file: h5py.File = field(repr=False, compare=False)
     _datasets: Mapping[str, h5py.Dataset] = field(repr=False, compare=False)
     expected_rows: int | None = None
+    _kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def run_uid(self) -> str:
@@ -107,6 +109,13 @@ class Run:
         """Return the times of rows `start` to `stop` of a channel as (n,); raises ConfigError as `read`."""
         channel = self._described(name)
         return channel.t0_s + np.arange(start, self.rows if stop is None else stop) / channel.sample_rate_hz
+
+    def once(self, name: str, make: Callable[[Run], T]) -> T:
+        """Return what `make` finds in this run, found only once however many ask under this name."""
+        if name not in self._kept:
+            self._kept[name] = make(self)
+        found: T = self._kept[name]
+        return found
 
     def window(self, label: str) -> Window:
         """Return the rows of the segment `label`; raises ConfigError naming those there are."""

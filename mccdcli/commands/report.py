@@ -13,6 +13,7 @@ from mccdcli.progress import progress
 from mccdcli.trials import play_campaign, show_estimates
 
 if TYPE_CHECKING:
+    from analysis.paper.measured import Measured
     from analysis.report import Report
 
 
@@ -60,21 +61,22 @@ def report(
     if played.exit_code:
         return played.exit_code
 
-    from analysis.report import build_report
+    from analysis.paper.measured import Measured
+    from analysis.report import report_of
 
-    designed, code = _played_design(logs, folder / "designed", bench, seed) if own else (None, 0)
-    if code:
-        return code
-    with progress("report") as advance:
-        built = build_report(logs, folder, advance, designed)
+    with Measured(logs) as measured:
+        if own and (code := _play_design(measured, folder / "designed", bench, seed)):
+            return code
+        with progress("report") as advance:
+            built = report_of(measured, folder, advance)
     emit(built.content(), as_json=as_json, text=_text(built))
     return _checked(built) if check else 0
 
 
-def _played_design(logs: Path, folder: Path, bench: str, seed: int) -> tuple[Path | None, int]:
-    """Design a controller from a campaign's logs and play it; return its logs' folder, if any, and an exit code.
+def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int:
+    """Design a controller from what a campaign measured, play it and add its logs; return an exit code.
 
-    None and 0 where the campaign does not hold what a design needs.
+    Nothing is done where the campaign does not hold what a design needs.
     """
     from contextlib import closing
 
@@ -85,12 +87,13 @@ def _played_design(logs: Path, folder: Path, bench: str, seed: int) -> tuple[Pat
 
     with closing(open_bench(bench, seed)) as opened:
         limits, axes = opened.limits, opened.axes
-    controller = design_from_logs(logs, limits, axes, folder)
+    controller = design_from_logs(measured.runs, limits, axes, folder)
     if controller is None:
-        return None, 0
+        return 0
     own = designed_campaign(controller)
     played = play_campaign(own, folder, bench, seed, resume=(folder / STATE_FILE).exists())
-    return folder, played.exit_code
+    measured.add(folder)
+    return played.exit_code
 
 
 def _text(built: Report) -> str:

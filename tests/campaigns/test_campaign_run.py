@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import h5py
@@ -124,6 +127,62 @@ def test_killed_and_resumed_equals_uninterrupted(file, tmp_path, at):
     again = subprocess.run(command, env=os.environ | {"SLOW_S": "0"}, timeout=60, check=True, **settings)
     assert again.stdout.split()[-1] == "complete"
     assert_equal_logs(tmp_path / "whole", tmp_path / "parts")
+
+
+@pytest.fixture
+def many(monkeypatch):
+    """Let the small bench be opened many times at once, on three cores."""
+    kind = dataclasses.replace(campaigns.benches.BENCHES["small"], many=True)
+    monkeypatch.setitem(campaigns.benches.BENCHES, "small", kind)
+    monkeypatch.setattr("campaigns.campaign_run.free_cores", lambda: 3)
+
+
+def test_side_by_side_equals_one_after_the_other_bit_for_bit(file, tmp_path, request):
+    play(file, tmp_path / "in turn")
+    request.getfixturevalue("many")
+    threads, told = set(), []
+
+    def report(done, total, what):
+        threads.add(threading.get_ident())
+        told.append((done, total, what))
+
+    assert play(file, tmp_path / "at once", report=report).status == "complete"
+    assert_equal_logs(tmp_path / "in turn", tmp_path / "at once")
+    assert len(threads) > 1
+    done = [one[0] for one in told]
+    assert done == sorted(done) and done[-1] < told[0][1] == told[-1][1]
+
+
+@pytest.mark.usefixtures("many")
+def test_paused_side_by_side_and_resumed_equals_uninterrupted(file, tmp_path):
+    play(file, tmp_path / "whole")
+
+    def interrupt(_done, _total, what):
+        if what == "sines: 30 Hz":
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)  # the handler runs in the main thread, which another thread has to let go on
+
+    paused = play(file, tmp_path / "parts", report=interrupt)
+    assert paused.status == "paused" and paused.runs[-1].status == "paused"
+    assert play(file, tmp_path / "parts", resume=True).status == "complete"
+    assert_equal_logs(tmp_path / "whole", tmp_path / "parts")
+
+
+@pytest.mark.usefixtures("many")
+def test_an_error_in_one_run_ends_the_campaign_and_the_others_are_kept(file, tmp_path):
+    def fail(_done, _total, what):
+        if what == "sines: 30 Hz":
+            raise DataError("no more")
+
+    with pytest.raises(DataError, match="no more"):
+        play(file, tmp_path / "parts", report=fail)
+    state = read_state(tmp_path / "parts")
+    assert state["status"] == "failed"
+    assert {run["name"]: run["status"] for run in state["runs"]} == {
+        "stops": "complete",
+        "chop": "complete",
+        "sines": "failed",
+    }
 
 
 def test_a_folder_in_use_is_not_played_into(file, tmp_path):

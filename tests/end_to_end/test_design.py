@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from analysis.design.from_logs import design_from_logs
+from analysis.paper.measured import Measured
 from analysis.requirements import SETTLING_S, STABILITY_RAD
 from campaigns.benches import open_bench
 from mccdcli.main import main
@@ -89,8 +90,9 @@ def test_the_design_reads_logs_alone(home, tmp_path, monkeypatch):
     def sealed(*_):
         raise AssertionError("a bundled model was asked for")
 
-    monkeypatch.setattr("sim_backend.model.bundled_models", sealed)
-    made = design_from_logs(home / "report" / "campaign", limits, axes, tmp_path)
+    with Measured(home / "report" / "campaign") as measured:
+        monkeypatch.setattr("sim_backend.model.bundled_models", sealed)
+        made = design_from_logs(measured.runs, limits, axes, tmp_path)
     assert made is not None
     assert made.read_bytes() == (home / "report" / "designed" / "controller.toml").read_bytes()
 
