@@ -43,5 +43,6 @@ def _verdict(verdict: Verdict, causes: Sequence[Cause], tied: Sequence[Sequence[
     sure = min((c.probability for c in causes), default=0.0)
     text = f"The simulation lacks {listed} (probability {sure:.1%}): {causes[0].why}"
     if gain is not None:
-        text += f"; adding it takes the held-out error from {gain.rms_before:.2%} to {gain.rms_after:.2%} of the output"
+        before, after = (f"{100.0 * rms:.3g} %" for rms in (gain.rms_before, gain.rms_after))
+        text += f"; adding it takes the held-out error from {before} to {after} of the output"
     return f"{text}."
