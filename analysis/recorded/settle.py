@@ -11,7 +11,7 @@ from analysis.chop import ChopStability
 from analysis.power import CoilPower
 from analysis.recorded.chop import TIP_TILT, chop_phase
 from analysis.settling import Settling
-from campaigns.log import Run
+from campaigns.recording import Recorded
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class SettleTest:
         return max(float(np.max(result.time_s)) for result in self.moved.values())
 
 
-def settle_of(run: Run) -> SettleTest:
+def settle_of(run: Recorded) -> SettleTest:
     """Return the settling of a recorded chop, its learning left out; Tables 6.5 and 6.6.
 
     Raises DataError for a log without a chop of two cycles.

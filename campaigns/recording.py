@@ -1,0 +1,108 @@
+"""A run that was never written: a plan played into memory, with the same face as a log that is read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.log import Channel, LogSegment
+from campaigns.plans import Plan, checked_segments
+from sim_backend.bench import Bench, Segment
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+
+class Recorded(Protocol):
+    """What measurements ask of a run, whether it is a log that is read or stands in memory."""
+
+    @property
+    def path(self) -> Path:
+        """What errors call it."""
+
+    @property
+    def channels(self) -> Mapping[str, Channel]:
+        """Every channel by name."""
+
+    @property
+    def segments(self) -> tuple[LogSegment, ...]:
+        """Every segment in its order."""
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The rate that all channels share."""
+
+    def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
+        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,), SI."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a bench measured during a whole plan: `channels` and `segments` describe, `read` gives values in SI units.
+
+    `path` is what errors call it. `values` holds every channel as (rows,).
+    """
+
+    path: Path
+    rows: int
+    channels: Mapping[str, Channel]
+    segments: tuple[LogSegment, ...]
+    values: Mapping[str, Array]
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The rate that all channels share."""
+        return next(iter(self.channels.values())).sample_rate_hz
+
+    def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
+        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,); raises ConfigError for none."""
+        if name not in self.values:
+            raise ConfigError(f"{self.path} has no channel '{name}'; it has {', '.join(self.values)}")
+        return self.values[name][start:stop]
+
+
+class Planned:
+    """Segments of plans, made and checked once for every plan and face of a bench, however often they are played.
+
+    A plan sees nothing of a bench but its face, so benches that differ only in what is inside play the same segments.
+    """
+
+    def __init__(self, most: int = 32) -> None:
+        self._most = most
+        self._made: dict[tuple[object, ...], tuple[Segment, ...]] = {}
+
+    def segments(self, plan: Plan, bench: Bench) -> tuple[Segment, ...]:
+        """Return the checked segments of a plan; raises ConfigError for what the bench cannot be asked."""
+        limits = bench.limits
+        sizes = limits.reference.tobytes(), float(limits.current_a), limits.to_current.tobytes()
+        key = (plan.name, json.dumps(plan.settings(), sort_keys=True), bench.axes, bench.signals, *sizes)
+        made = self._made.get(key)
+        if made is None:
+            made = tuple(checked_segments(plan, bench))
+            if not made:
+                raise ConfigError(f"plan {plan.name}: its settings give nothing to play; ask for at least one step")
+            if len(self._made) >= self._most:
+                self._made.clear()
+            self._made[key] = made
+        return made
+
+
+def play_in_memory(plan: Plan, bench: Bench, planned: Planned | None = None) -> Recording:
+    """Play a plan and return its record; raises ConfigError for what the bench cannot be asked, before it moves."""
+    segments = (planned or Planned()).segments(plan, bench)
+    played = [bench.play(segment) for segment in segments]
+    ends = np.cumsum([segment.n_samples for segment in segments]).tolist()
+    rows = tuple(
+        LogSegment(segment.label, end - segment.n_samples, end, segment.settings)
+        for segment, end in zip(segments, ends, strict=True)
+    )
+    wanted = set(plan.channels(bench))
+    channels = {signal.name: Channel.of(signal) for signal in bench.signals if signal.name in wanted}
+    values = {name: np.concatenate([record.channels[name] for record in played]) for name in channels}
+    return Recording(Path(plan.name), ends[-1], channels, rows, values)
