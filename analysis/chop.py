@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,32 +69,51 @@ def chop_stability(windows_rad: ArrayLike, commanded_rad: ArrayLike, radius_rad:
 
     Raises DataError for windows of fewer than three samples, shapes that do not fit, or numbers that are not finite.
     """
-    w = finite("chop windows", windows_rad, 4, least=3, axis=2)
+    return stability_of_blocks(lambda: iter((windows_rad,)), commanded_rad, radius_rad)
+
+
+def stability_of_blocks(
+    blocks: Callable[[], Iterator[ArrayLike]], commanded_rad: ArrayLike, radius_rad: float = BAND_RAD
+) -> ChopStability:
+    """Return the same from windows that come in blocks of some cycles, two times over: memory is that of one block.
+
+    Raises as `chop_stability`.
+    """
     target = finite("commanded angles", commanded_rad, 2, least=1)
-    positions, cycles, _, axes = w.shape
-    if axes != 2 or target.shape != (positions, 2):
-        raise DataError(
-            f"chop: windows {w.shape} and commanded angles {target.shape}; give two axes and one command per position"
-        )
-    mean = w.mean(axis=(1, 2))
-    off = w - mean[:, None, None, :]
-    inside = np.hypot(off[..., 0], off[..., 1]) <= radius_rad
-    per_window = 100.0 * inside.mean(axis=2)
-    window_means = w.mean(axis=2) - mean[:, None, :]
-    sigma = np.sqrt(np.mean(off**2, axis=(1, 2)))
+    sums = [(w.sum(axis=(1, 2)), w.shape[1] * w.shape[2], w.mean(axis=2)) for w in _checked(blocks(), target)]
+    count = sum(part[1] for part in sums)
+    mean = np.sum([part[0] for part in sums], axis=0) / count
+    window_means = np.concatenate([part[2] for part in sums], axis=1) - mean[:, None, :]
+    squares, inside, errors = [], [], []
+    for w in _checked(blocks(), target):
+        off = w - mean[:, None, None, :]
+        squares.append(np.sum(off**2, axis=(1, 2)))
+        inside.append(100.0 * (np.hypot(off[..., 0], off[..., 1]) <= radius_rad).mean(axis=2))
+        errors.append(_sigma_errors(w))
+    per_window, cycles = np.concatenate(inside, axis=1), window_means.shape[1]
+    std_error = np.sqrt(np.mean(np.concatenate(errors, axis=1) ** 2, axis=1) / cycles)
     return ChopStability(
         mean_rad=mean,
-        three_sigma_rad=3.0 * sigma,
-        three_sigma_std_rad=3.0 * _sigma_error(w),
+        three_sigma_rad=3.0 * np.sqrt(np.sum(squares, axis=0) / count),
+        three_sigma_std_rad=3.0 * std_error,
         inside_percent=per_window.mean(axis=1),
-        inside_std=per_window.std(axis=1, ddof=1) / np.sqrt(cycles) if cycles > 1 else np.zeros(positions),
+        inside_std=per_window.std(axis=1, ddof=1) / np.sqrt(cycles) if cycles > 1 else np.zeros(len(target)),
         repeatability_rad=np.max(np.hypot(window_means[..., 0], window_means[..., 1]), axis=1),
         accuracy_rad=np.hypot(*(mean - target).T),
     )
 
 
-def _sigma_error(windows: Array) -> Array:
-    """Uncertainty of σ (p, 2): of each window by its own periodogram, averaged over independent windows."""
-    cycles = windows.shape[1]
-    per_window = np.stack([[spread(cycle).std_error for cycle in position] for position in windows])
-    return np.asarray(np.sqrt(np.mean(per_window**2, axis=1) / cycles))
+def _checked(blocks: Iterator[ArrayLike], target: Array) -> Iterator[Array]:
+    for block in blocks:
+        w = finite("chop windows", block, 4, least=3, axis=2)
+        if w.shape[3] != 2 or target.shape != (w.shape[0], 2):
+            raise DataError(
+                f"chop: windows {w.shape} and commanded angles {target.shape}; "
+                "give two axes and one command per position"
+            )
+        yield w
+
+
+def _sigma_errors(windows: Array) -> Array:
+    """Uncertainty of the σ of each window (p, cycles, 2), by its own periodogram."""
+    return np.stack([[spread(cycle).std_error for cycle in position] for position in windows])

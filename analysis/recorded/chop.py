@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chop import ChopStability, chop_stability, observation_windows
+from analysis.chop import ChopStability, observation_windows, stability_of_blocks
 from analysis.power import CoilPower, coil_power
 from analysis.settling import Settling, settling
 from campaigns.log import LogSegment, Run
@@ -18,6 +19,9 @@ from sim_backend.errors import DataError
 Array = NDArray[np.float64]
 
 TIP_TILT = ("theta_x", "theta_y")
+
+VALUES_AT_ONCE = 4_000_000
+"""Numbers read together, 32 MB: memory does not grow with the length of a chop."""
 
 
 @dataclass(frozen=True)
@@ -49,18 +53,39 @@ class ChopPhase:
         """Time of the first row after the start of the run."""
         return self.start / self.rate_hz
 
+    @property
+    def n_cycles(self) -> int:
+        """Whole periods."""
+        return (self.stop - self.start) // self.period
+
     def read(self, *names: str) -> Array:
         """Return channels over whole periods as (n, k); raises ConfigError for a channel that was not recorded."""
-        stop = self.start + (self.stop - self.start) // self.period * self.period
-        return np.stack([self.run.read(name, self.start, stop) for name in names], axis=1)
+        return self._rows(names, 0, self.n_cycles)
 
     def cycles(self, name: str) -> Array:
         """Return a channel as (cycles, period), every period beginning with the move to position 2."""
         return self.read(name)[:, 0].reshape(-1, self.period)
 
+    def blocks(self, *names: str) -> Iterator[Array]:
+        """Yield channels over whole periods as (n, k), some periods at a time: `VALUES_AT_ONCE`, or a single period."""
+        cycles = max(VALUES_AT_ONCE // (self.period * len(names)), 1)
+        for first in range(0, max(self.n_cycles, 1), cycles):
+            yield self._rows(names, first, min(first + cycles, self.n_cycles))
+
+    def _rows(self, names: Sequence[str], first: int, last: int) -> Array:
+        start, stop = (self.start + cycle * self.period for cycle in (first, last))
+        return np.stack([self.run.read(name, start, stop) for name in names], axis=1)
+
     def windows(self, *names: str) -> Array:
         """Return observation windows (2, cycles, window, k), position 1 first."""
-        return observation_windows(self.read(*names), 2, self.dwell, self.window)[::-1]
+        return self._windows(self.read(*names))
+
+    def window_means(self, *names: str) -> Array:
+        """Return the mean of every observation window (2, cycles, k), position 1 first."""
+        return np.concatenate([self._windows(block).mean(axis=2) for block in self.blocks(*names)], axis=1)
+
+    def _windows(self, rows: Array) -> Array:
+        return observation_windows(rows, 2, self.dwell, self.window)[::-1]
 
     def stability(self) -> ChopStability:
         """Return the stability of both positions, computed once; raises DataError when there is no whole period."""
@@ -68,17 +93,22 @@ class ChopPhase:
 
     @cached_property
     def _stability(self) -> ChopStability:
-        return chop_stability(self.windows(*TIP_TILT), self.commanded_rad)
+        return stability_of_blocks(lambda: map(self._windows, self.blocks(*TIP_TILT)), self.commanded_rad)
 
     def moves(self, position: int, dof: str, skip: int = 1) -> Array:
         """Return the mean over cycles, after `skip`, of a dwell (dwell,) at position 1 or 2, its move first.
 
         Raises DataError when no cycle is left.
         """
-        cycles = self.cycles(dof)[skip:]
-        if not len(cycles):
+        if self.n_cycles <= skip:
             raise DataError(f"{self.run.path}: no cycle is left after the first {skip}; record a longer chop")
-        mean = cycles.mean(axis=0)
+        total, skipped = np.zeros((1, self.period)), 0
+        for block in self.blocks(dof):
+            cycles = block.reshape(-1, self.period)
+            left_out = min(skip - skipped, len(cycles))
+            total = np.concatenate([total, cycles[left_out:]]).sum(axis=0, keepdims=True)
+            skipped += left_out
+        mean = total[0] / (self.n_cycles - skip)
         return mean[: self.dwell] if position == 2 else mean[self.dwell :]
 
     def settling(self, dof: str) -> Settling:
@@ -99,10 +129,10 @@ class ChopPhase:
 
 
 def chop_phase(run: Run, phase: str = "chop") -> ChopPhase:
-    """Return one phase of a recorded chop; raises DataError when the run has none of that name."""
+    """Return one phase of a recorded chop, read or in memory; raises DataError when the run has none of that name."""
     parts = [segment for segment in run.segments if segment.settings.get("phase") == phase]
     if not parts:
-        raise DataError(f"{run.path} has no phase '{phase}': it is a log of '{run.header.test}', give one of a chop")
+        raise DataError(f"{run.path} has no phase '{phase}'; give the log of a chop")
     settings = parts[0].settings
     alpha = np.deg2rad(_number(run, parts[0], "alpha_deg"))
     direction = np.array([np.cos(alpha), np.sin(alpha)])

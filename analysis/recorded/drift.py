@@ -30,7 +30,7 @@ class DriftTest:
 def drift_of(run: Run) -> DriftTest:
     """Return the drift of a long chop; Fig. 6.16. Raises DataError for a log without a chop."""
     phase = chop_phase(run)
-    means = phase.windows(*TIP_TILT).mean(axis=2)
+    means = phase.window_means(*TIP_TILT)
     n = means.shape[1]
     middle = phase.dwell - 0.5 * phase.window
     first = phase.start + np.array([phase.dwell + middle, middle])
