@@ -72,7 +72,7 @@ help: $(STAMP)
 	@sed -n 's/^#   make/make/p' Makefile
 
 $(STAMP): $(BIN)/python
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev,docs,cluster]'
 	rm -f $(VENV)/.mccd-*
 	touch $@
 

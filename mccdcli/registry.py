@@ -105,6 +105,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.theodolite:theodolite",
             "Hold a grid of angles and compare the sensors with a theodolite: gain corrections of both axes.",
         ),
+        "study": Entry(
+            "mccdcli.commands.study:study",
+            "Try the same test many times, over drawn and swept models, strategies and settings.",
+        ),
         "thermal": Entry(
             "mccdcli.commands.thermal:thermal",
             "Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.",

@@ -1,0 +1,117 @@
+"""The figure of a study: what changes along the sweep of a number, or without one how the numbers are distributed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from analysis.paper.canvas import COLOURS, PAPER, Canvas
+from analysis.study.definition import Swept
+from analysis.study.kinds import Column
+from analysis.study.store import Store
+from analysis.study.summary import Point, Share, Summary
+from analysis.study.trial import Job
+
+MOST_SERIES = len(COLOURS)
+_WIDE = 2
+
+
+def study_figure(job: Job, store: Store, summary: Summary) -> Canvas:
+    """Return the figure: one panel for every number and flag, one colour for each point, or series of points."""
+    shown = [c for c in job.columns if c.kind != "text"]
+    columns = min(_WIDE, len(shown))
+    rows = -(-len(shown) // columns)
+    along = _swept_number(job)
+    canvas = Canvas(
+        title=job.study.title or job.study.name,
+        caption="",
+        rows=rows,
+        columns=columns,
+        size=(4.4 * columns, 3.1 * rows),
+    )
+    for i, column in enumerate(shown):
+        if along is None:
+            _distribution(canvas, i, column, job, store, summary)
+        else:
+            _curve(canvas, i, column, along, summary)
+    for axes in canvas.axes[len(shown) :]:
+        axes.set_visible(False)
+    return canvas
+
+
+def _swept_number(job: Job) -> str | None:
+    """Return the first place that is swept over three numbers or more."""
+    for one in job.study.vary:
+        values = one.sweep or []
+        if len(values) > 2 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+            return one.place
+    return None
+
+
+def _label(at: Mapping[str, Swept]) -> str:
+    return ", ".join(f"{place.rpartition('.')[2]} {value}" for place, value in at.items()) or "all trials"
+
+
+def _distribution(canvas: Canvas, i: int, column: Column, job: Job, store: Store, summary: Summary) -> None:
+    """Draw the share of trials below each value; trials that came to nothing, or to infinity, keep it below 1."""
+    flag = column.kind == "flag"
+    axes = canvas.panel(i, column.about, "point" if flag else column.name, "share of trials")
+    points = summary.points[:MOST_SERIES]
+    if flag:
+        shares = [p.flags[column.name] for p in points]
+        _whiskers(canvas, i, "share and 95 % interval", list(range(len(points))), shares, COLOURS[0])
+        axes.set_ylim(-0.03, 1.03)
+        return
+    values = store.numbers(column.name, job.study.total).reshape(-1, len(summary.points))
+    for p, point in enumerate(points):
+        ended = point.done + point.failed + point.broken
+        known = np.sort(values[np.isfinite(values[:, p]), p])
+        share = np.arange(1, known.size + 1) / max(ended, 1)
+        canvas.line(i, _label(point.at), known, share, color=COLOURS[p], drawstyle="steps-post")
+    if column.limit is not None:
+        axes.axvline(column.limit, color=PAPER, linestyle="--", linewidth=0.8)
+    axes.set_ylim(0.0, 1.03)
+    if len(points) > 1:
+        canvas.legend(i, loc="lower right")
+
+
+def _curve(canvas: Canvas, i: int, column: Column, along: str, summary: Summary) -> None:
+    """Draw the median with its 5 to 95 % band, or a share with its interval, over the swept number."""
+    series: dict[str, list[Point]] = {}
+    for point in summary.points:
+        rest = {place: value for place, value in point.at.items() if place != along}
+        series.setdefault(_label(rest), []).append(point)
+    flag = column.kind == "flag"
+    axes = canvas.panel(i, column.about, along.rpartition(".")[2], "share of trials" if flag else column.name)
+    for colour, (name, points) in zip(COLOURS, series.items(), strict=False):
+        x = [float(p.at[along]) for p in points]
+        if flag:
+            _whiskers(canvas, i, name, x, [p.flags[column.name] for p in points], colour)
+            continue
+        low, middle, high = (
+            [_finite(p.numbers[column.name].quantiles[q]) for p in points] for q in ("q05", "median", "q95")
+        )
+        canvas.line(i, name, x, middle, color=colour, marker="o", markersize=3)
+        axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+    if flag:
+        axes.set_ylim(-0.03, 1.03)
+    elif column.limit is not None:
+        axes.axhline(column.limit, color=PAPER, linestyle="--", linewidth=0.8)
+    swept = [abs(float(p.at[along])) for p in summary.points if p.at[along]]
+    if swept and max(swept) > 30.0 * min(swept):
+        axes.set_xscale("symlog", linthresh=min(swept))
+    if len(series) > 1:
+        canvas.legend(i, loc="best")
+
+
+def _whiskers(canvas: Canvas, i: int, name: str, x: Sequence[float], shares: Sequence[Share], colour: str) -> None:
+    fraction = [s.fraction for s in shares]
+    canvas.line(i, name, x, fraction, color=colour, marker="o", markersize=3)
+    for at, share in zip(x, shares, strict=True):
+        canvas.axes[i].plot([at, at], share.ci95, color=colour, linewidth=1.0)
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else math.nan

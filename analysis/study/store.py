@@ -1,0 +1,194 @@
+"""The trials of a study on disk: one SQLite file, in which a trial is whole or absent, whatever ends the program.
+
+Every batch of finished trials is one transaction that is on the disk before anybody hears of it (write-ahead log,
+synchronous=FULL). The file is held exclusively while it is open, so that two programs never write one study.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.study.fingerprint import require_same
+from analysis.study.kinds import Column, Scalar
+from analysis.study.trial import Outcome
+from sim_backend.errors import ConfigError, DataError
+
+FILE = "trials.sqlite"
+SCHEMA = "mccd-study-trials/1"
+_OWN = ("trial", "status", "reason", "wall_s")
+_TYPES = {"number": "REAL", "flag": "INTEGER", "text": "TEXT"}
+
+
+class Store:
+    """The finished trials in a folder; use as a context manager.
+
+    `varied` and `columns` name what stands beside each trial. Raises ConfigError for the folder of another study, or of
+    this one without `resume`, or one that another program holds; DataError where the disk or the file fails.
+    """
+
+    def __init__(
+        self, folder: Path, parts: dict[str, str], varied: Sequence[str], columns: Sequence[Column], *, resume: bool
+    ) -> None:
+        self.path = folder / FILE
+        self._varied, self._columns = tuple(varied), tuple(columns)
+        folder.mkdir(parents=True, exist_ok=True)
+        existed = self.path.exists()
+        if existed and not resume:
+            raise ConfigError(f"{folder} holds trials already; go on with --resume, or choose another --out")
+        try:
+            self._file = sqlite3.connect(self.path, timeout=0.0, isolation_level=None, check_same_thread=True)
+        except sqlite3.Error as error:
+            raise DataError(f"{self.path}: {error}; check the folder, its rights and the free space") from None
+        try:
+            with _clear_errors(self.path):
+                self._prepare()
+                self._claim(parts)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _prepare(self) -> None:
+        for pragma in ("locking_mode=EXCLUSIVE", "journal_mode=WAL", "synchronous=FULL"):
+            self._file.execute(f"PRAGMA {pragma}")
+        self._file.execute(
+            "BEGIN IMMEDIATE"
+        )  # an exclusive connection keeps the lock that this takes until it is closed
+        self._file.execute("CREATE TABLE IF NOT EXISTS study (part TEXT PRIMARY KEY, value TEXT NOT NULL)")
+        own = "trial INTEGER PRIMARY KEY, status TEXT NOT NULL, reason TEXT NOT NULL, wall_s REAL NOT NULL"
+        more = [f"{_quoted(name)}" for name in self._varied]
+        more += [f"{_quoted(c.name)} {_TYPES[c.kind]}" for c in self._columns]
+        self._file.execute(f"CREATE TABLE IF NOT EXISTS trials ({', '.join([own, *more])})")
+        self._file.execute("COMMIT")
+
+    def _claim(self, parts: dict[str, str]) -> None:
+        found = dict(self._file.execute("SELECT part, value FROM study").fetchall())
+        if found:
+            if found.get("schema") != SCHEMA:
+                raise DataError(f"{self.path}: its schema is {found.get('schema')}, not {SCHEMA}; choose another --out")
+            fix = "go on with the study and the programs as they were, or begin anew with another --out"
+            require_same(json.loads(found["fingerprint"]), parts, str(self.path), fix)
+            (sound,) = self._file.execute("PRAGMA quick_check(1)").fetchone()
+            if sound != "ok":
+                raise DataError(f"{self.path} is damaged ({sound}); restore it from a copy, or begin anew")
+            return
+        rows = [("schema", SCHEMA), ("fingerprint", json.dumps(parts))]
+        with self._file:
+            self._file.execute("BEGIN")
+            self._file.executemany("INSERT INTO study VALUES (?, ?)", rows)
+
+    def add(self, outcomes: Sequence[Outcome]) -> None:
+        """Keep finished trials: when this returns they are on the disk. Raises DataError when they cannot be."""
+        marks = ", ".join("?" * (len(_OWN) + len(self._varied) + len(self._columns)))
+        rows = [(o.trial, o.status, o.reason, o.wall_s, *map(_stored, o.varied + o.results)) for o in outcomes]
+        with _clear_errors(self.path), self._file:
+            self._file.execute("BEGIN")
+            self._file.executemany(f"INSERT INTO trials VALUES ({marks})", rows)
+
+    def finished(self, total: int) -> NDArray[np.bool_]:
+        """Return which of the first `total` trials are there, shape (total,)."""
+        there = np.zeros(total, dtype=bool)
+        with _clear_errors(self.path):
+            for (trial,) in self._file.execute("SELECT trial FROM trials WHERE trial < ?", (total,)):
+                there[trial] = True
+        return there
+
+    def statuses(self, total: int) -> list[str]:
+        """Return the status of each of the first `total` trials, empty for one that is not there."""
+        out = [""] * total
+        with _clear_errors(self.path):
+            for trial, status in self._file.execute("SELECT trial, status FROM trials WHERE trial < ?", (total,)):
+                out[trial] = status
+        return out
+
+    def numbers(self, name: str, total: int) -> NDArray[np.float64]:
+        """Return a column of the first `total` trials, shape (total,); not a number where there is none."""
+        out = np.full(total, math.nan)
+        query = f"SELECT trial, {_quoted(name)} FROM trials WHERE trial < ?"
+        with _clear_errors(self.path):
+            for trial, value in self._file.execute(query, (total,)):
+                if value is not None:
+                    out[trial] = value
+        return out
+
+    def texts(self, name: str, total: int) -> list[str]:
+        """Return a column of texts of the first `total` trials, empty where there is none."""
+        out = [""] * total
+        query = f"SELECT trial, {_quoted(name)} FROM trials WHERE trial < ?"
+        with _clear_errors(self.path):
+            for trial, value in self._file.execute(query, (total,)):
+                out[trial] = "" if value is None else value
+        return out
+
+    def reasons(self, total: int) -> list[tuple[str, str, int, int]]:
+        """Return status, reason, count and first trial of all that came to nothing, the most frequent first."""
+        query = (
+            "SELECT status, reason, COUNT(*), MIN(trial) FROM trials WHERE status != 'done' AND trial < ? "
+            "GROUP BY status, reason ORDER BY COUNT(*) DESC, MIN(trial)"
+        )
+        with _clear_errors(self.path):
+            return self._file.execute(query, (total,)).fetchall()
+
+    def rows(self, total: int) -> Iterator[tuple[Any, ...]]:
+        """Yield trial, status, reason, what varied and the results, in the order of the trials."""
+        names = [*_OWN[:3], *map(_quoted, self._varied), *(_quoted(c.name) for c in self._columns)]
+        with _clear_errors(self.path):
+            yield from self._file.execute(
+                f"SELECT {', '.join(names)} FROM trials WHERE trial < ? ORDER BY trial", (total,)
+            )
+
+    def seconds(self, total: int) -> float:
+        """Return the time that the first `total` trials took, all together."""
+        with _clear_errors(self.path):
+            (seconds,) = self._file.execute("SELECT TOTAL(wall_s) FROM trials WHERE trial < ?", (total,)).fetchone()
+        return float(seconds)
+
+    def close(self) -> None:
+        """Close the file; what was added stays."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class _clear_errors:  # noqa: N801  (used like a function)
+    """Turn what SQLite raises into the project's errors."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
+            raise ConfigError(f"{self._path}: another mccd is running this study; wait for it to end") from None
+        if isinstance(error, sqlite3.Error):
+            fix = "check the folder, its rights and the free space; what was saved before is untouched"
+            raise DataError(f"{self._path}: {error}; {fix}") from None
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _stored(value: Scalar) -> float | int | str | None:
+    """Return a value as SQLite keeps it: flags as 0 and 1, numbers to the last bit, nothing for what is no number."""
+    if isinstance(value, bool):
+        return int(value)
+    return None if isinstance(value, float) and math.isnan(value) else value
