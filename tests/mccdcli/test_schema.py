@@ -6,12 +6,15 @@ import json
 from pathlib import Path
 
 import jsonschema
+import msgspec
 import pytest
 
 from mccdcli.main import cli, main
 from mccdcli.registry import COMMANDS
 from mccdcli.schema import described, names, schema_of
 from mccdcli.settings import options_of
+from sim_backend.model import dump_model
+from tests.small_bench import NOISE, bench_model
 
 SHORT_SWEEP = "bands=[{start_hz=20.0, stop_hz=40.0, step_hz=5.0, settle_s=0.3, measure_s=0.2}]"
 CAMPAIGN = (
@@ -27,8 +30,13 @@ unit = "N m"
 role = "input"
 """
 
-# in an order in which each finds what it needs; the rest is checked where it is run:
-# diagnose by the tutorial, report by the contract of its tables
+QUICK = (
+    "--first multisine --set axes=['theta_x'] --set realisations=1 --set period_s=0.5 --set start_hz=2.0 "
+    "--set stop_hz=500.0"
+).split()
+
+# in an order in which each finds what it needs; report is checked by the contract of its tables, and a diagnosis with
+# causes by the tutorial
 CALLS = {
     "simulate": ["--plan", "sinesweep", "--set", "axis=theta_x", "--set", SHORT_SWEEP, "--out", "sweep.h5"],
     "identify": ["--log", "sweep.h5", "--modes", "1", "-o", "one.toml"],
@@ -50,6 +58,13 @@ CALLS = {
     "model convert": ["design", "-o", "design.json"],
     "config show": ["chop"],
     "import": ["map.toml", "-o", "imported.h5"],
+    "bench check": ["--bench", "emulator"],
+    "challenge make": ["blind", "--family", "actuator-gain", "--shape", "short", "--seed", "4"],
+    "challenge run": ["blind"],
+    "challenge score": ["blind", "-o", "score"],
+    "design": ["--model", "design", "--stages", "--out", "designed"],
+    "investigate": ["--bench", "sim:bench.toml", "--model", "nominal.toml", "-o", "rounds", *QUICK],
+    "diagnose": ["rounds/round-1/multisine.h5", "--model", "nominal.toml", "-o", "diagnosis"],
 }
 
 
@@ -58,6 +73,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("json")
     (folder / "mine.toml").write_text(CAMPAIGN)
     (folder / "map.toml").write_text(MAP)
+    for name, effects in (("bench", NOISE), ("nominal", ())):
+        model = msgspec.structs.replace(bench_model(effects), sample_rate_hz=2000.0)
+        (folder / f"{name}.toml").write_text(dump_model(model), encoding="utf-8")
     (folder / "data.csv").write_text("u\n" + "\n".join(str((7919 * i) % 13) for i in range(100)) + "\n")
     return folder
 

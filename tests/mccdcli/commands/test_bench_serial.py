@@ -9,8 +9,10 @@ import sys
 from pathlib import Path
 
 import h5py
+import jsonschema
 import pytest
 
+from mccdcli.schema import schema_of
 from sim_backend.model import dump_model
 from tests.small_bench import bench_model
 
@@ -40,6 +42,7 @@ def test_a_served_bench_is_checked_and_ends_safely(model: str, transport: str, t
     try:
         assert served.stdout is not None
         said = "".join(served.stdout.readline() for _ in range(3))
+        jsonschema.validate(json.loads(said), schema_of("bench serve"))
         address = json.loads(said)["address"]
         assert address.startswith("tcp:127.0.0.1:" if transport == "tcp" else f"serial:{link}")
         checked = run("check", "--bench", address, "--json")
