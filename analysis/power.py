@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,3 +40,11 @@ def coil_power(
         i = i[:whole]
     actuator = ratio**2 * np.mean(i**2, axis=0)
     return CoilPower(actuator, float(actuator.sum()), float(np.max(np.abs(i))))
+
+
+def joined_power(parts: Iterable[tuple[CoilPower, int]]) -> CoilPower:
+    """Return the power over consecutive parts of one record, each with its number of samples."""
+    powers, samples = zip(*parts, strict=True)
+    share = np.array(samples) / sum(samples)
+    actuator = np.sum([power.actuator_w * s for power, s in zip(powers, share, strict=True)], axis=0)
+    return CoilPower(actuator, float(actuator.sum()), max(power.peak_a for power in powers))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.chop import ChopStability, observation_windows, stability_of_blocks
-from analysis.power import CoilPower, coil_power
+from analysis.power import CoilPower, coil_power, joined_power
 from analysis.settling import Settling, settling
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 TIP_TILT = ("theta_x", "theta_y")
 
-VALUES_AT_ONCE = 4_000_000
-"""Numbers read together, 32 MB: memory does not grow with the length of a chop."""
+VALUES_AT_ONCE = 2_000_000
+"""Numbers read together, 16 MB: memory does not grow with the length of a chop."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,12 @@ class ChopPhase:
         names = [name for name in self.run.channels if name.startswith("current_")]
         if not names:
             raise DataError(f"{self.run.path} holds no currents; record channels 'current_<actuator>'")
-        return coil_power(self.read(*names), force_constant_n_a, steepness_n_sqrt_w, self.period)
+        constants = (force_constant_n_a, steepness_n_sqrt_w, self.period)
+        return joined_power((coil_power(block, *constants), len(block)) for block in self.blocks(*names))
+
+    def largest(self, name: str) -> float:
+        """Return the largest size of a channel over whole periods."""
+        return max(float(np.max(np.abs(block), initial=0.0)) for block in self.blocks(name))
 
 
 def chop_phase(run: Run, phase: str = "chop") -> ChopPhase:

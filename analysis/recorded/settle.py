@@ -53,5 +53,5 @@ def settle_of(run: Recorded) -> SettleTest:
         moved={dof: phase.settling(dof) for dof, moving in zip(TIP_TILT, moves, strict=True) if moving},
         stability=phase.stability(),
         power=phase.power(FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W) if currents else None,
-        parasitic_z_m=float(np.max(np.abs(phase.read("z")))) if "z" in run.channels else None,
+        parasitic_z_m=phase.largest("z") if "z" in run.channels else None,
     )

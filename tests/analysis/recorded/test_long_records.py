@@ -66,6 +66,25 @@ def test_a_chop_in_parts_gives_the_numbers_of_the_whole(chop, most_rows, monkeyp
     assert run.rows > 3 * most_rows[0]
 
 
+def test_power_and_parasitic_motion_in_parts_are_those_of_the_whole(write_log, most_rows, monkeypatch):
+    rng, rows = np.random.default_rng(4), CYCLES * 2 * DWELL
+    values = {"theta_x": np.zeros(rows), "theta_y": np.zeros(rows), "z": 1e-6 * rng.normal(size=rows)}
+    values |= {f"current_{a}": rng.normal(size=rows) * (a + 1) for a in range(3)}
+    channels = [*OUTPUTS, ("z", "m", "output", "z"), *((f"current_{a}", "A", "aux", f"a{a}") for a in range(3))]
+    given = {"phase": "chop", "alpha_deg": 0.0, "from_rad": 0.0, "to_rad": 8.5e-3}
+    given |= {"dwell_samples": DWELL, "window_samples": WINDOW}
+    monkeypatch.setattr(analysis.recorded.chop, "VALUES_AT_ONCE", 7 * 2 * DWELL)
+    phase = chop_phase(write_log("settling", channels, [("chop", given, values)]))
+    found = phase.power(5.7, 7.9)
+    currents = np.stack([values[f"current_{a}"] for a in range(3)])
+    # the sum of 10,000 squares, rounded at every addition
+    np.testing.assert_allclose(found.actuator_w, np.mean((5.7 / 7.9 * currents) ** 2, axis=1), rtol=1e-12)
+    assert found.total_w == pytest.approx(found.actuator_w.sum(), rel=1e-15)
+    assert found.peak_a == np.abs(currents).max()
+    assert phase.largest("z") == np.abs(values["z"]).max()
+    assert most_rows[0] == 7 * 2 * DWELL
+
+
 def test_the_drift_of_a_long_chop_reads_a_part_at_a_time(chop, most_rows, monkeypatch):
     run, cycles = chop
     monkeypatch.setattr(analysis.recorded.chop, "VALUES_AT_ONCE", 1)  # at least a period
