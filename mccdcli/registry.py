@@ -21,7 +21,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
-        "log": "Show, verify, export and recover logs.",
+        "log": "Show, summarise, verify, export and recover logs.",
         "model": "Convert models.",
     }
 )
@@ -153,6 +153,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "log show": Entry(
             "mccdcli.commands.log_show:show",
             "Show what a log holds: its run, its channels and its segments.",
+        ),
+        "log summary": Entry(
+            "mccdcli.commands.log_summary:summary",
+            "Summarise every channel of a log: smallest and largest value, mean and standard deviation.",
         ),
         "log verify": Entry(
             "mccdcli.commands.log_verify:verify",

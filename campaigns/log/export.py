@@ -1,27 +1,33 @@
 """A log for other programs: a pandas frame, an xarray data set, and files for MATLAB, NeXus viewers and spreadsheets.
 
-Times, units and segments go along wherever the form has a place for them. All values are in SI, as in the log.
+Times, units and segments go along wherever the form has a place for them. All values are in SI, as in the log. Files
+but MATLAB's are written a block of rows at a time, so that a log may be larger than the memory.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.log.read import Run
+from campaigns.log.read import BLOCK_ROWS, Run
 from campaigns.log.schema import to_json
 from sim_backend.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
+    import h5py
     import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
+
+MAT_BYTES = 2**31 - 2**20
+"""The most that a structure in a MATLAB file of version 5 can hold, with room for its names and segments."""
 
 
 def to_frame(run: Run) -> pd.DataFrame:
@@ -62,26 +68,45 @@ def to_dataset(run: Run) -> xr.Dataset:
 
 def save_csv(run: Run, path: Path) -> None:
     """Write one row per sample, `time (s)` first, the unit of each channel in its head, every digit."""
-    frame = to_frame(run)
-    frame.columns = [f"{name} ({run.channels[name].unit})" for name in frame.columns]
-    frame.index.name = "time (s)"
-    frame.to_csv(path)
+    import pandas as pd
+
+    first = next(iter(run.channels))
+    with path.open("x", encoding="utf-8", newline="") as file:
+        for start, block in run.blocks():
+            stop = start + next(iter(block.values())).size
+            columns = {f"{name} ({run.channels[name].unit})": values for name, values in block.items()}
+            frame = pd.DataFrame(columns, index=pd.Index(run.time_s(first, start, stop), name="time (s)"))
+            frame.to_csv(file, header=start == 0)
 
 
 def save_npz(run: Run, path: Path) -> None:
     """Write an archive of numpy arrays: `time_s`, one per channel, and `about` as JSON text."""
-    values: dict[str, Any] = {name: run.read(name) for name in run.channels}
-    np.savez(path, allow_pickle=False, time_s=_time(run), about=np.array(to_json(_about(run), "log")), **values)
+    with zipfile.ZipFile(path, "x", zipfile.ZIP_STORED) as archive:
+        for name, blocks in {"time_s": _times(run), **{name: _values(run, name) for name in run.channels}}.items():
+            # its size is not asked for before it is written, so every entry may become larger than 4 GB
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                header = {"descr": "<f8", "fortran_order": False, "shape": (run.rows,)}
+                np.lib.format.write_array_header_1_0(entry, header)
+                for _, values in blocks:
+                    entry.write(values.astype("<f8").tobytes())
+        with archive.open("about.npy", "w") as entry:
+            np.lib.format.write_array(entry, np.array(to_json(_about(run), "log")), allow_pickle=False)
 
 
 def save_mat(run: Run, path: Path) -> None:
     """Write a MATLAB file (v5) of one structure `run`: `time_s`, `channels`, `units`, `segments`, `about` as JSON text.
 
     Names that MATLAB cannot have are changed: other signs become `_`, and a leading digit gets an `x`. Segments count
-    rows from 1 and include their last, as MATLAB does.
+    rows from 1 and include their last, as MATLAB does. Raises ConfigError for a log that this form cannot hold.
     """
     from scipy.io import savemat
 
+    size = 8 * run.rows * (len(run.channels) + 1)
+    if size > MAT_BYTES:
+        raise ConfigError(
+            f"{run.path} holds {size / 1e9:.3g} GB, a MATLAB file of version 5 at most {MAT_BYTES / 1e9:.3g} GB: "
+            "write .nxs, which MATLAB reads by h5read, or read the log itself that way"
+        )
     names = _matlab_names(run.channels)
     content = {
         "time_s": _time(run)[:, None],
@@ -111,16 +136,15 @@ def save_nexus(run: Run, path: Path) -> None:
         notes = entry.create_group("about")
         notes.attrs["NX_class"] = "NXnote"
         notes["type"], notes["data"] = "application/json", to_json(_about(run), "log")
-        time = _time(run)
         for role in dict.fromkeys(channel.role for channel in run.channels.values()):
             names = run.names(role)
             data = entry.create_group(role)
             data.attrs.update({"NX_class": "NXdata", "signal": names[0], "axes": ["time"], "time_indices": 0})
             if len(names) > 1:
                 data.attrs["auxiliary_signals"] = list(names[1:])
-            data.create_dataset("time", data=time).attrs["units"] = "s"
+            _stored(data, "time", run.rows, _times(run)).attrs["units"] = "s"
             for name in names:
-                channel = data.create_dataset(name, data=run.read(name))
+                channel = _stored(data, name, run.rows, _values(run, name))
                 channel.attrs["units"], channel.attrs["long_name"] = run.channels[name].unit, name
         entry.attrs["default"] = "output" if run.names("output") else next(iter(run.channels.values())).role
 
@@ -145,6 +169,24 @@ def save(run: Run, path: Path) -> None:
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
     FORMS[ending](run, path)
+
+
+def _stored(group: h5py.Group, name: str, rows: int, blocks: Iterable[tuple[int, Array]]) -> h5py.Dataset:
+    dataset = group.create_dataset(name, (rows,), "<f8")
+    for start, values in blocks:
+        dataset[start : start + values.size] = values
+    return dataset
+
+
+def _values(run: Run, name: str) -> Iterator[tuple[int, Array]]:
+    """Yield (first row, values) of a channel, `BLOCK_ROWS` at a time."""
+    return ((start, block[name]) for start, block in run.blocks([name]))
+
+
+def _times(run: Run) -> Iterator[tuple[int, Array]]:
+    first = next(iter(run.channels))
+    for start in range(0, run.rows, BLOCK_ROWS):
+        yield start, run.time_s(first, start, min(start + BLOCK_ROWS, run.rows))
 
 
 def _time(run: Run) -> Array:
