@@ -20,11 +20,15 @@ from campaigns.log import Channel, LogSegment, LogWriter, Unit, sha256_of, unit_
 from campaigns.log.guard import one_line
 from campaigns.log.schema import check_label, check_name, to_json
 from campaigns.log.write import SETTINGS_BYTES
+from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import ConfigError, DataError, MccdError
 
 Array = NDArray[np.float64]
 # Two parts of one clock: stamps rounded to 1 % of a period fix the rate of 100 samples to 1e-4.
 RATE_AGREEMENT = 1e-4
+GATHERING = 0.7
+"""Share of the time that reading and checking the sources takes; the log is written in the rest."""
+
 MOST_OPEN = 8
 """Some sources are processes, and a map may name thousands of files."""
 
@@ -77,7 +81,9 @@ class _Files:
         return self.opened[name]
 
 
-def import_run(map_path: str | os.PathLike[str], target: str | os.PathLike[str]) -> ImportReport:
+def import_run(
+    map_path: str | os.PathLike[str], target: str | os.PathLike[str], report: Report = unheard
+) -> ImportReport:
     """Import what the map at `map_path` names into a new log at `target`; sources count from the map's folder.
 
     All data are held in memory once. Raises ConfigError for the map and an existing target, DataError for the
@@ -92,7 +98,11 @@ def import_run(map_path: str | os.PathLike[str], target: str | os.PathLike[str])
         wanted: Sequence[PartMap | None] = found.parts or (None,)
         with ExitStack() as closing:
             files = _Files(path.parent, found, closing)
-            parts = [_gather(files, part, units) for part in wanted]
+            shares = np.linspace(0.0, GATHERING, len(wanted) + 1)
+            parts = [
+                _gather(files, part, units, part_of(report, start, stop))
+                for part, start, stop in zip(wanted, shares[:-1], shares[1:], strict=True)
+            ]
         for name, channel in found.channels.items():
             check_varies([part.columns[name] for part in parts], name, channel)
         rate_hz = _common_rate(parts)
@@ -104,7 +114,8 @@ def import_run(map_path: str | os.PathLike[str], target: str | os.PathLike[str])
         ]
     except MccdError as error:
         raise type(error)(one_line(f"{path}: {error}")) from None
-    run_uid = _write(Path(target), found, _configuration(text, files), channels, parts, segments)
+    told = part_of(report, GATHERING, 1.0)
+    run_uid = _write(Path(target), found, _configuration(text, files), channels, parts, segments, told)
     rows = sum(part.layout.rows for part in parts)
     return ImportReport(Path(target), run_uid, rows, rate_hz, tuple(channels), tuple(segments))
 
@@ -117,13 +128,14 @@ def _unit(name: str, symbol: str) -> Unit:
         raise ConfigError(f"[channels.{name}]: {error}") from None
 
 
-def _gather(files: _Files, part: PartMap | None, units: Mapping[str, Unit]) -> _Part:
+def _gather(files: _Files, part: PartMap | None, units: Mapping[str, Unit], report: Report) -> _Part:
     where = f"part '{part.label}': " if part else ""
     log = files.map.log
     columns: dict[str, Array] = {}
     layouts: dict[str, Layout] = {}
-    for name, channel in files.map.channels.items():
+    for i, (name, channel) in enumerate(files.map.channels.items()):
         what = f"{where}channel '{name}'"
+        report(i, len(files.map.channels), f"reading {what}")
         values = select(files.source(channel.source, part, what), channel.select)
         rows, layouts[name] = flatten(values, log.axes, what)
         columns[name] = to_si(rows, channel, units[name], what)
@@ -223,6 +235,7 @@ def _write(
     channels: list[Channel],
     parts: list[_Part],
     segments: list[LogSegment],
+    report: Report,
 ) -> str:
     columns = {
         channel.name: np.concatenate([part.columns[channel.name] for part in parts])
@@ -242,6 +255,7 @@ def _write(
     ) as log:
         done = 0
         for segment in segments:
+            report(done, segments[-1].stop, f"writing {target.name}")
             log.append({name: column[done : segment.start] for name, column in columns.items()})
             with log.segment(segment.label, segment.settings):
                 log.append({name: column[segment.start : segment.stop] for name, column in columns.items()})

@@ -7,9 +7,11 @@ import os
 import uuid
 from pathlib import Path
 
+from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
 
 _SIDECAR_LIMIT_BYTES = 4096
+_BLOCK_BYTES = 2**20
 
 
 def sidecar_of(path: Path) -> Path:
@@ -17,11 +19,17 @@ def sidecar_of(path: Path) -> Path:
     return path.with_name(path.name + ".sha256")
 
 
-def sha256_of(path: Path) -> str:
+def sha256_of(path: Path, report: Report = unheard) -> str:
     """Return the SHA-256 of the file at `path` as hexadecimal text; raises DataError if it cannot be read."""
+    digest, done = hashlib.sha256(), 0
     try:
         with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+            size = os.fstat(stream.fileno()).st_size
+            while block := stream.read(_BLOCK_BYTES):
+                digest.update(block)
+                done += len(block)
+                report(done, max(size, done), f"checksum of {path.name}")
+        return digest.hexdigest()
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
 

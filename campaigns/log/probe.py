@@ -10,12 +10,15 @@ import json
 import os
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.log.checksum import read_sidecar, sha256_of
 from campaigns.log.child import bound_memory, start_python, time_limit_s
 from campaigns.log.read import BLOCK_ROWS, Run, has_writer, open_run
+from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
 
 HASHED_BYTES = 256 * 2**20  # a larger log is taken at its sidecar's word; `verify` reads it all
@@ -61,21 +64,43 @@ def _vouched(path: Path) -> bool:
     return True
 
 
-def examine(path: Path) -> Examination:
+def examine(path: Path, report: Report = unheard) -> Examination:
     """Let a child read the whole log at `path` and return what it found."""
     try:
         limit_s = time_limit_s(path)
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
+    late = threading.Event()
     with start_python("from campaigns.log.probe import child; child()", str(path)) as process:
+        watchdog = threading.Timer(limit_s, _end, (process, late))
+        watchdog.start()
         try:
-            output, _ = process.communicate(timeout=limit_s)
-            end = f"crashes the HDF5 library (exit {process.returncode})"
-        except subprocess.TimeoutExpired:
-            process.kill()
-            output, _ = process.communicate()
-            end = f"keeps the HDF5 library busy for more than {limit_s:.0f} s"
-    return _judged(path, output.decode("utf-8", "replace"), end)
+            output = "".join(_heard(process, f"reading {path.name}", report))
+        finally:
+            watchdog.cancel()
+    end = f"crashes the HDF5 library (exit {process.returncode})"
+    return _judged(path, output, f"keeps the HDF5 library busy for more than {limit_s:.0f} s" if late.is_set() else end)
+
+
+def _end(process: subprocess.Popen[bytes], late: threading.Event) -> None:
+    late.set()
+    process.kill()
+
+
+def _heard(process: subprocess.Popen[bytes], what: str, report: Report) -> Iterator[str]:
+    """Yield what the child says, line by line, and report how far it is."""
+    assert process.stdout is not None  # start_python makes it a pipe
+    total = 0
+    for line in process.stdout:
+        text = line.decode("utf-8", "replace")
+        yield text
+        try:
+            said = json.loads(text)
+        except ValueError:  # cut short by the end of the child
+            return
+        total = said.get("of", total)
+        if "rows" in said and total:
+            report(said["rows"], total, what)
 
 
 def _judged(path: Path, output: str, end: str) -> Examination:
@@ -100,7 +125,7 @@ def child() -> None:
     bound_memory()
     try:
         with open_run(Path(sys.argv[1])) as run:
-            _tell(rows=0)
+            _tell(rows=0, of=run.rows)
             _tell(damage=_read_all(run))
     except DataError as error:
         _tell(refused=str(error))

@@ -10,6 +10,7 @@ from campaigns.log.probe import examine
 from campaigns.log.read import Run, open_run
 from campaigns.log.schema import LogSegment, to_json
 from campaigns.log.write import SETTINGS_BYTES, LogWriter
+from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
 
 
@@ -23,13 +24,13 @@ class Recovery:
     reason: str
 
 
-def recover(path: str | os.PathLike[str], target: str | os.PathLike[str]) -> Recovery:
+def recover(path: str | os.PathLike[str], target: str | os.PathLike[str], report: Report = unheard) -> Recovery:
     """Copy the sound committed rows of the log at `path`, up to the first damage, into a new log at `target`.
 
     The copy keeps the run's uid and description and gets status `crashed` with the reason. Raises DataError
     when the log cannot be opened at all or holds no sound row, ConfigError when `target` exists.
     """
-    found = examine(Path(path))
+    found = examine(Path(path), part_of(report, 0.0, 0.5))
     if found.refused:
         raise DataError(found.refused)
     rows, damage = found.sound_rows, found.damage
@@ -43,11 +44,16 @@ def recover(path: str | os.PathLike[str], target: str | os.PathLike[str]) -> Rec
             for part in run.segments
             if part.start < rows
         ]
-        _copy(run, rows, segments, Path(target), reason[:1000])
+        _copy(run, rows, segments, Path(target), reason[:1000], part_of(report, 0.5, 1.0))
     return Recovery(Path(target), rows, run.rows, reason)
 
 
-def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason: str) -> None:
+def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason: str, report: Report) -> None:
+    def append(start: int, stop: int) -> None:
+        for first, block in run.blocks(start=start, stop=stop):
+            log.append(block)
+            report(first, rows, "copying")
+
     header = run.header
     widest = max((len(to_json(part.settings, part.label).encode()) for part in segments), default=0)
     with LogWriter.create(
@@ -66,14 +72,9 @@ def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason:
     ) as log:
         done = 0
         for part in segments:
-            _append(run, log, done, part.start)
+            append(done, part.start)
             with log.segment(part.label, part.settings):
-                _append(run, log, part.start, part.stop)
+                append(part.start, part.stop)
             done = part.stop
-        _append(run, log, done, rows)
+        append(done, rows)
         log.set_status("crashed", reason)
-
-
-def _append(run: Run, log: LogWriter, start: int, stop: int) -> None:
-    for _, block in run.blocks(start=start, stop=stop):
-        log.append(block)

@@ -9,6 +9,7 @@ import click
 from mccdcli.logtext import channels_text, length_text, segments_text
 from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit
+from mccdcli.progress import progress
 
 
 @click.command("import")
@@ -26,7 +27,8 @@ def import_data(map: Path, out: Path | None, as_json: bool) -> None:
     """
     from campaigns.importing import import_run
 
-    report = import_run(map, out or Path(f"{map.stem}.h5"))
-    summary = f"{report.path}: {length_text(report.rows, report.sample_rate_hz)}"
-    text = "\n\n".join([summary, channels_text(report.channels), segments_text(report.segments)])
-    emit(report, as_json=as_json, text=text)
+    with progress("importing") as report:
+        made = import_run(map, out or Path(f"{map.stem}.h5"), report)
+    summary = f"{made.path}: {length_text(made.rows, made.sample_rate_hz)}"
+    text = "\n\n".join([summary, channels_text(made.channels), segments_text(made.segments)])
+    emit(made, as_json=as_json, text=text)

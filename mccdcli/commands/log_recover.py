@@ -8,6 +8,7 @@ import click
 
 from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit
+from mccdcli.progress import progress
 
 
 @click.command()
@@ -25,6 +26,7 @@ def recover(run: Path, out: Path | None, as_json: bool) -> None:
     """
     from campaigns.log import recover as recover_log
 
-    saved = recover_log(run, out or run.with_suffix(f".recovered{run.suffix}"))
+    with progress("recovering") as report:
+        saved = recover_log(run, out or run.with_suffix(f".recovered{run.suffix}"), report)
     text = f"{saved.path}: {saved.rows} of {saved.committed_rows} rows ({saved.reason})"
     emit(saved, as_json=as_json, text=text)

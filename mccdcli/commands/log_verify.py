@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from pathlib import Path
 
 import click
 
 from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit, plain, table
+from mccdcli.progress import progress
 
 
 @click.command()
@@ -22,8 +24,15 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
       mccd log verify runs/*.h5 --json
     """
     from campaigns.log import verify as verify_log
+    from campaigns.progress import part_of
 
-    reports = [verify_log(run) for run in runs]
+    # by the bytes of each, which is what takes the time
+    ends = list(accumulate((max(run.stat().st_size, 1) for run in runs), initial=0))
+    with progress("verifying") as report:
+        reports = [
+            verify_log(run, part_of(report, start / ends[-1], stop / ends[-1]))
+            for run, start, stop in zip(runs, ends[:-1], ends[1:], strict=True)
+        ]
     rows = [
         (str(report.path), "ok" if check.ok else "FAILED", check.name, check.detail)
         for report in reports

@@ -1,0 +1,88 @@
+"""Long work on logs tells how far it is: it begins near nothing, never goes back, and ends near the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from campaigns.importing import import_run
+from campaigns.log import Channel, LogWriter, recover, verify
+from campaigns.log.read import BLOCK_ROWS
+from campaigns.progress import Report, part_of
+
+ROWS = 5 * BLOCK_ROWS
+MAP = """[log]
+test = "x"
+source = "data.npz"
+sample_rate_hz = 1000.0
+[channels.a]
+select = "a"
+unit = "N m"
+role = "input"
+[channels.b]
+select = "b"
+unit = "rad"
+role = "output"
+[segments]
+one = [0, 100]
+two = [100, 300]
+"""
+
+
+class Listener:
+    """Keeps what it is told, as shares of the whole."""
+
+    def __init__(self) -> None:
+        self.shares: list[float] = []
+        self.said: list[str] = []
+
+    def __call__(self, done: float, total: float, what: str) -> None:
+        self.shares.append(done / total)
+        self.said.append(what)
+
+
+def long_log(folder: Path) -> None:
+    rng = np.random.default_rng(0)
+    channels = [Channel("a", "rad", "output", "x", 1000.0)]
+    with LogWriter.create(
+        folder / "run.h5", channels, test="x", bench={"kind": "sim", "name": "x"}, configuration="{}"
+    ) as log:
+        log.append({"a": rng.normal(size=ROWS)})
+
+
+def verified(folder: Path, report: Report) -> None:
+    long_log(folder)
+    assert verify(folder / "run.h5", report).ok
+
+
+def recovered(folder: Path, report: Report) -> None:
+    long_log(folder)
+    assert recover(folder / "run.h5", folder / "saved.h5", report).rows == ROWS
+
+
+def imported(folder: Path, report: Report) -> None:
+    rng = np.random.default_rng(0)
+    (folder / "map.toml").write_text(MAP)
+    np.savez(folder / "data.npz", a=rng.normal(size=300), b=rng.normal(size=300))
+    assert import_run(folder / "map.toml", folder / "run.h5", report).rows == 300
+
+
+@pytest.mark.parametrize("work", [verified, recovered, imported])
+def test_what_takes_long_tells_how_far_it_is(work: Callable[[Path, Report], None], tmp_path: Path) -> None:
+    heard = Listener()
+    work(tmp_path, heard)
+    assert len(heard.shares) >= 4 and all(heard.said)
+    assert heard.shares == sorted(heard.shares)
+    # none but the last step is left when it was last heard
+    assert heard.shares[0] < 0.2 and 0.7 < heard.shares[-1] <= 1.0
+
+
+def test_a_part_of_the_work_counts_as_its_share() -> None:
+    heard = Listener()
+    told = part_of(part_of(heard, 0.5, 1.0), 0.0, 0.5)
+    told(1.0, 4.0, "a")
+    told(0.0, 0.0, "of nothing")
+    assert heard.shares == [0.5 + 0.5 * 0.125, 0.5] and heard.said == ["a", "of nothing"]
