@@ -78,19 +78,28 @@ def cluster(job: Job, parts: dict[str, str], address: str) -> Iterator[Engine]:
     A trial whose worker is lost is done again by another. Raises ConfigError when `distributed` is not installed or a
     worker is not the same mccd, HardwareError when there is no scheduler or it goes away.
     """
+    with _quiet():
+        client = _client(address)
+        try:
+            executor: Executor = client.get_executor(pure=False)
+            # a task of its own, so that the scheduler can make it again wherever it is lost
+            held = client.submit(_Held, job, parts, pure=False)
+            with _clear_errors(address):
+                yield Engine(lambda trial: executor.submit(_on_worker, held, trial), _Workers(client))
+        finally:
+            with contextlib.suppress(Exception):  # a scheduler that has gone away cannot be taken leave of
+                client.close(timeout=CONNECT_S)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep `distributed` from telling of a lost connection what the error then says in one line."""
     talk = logging.getLogger("distributed")
     level = talk.level
-    talk.setLevel(logging.CRITICAL)  # what it would say of a lost connection is said by the error, in one line
-    client = _client(address)
+    talk.setLevel(logging.CRITICAL)
     try:
-        executor: Executor = client.get_executor(pure=False)
-        # a task of its own, so that the scheduler can make it again wherever it is lost
-        held = client.submit(_Held, job, parts, pure=False)
-        with _clear_errors(address):
-            yield Engine(lambda trial: executor.submit(_on_worker, held, trial), _Workers(client))
+        yield
     finally:
-        with contextlib.suppress(Exception):  # a scheduler that has gone away cannot be taken leave of
-            client.close(timeout=CONNECT_S)
         talk.setLevel(level)
 
 
@@ -106,7 +115,11 @@ class _Held:
         """What is not the same here, empty where all is."""
         fix = "start the workers in the folder of the study, with the same installation on the same kind of machine"
         try:
-            require_same(self.parts, fingerprint(self.job), "a worker of the cluster", fix)
+            found = fingerprint(self.job)
+        except ConfigError as error:
+            return f"a worker of the cluster cannot do this study: {error}; {fix}"
+        try:
+            require_same(self.parts, found, "a worker of the cluster", fix)
         except ConfigError as error:
             return str(error)
         return ""

@@ -188,7 +188,10 @@ def _quoted(name: str) -> str:
 
 
 def _stored(value: Scalar) -> float | int | str | None:
-    """Return a value as SQLite keeps it: flags as 0 and 1, numbers to the last bit, nothing for what is no number."""
+    """Return a value as SQLite keeps it: flags as 0 and 1, nothing for what is no number.
+
+    Numbers come back to the last bit, only that minus zero comes back as zero.
+    """
     if isinstance(value, bool):
         return int(value)
     return None if isinstance(value, float) and math.isnan(value) else value
