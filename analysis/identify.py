@@ -28,6 +28,7 @@ from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
 from analysis.timefit import TimeFit, fit_records
 from campaigns.log import LogSegment, Run
+from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Port, Quantity
@@ -61,6 +62,7 @@ def identify_runs(
     only: str = "",
     equal_weights: bool = False,
     name: str = "identified",
+    report: Report = unheard,
 ) -> Identification:
     """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
 
@@ -73,7 +75,7 @@ def identify_runs(
     if not runs:
         raise DataError("identify: no run is given; give one log at least")
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
-        return _from_sweeps(runs, orders, name)
+        return _from_sweeps(runs, orders, name, report)
     _require_samechannels_of(runs)
     parts = [(run, s) for run in runs for s in run.segments]
     fitting = [(run, s) for run, s in parts if only in s.label and not s.held_out]
@@ -83,8 +85,8 @@ def identify_runs(
         )
     periodic = _periodic(fitting)
     if periodic is not None:
-        return _from_periods(periodic, parts, orders, name, equal_weights)
-    return _from_records(fitting, parts, orders, name)
+        return _from_periods(periodic, parts, orders, name, equal_weights, report)
+    return _from_records(fitting, parts, orders, name, report)
 
 
 def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int, ...]:
@@ -94,11 +96,12 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
     return ORDERS if n_u <= 1 else (n_u, 2 * n_u, 3 * n_u)
 
 
-def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str) -> Identification:
+def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report: Report) -> Identification:
     """One axis per run: the modes of all axes side by side, without coupling."""
     fits: dict[str, Fitted] = {}
     inputs, outputs, curves = [], [], []
-    for run in runs:
+    for i, run in enumerate(runs):
+        report(i, len(runs), f"fitting {run.path.name}")
         sweep = sweep_of(run)
         if sweep.axis in fits:
             raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
@@ -180,11 +183,17 @@ def _from_periods(
     orders: tuple[int, ...],
     name: str,
     equal_weights: bool,
+    report: Report,
 ) -> Identification:
     measured = frequency_response_periodic(*_at_one_level(data), data.rate_hz)
     variance = None if equal_weights else _variance(measured)
     # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
-    fits = {hold: _fit_lines(measured, variance, hold, orders) for hold in (data.rate_hz, None)}
+    held, filtered = part_of(report, 0.0, 0.4), part_of(report, 0.4, 0.8)
+    fits = {
+        data.rate_hz: _fit_lines(measured, variance, data.rate_hz, orders, held),
+        None: _fit_lines(measured, variance, None, orders, filtered),
+    }
+    report(0.8, 1.0, "giving up modes that are not there")
     hold = min(fits, key=lambda key: fits[key].criterion)
     fit = fits[hold]
     while fit.model.n_blocks > orders[0] and not _all_determined(fit):
@@ -218,14 +227,18 @@ def _at_one_level(data: _Periods) -> tuple[Array, Array]:
 
 
 def _fit_lines(
-    measured: FrequencyResponse, variance: Array | None, hold: float | None, orders: tuple[int, ...]
+    measured: FrequencyResponse,
+    variance: Array | None,
+    hold: float | None,
+    orders: tuple[int, ...],
+    report: Report = unheard,
 ) -> RationalFit:
     """Fit all lines, from starts searched on about a thousand of them, twice: a search may end in a poorer minimum."""
     f = measured.frequency_hz
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
     structure = Structure(delay=hold is None)
 
-    def fitted(every: int, choice: tuple[int, ...], start: ModalModel | None) -> RationalFit:
+    def fitted(every: int, choice: tuple[int, ...], start: ModalModel | None, told: Report = unheard) -> RationalFit:
         return fit_rational(
             f[::every],
             measured.response[::every],
@@ -235,10 +248,13 @@ def _fit_lines(
             structure=structure,
             start=start,
             iterations=ITERATIONS,
+            report=told,
         )
 
     every = f.size // SEARCH_LINES + 1
-    found = [fitted(step, usable, None) for step in ({1} if every == 1 else {every, every + 1})]
+    steps = [1] if every == 1 else [every, every + 1]
+    shares = np.linspace(0.0, 1.0, len(steps) + 1)
+    found = [fitted(step, usable, None, part_of(report, *shares[i : i + 2])) for i, step in enumerate(steps)]
     if every > 1:
         found = [fitted(1, (one.model.n_blocks,), one.model) for one in found]
     return min(found, key=lambda one: one.criterion)
@@ -266,6 +282,7 @@ def _from_records(
     parts: Sequence[tuple[Run, LogSegment]],
     orders: tuple[int, ...],
     name: str,
+    report: Report,
 ) -> Identification:
     """Fit in time, and give up modes that are not there.
 
@@ -277,7 +294,8 @@ def _from_records(
     balance = balance_of(inputs, outputs, rate)
     if balance is not None:
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
-    fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None)
+    fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None, report=part_of(report, 0.0, 0.9))
+    report(0.9, 1.0, "giving up modes that are not there")
     while fit.model.n_blocks > orders[0] and not _all_determined(fit):
         fit = fit_records(inputs, outputs, rate, fit.model.n_blocks - 1, rigid_bodies=None)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)

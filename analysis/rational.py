@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from analysis.modal_parameters import Structure
 from analysis.response_fit import RationalFit, Target, make_target, refine, residual_cost
 from analysis.response_start import starting_models, with_new_block, without_weakest_block
+from campaigns.progress import Report, unheard
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 
@@ -28,6 +29,7 @@ def fit_rational(
     rigid_bodies: int | None = 0,
     start: ModalModel | None = None,
     iterations: int = 200,
+    report: Report = unheard,
 ) -> RationalFit:
     """Return the ModalModel that fits a complex frequency response best.
 
@@ -50,7 +52,8 @@ def fit_rational(
     best: RationalFit | None = None
     fit: RationalFit | None = None
     tried: list[tuple[int, float]] = []
-    for count in wanted:
+    for i, count in enumerate(wanted):
+        report(sum(wanted[:i]), sum(wanted), f"fitting {count} modes")
         fit = search.best_of_order(count, fit)
         fit = search.with_rigid_bodies(fit, rigid_bodies)
         tried.append((count, fit.criterion))

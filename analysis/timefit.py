@@ -22,6 +22,7 @@ from analysis.time_residual import (
     time_normal_equations,
     whitened_cost,
 )
+from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import ConfigError, DataError, MccdError
 from sim_backend.linear import Array, ModalModel
 
@@ -65,6 +66,7 @@ def fit_records(
     rigid_bodies: int | None = 0,
     start: ModalModel | None = None,
     iterations: int = 100,
+    report: Report = unheard,
 ) -> TimeFit:
     """Return the ModalModel behind a zero-order hold that explains records of any waveform best.
 
@@ -81,12 +83,14 @@ def fit_records(
         raise ConfigError(f"blocks is {blocks}; give at least one positive number of blocks")
     tried: list[tuple[int, float]] = []
     best: TimeFit | None = None
+    done = 0
     for count in wanted:
+        told, done = part_of(report, done / sum(wanted), (done + count) / sum(wanted)), done + count
         starts = [start] if start is not None else list(_starts(target, count, structure))
         if not starts:
             few = f"{target.values} output values give no start for {count} blocks"
             raise DataError(f"{few}; record more or ask for fewer blocks")
-        fit = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations)
+        fit = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
         tried.append((count, fit.criterion))
         if best is not None and fit.criterion >= best.criterion and len(tried) > 2:
             break  # one more block did not help, so more will not
@@ -102,6 +106,7 @@ def _best_fit(
     noise_order: int | None,
     rigid_bodies: int | None,
     iterations: int,
+    report: Report,
 ) -> TimeFit:
     """Return the best fit from any start, with each number of rigid bodies that is allowed.
 
@@ -109,7 +114,9 @@ def _best_fit(
     start that explains nothing. Only then are the best two numbers of rigid bodies whitened.
     """
     near: dict[int, TimeFit] = {}
-    for first in starts:
+    what = f"fitting {starts[0].n_blocks} modes"
+    for i, first in enumerate(starts):
+        report(0.5 * i, len(starts), what)
         for rigid, model in _with_rigid_bodies(target, first, rigid_bodies):
             fit = _fit(target, model, structure, 0, iterations)
             if rigid not in near or fit.criterion < near[rigid].criterion:
@@ -117,6 +124,7 @@ def _best_fit(
     ranked = sorted(near.values(), key=lambda fit: fit.criterion)[:2]
     if noise_order == 0:
         return ranked[0]
+    report(0.5, 1.0, what)  # whitening takes about as long as all the starts
     whitened = [_fit(target, fit.model, structure, noise_order, iterations) for fit in ranked]
     return min(whitened, key=lambda fit: fit.criterion)
 

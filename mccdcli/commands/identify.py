@@ -10,6 +10,7 @@ import click
 
 from mccdcli.options import common_options
 from mccdcli.output import emit, table
+from mccdcli.progress import progress
 from mccdcli.trials import play_campaign, settings_option, show_estimates
 
 if TYPE_CHECKING:
@@ -95,7 +96,8 @@ def identify(
 
     with ExitStack() as stack:
         runs, name = [stack.enter_context(read_run(log)) for log in logs], target.stem
-        found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=name)
+        report = stack.enter_context(progress("identifying"))
+        found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=name, report=report)
     if response is not None:
         save_response(found.response, response)
     save_model(found.model, target, force=force)

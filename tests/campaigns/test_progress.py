@@ -12,6 +12,7 @@ from campaigns.importing import import_run
 from campaigns.log import Channel, LogWriter, recover, verify
 from campaigns.log.read import BLOCK_ROWS
 from campaigns.progress import Report, part_of
+from tests.listening import Listener
 
 ROWS = 5 * BLOCK_ROWS
 MAP = """[log]
@@ -30,18 +31,6 @@ role = "output"
 one = [0, 100]
 two = [100, 300]
 """
-
-
-class Listener:
-    """Keeps what it is told, as shares of the whole."""
-
-    def __init__(self) -> None:
-        self.shares: list[float] = []
-        self.said: list[str] = []
-
-    def __call__(self, done: float, total: float, what: str) -> None:
-        self.shares.append(done / total)
-        self.said.append(what)
 
 
 def long_log(folder: Path) -> None:

@@ -1,0 +1,151 @@
+"""What stands out: the evidence of every candidate beside a fit, and which of them are worth a refit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
+from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
+from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.matched import wanted_inputs
+from analysis.diagnosis.motions import measured_motion
+from analysis.diagnosis.refit import exact_sensitivities
+from analysis.diagnosis.screening import Problem, gram_of
+from sim_backend.effects.base import Effect
+from sim_backend.effects.view import RecordView
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+SURE = 0.99
+"""An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""
+
+IMITATED = 1e-4
+"""A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
+
+_SHORTLIST = 5
+_NEAR = 0.3
+"""Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
+shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
+
+    First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
+    """
+
+    effects: tuple[type[Effect], ...]
+    false_alarm: float
+    max_effects: int
+    substeps: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Screen:
+    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold.
+
+    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it.
+    """
+
+    candidates: tuple[Candidate, ...]
+    gains: Array
+    drops: Array
+    sizes: tuple[Array, ...]
+    knobs: tuple[Array, ...]
+    freshness: Array
+    threshold: float
+
+    @property
+    def price(self) -> float:
+        """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
+        return 2.0 * float(np.log(SURE / (1.0 - SURE)) + np.log(max(len({c.key for c in self.candidates}), 1)))
+
+    def best_per_key(self) -> list[int]:
+        """Return the index of the best start of each (effect, place), best first."""
+        seen: dict[tuple[str, str], int] = {}
+        for i in np.argsort(-self.gains):
+            seen.setdefault(self.candidates[i].key, int(i))
+        return list(seen.values())
+
+
+def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
+    """Return the evidence of every candidate beside what `fit` already holds."""
+    return evidence_of(*gram_beside(setting, fit, rules, scales), rules)
+
+
+def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tuple[Gram, list[Candidate]]:
+    """Return the inner products of everything that could be added to `fit`, and the candidates they are of."""
+    linear = linear_of(setting, fit)
+    motions = [
+        measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
+        for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
+    ]
+    views = _views(setting, motions, linear)
+    taken = {c.key for c in fit.candidates}
+    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
+    exact = exact_sensitivities(setting, fit)
+    data, places = setting.data, setting.places
+    problem = Problem(data, linear, places, setting.knobs, fit.change, setting.starts, exact, setting.states)
+    return gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers), candidates
+
+
+def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
+    """Return how strongly each candidate stands out, the knobs being re-tuned beside it, and the threshold of chance."""
+    reduced = gram.without(gram.knob_columns())
+    solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
+    # the largest of M chance findings is larger by 2 log M than one of them
+    chosen = 2.0 * np.log([max(c.choices, 1) for c in candidates])
+    gains = np.maximum(gram.gains(reduced, float(reduced[0, 0])) - chosen, 0.0)
+    maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
+    threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
+    sizes = tuple(s for _, s in solved)
+    knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
+    drops = np.array([drop for drop, _ in solved])
+    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
+
+
+def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
+    """Return what effects may look at when they guess, per degree of freedom, all records joined."""
+    places, views = setting.places, {}
+    lowest = float(np.min(setting.nominal.omega_rad_s, initial=0.0)) / (2.0 * np.pi)
+    temperatures = [m.temperature_k for m in motions]
+    joined = (
+        None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
+    )
+    wanted, seen = wanted_inputs(setting, linear, [m.residual for m in motions])
+    for name in dict.fromkeys((*places.inputs, *places.outputs)):
+        i = places.inputs.index(name) if name in places.inputs else 0
+        own = name in places.outputs
+        along = np.eye(len(places.outputs))[places.outputs.index(name)] if own else places.coordinates[i]
+        views[name] = RecordView(
+            setting.data.rate_hz,
+            np.concatenate([m.u[:, i] for m in motions]),
+            np.concatenate([m.position @ along for m in motions]),
+            np.concatenate([m.rate @ along for m in motions]),
+            np.concatenate([m.residual @ along for m in motions]),
+            joined,
+            lowest,
+            wanted[i],
+            seen[i],
+        )
+    return views
+
+
+def shortlist(found: Screen) -> list[int]:
+    """Return the numbers of the candidates that are worth a refit, best first."""
+    order = found.best_per_key()
+    significant = [i for i in order if found.gains[i] > found.threshold]
+    if not significant:
+        return []
+    # what the knobs can imitate gains by tiny differences, which a refit rarely confirms: one of its kind is enough
+    fresh = [i for i in significant if found.freshness[i] > IMITATED]
+    limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
+    imitated = [i for i in significant if i not in fresh][:1]
+    return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
