@@ -19,7 +19,7 @@ import msgspec
 from sim_backend.errors import ConfigError
 
 SCHEMA = "mccd-study/1"
-MAX_POINTS = 100_000
+MAX_POINTS = 10_000
 MAX_TRIALS = 1_000_000_000
 MODEL, SETTINGS = "model", "settings"
 

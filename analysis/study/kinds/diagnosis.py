@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -16,6 +16,9 @@ from sim_backend.effects import Effect, effect_class, make_effect
 from sim_backend.errors import ConfigError
 from sim_backend.model import EffectEntry, Model, dump_model, load_model, number
 from sim_backend.simbench import SimBench
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.dataset import Dataset
 
 
 class _Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -83,30 +86,20 @@ class DiagnosisTrial(Kind):
 
     def run(self, setup: Setup) -> Mapping[str, Scalar]:
         """Hide, play, diagnose."""
-        from analysis.diagnosis.api import diagnose  # heavy, and only these trials need it
-        from analysis.diagnosis.pipeline import Options
+        from analysis.diagnosis.pipeline import Options, diagnose  # heavy, and only these trials need it
 
         own = _Settings.of(setup.settings)
         nominal = _nominal(own, setup)
         bench = SimBench(_with(setup.bench, own), setup.seed, substeps=own.substeps)
         record = play_in_memory(_plan(own), bench)
-        ins, outs = _names(nominal, bench)
-        parts = [(s.start, s.stop) for s in record.segments]
-        found = diagnose(
-            [_stacked(record, ins, *part) for part in parts],
-            [_stacked(record, outs, *part) for part in parts],
-            record.sample_rate_hz,
-            nominal,
-            held_out=[i for i, s in enumerate(record.segments) if s.held_out],
-            period=int(record.segments[0].settings.get("period_samples", 0)),
-            options=Options(
-                tolerance=own.tolerance,
-                false_alarm=own.false_alarm,
-                max_effects=own.max_effects,
-                workers=1,
-                seed=setup.seed,
-            ),
+        options = Options(
+            tolerance=own.tolerance,
+            false_alarm=own.false_alarm,
+            max_effects=own.max_effects,
+            workers=1,
+            seed=setup.seed,
         )
+        found = diagnose(_dataset(record, *_names(nominal, bench)), nominal, options)
         hidden = own.effect()
         truth = set() if hidden.is_neutral() else {(hidden.reported(), hidden.where)}
         named = {(cause.effect, cause.where) for cause in found.causes}
@@ -147,5 +140,16 @@ def _names(nominal: Model, bench: Bench) -> tuple[list[str], list[str]]:
     return found[0], found[1]
 
 
-def _stacked(record: Recording, names: list[str], start: int, stop: int) -> np.ndarray:
-    return np.stack([record.read(name, start, stop) for name in names], axis=1)
+def _dataset(record: Recording, inputs: list[str], outputs: list[str]) -> Dataset:
+    """Return the record as a log of it would be diagnosed: unbroken, every segment a window, some held out."""
+    from analysis.diagnosis.dataset import Dataset, Record, Window
+    from analysis.diagnosis.holding import with_held_out
+
+    windows = []
+    for segment in record.segments:
+        period = segment.settings.get("period_samples", 0)
+        whole = int(period) if isinstance(period, int | float) and 1 < period <= segment.rows else 0
+        windows.append(Window(segment.label, segment.start, segment.stop, segment.held_out, whole))
+    u, y = (np.stack([record.read(name) for name in names], axis=1) for names in (inputs, outputs))
+    held, _ = with_held_out([Record(str(record.path), u, y, tuple(windows))])
+    return Dataset(record.sample_rate_hz, held)
