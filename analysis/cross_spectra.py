@@ -16,28 +16,40 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
+_CHUNK = 128
+"""Lines taken together: long enough for the inner loops over them, short enough for the processor's cache."""
+
+_SHARES = 16
+"""Parts that threads may take, each with memory of its own."""
+
+
+@njit(cache=True, nogil=True)
+def _power(value: complex) -> float:
+    return value.real * value.real + value.imag * value.imag
+
+
 @njit(cache=True, nogil=True)
 def _invert(matrix: ComplexArray, inverse: ComplexArray) -> bool:
     """Gauss-Jordan with row pivots of a small matrix (overwritten) into `inverse`; returns False when singular."""
     n = matrix.shape[0]
-    inverse[:] = 0.0
     largest = 0.0
     for i in range(n):
-        inverse[i, i] = 1.0
         for j in range(n):
-            largest = max(largest, abs(matrix[i, j]))
+            inverse[i, j] = 1.0 if i == j else 0.0
+            largest = max(largest, _power(matrix[i, j]))
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+            if _power(matrix[i, k]) > _power(matrix[pivot, k]):
                 pivot = i
-        if abs(matrix[pivot, k]) <= 1e-13 * largest:
+        size = _power(matrix[pivot, k])
+        if size <= 1e-26 * largest:  # 1e-13 of the largest entry
             return False
         if pivot != k:
             for j in range(n):
                 matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
                 inverse[k, j], inverse[pivot, j] = inverse[pivot, j], inverse[k, j]
-        factor = 1.0 / matrix[k, k]
+        factor = matrix[k, k].conjugate() * (1.0 / size)
         for j in range(n):
             matrix[k, j] *= factor
             inverse[k, j] *= factor
@@ -51,107 +63,219 @@ def _invert(matrix: ComplexArray, inverse: ComplexArray) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _means(data: ComplexArray, out: ComplexArray) -> None:
-    """Average (channel, experiment, period) over the periods into (channel, experiment)."""
-    n_c, n_e, n_p = data.shape
+def _gather(data: ComplexArray, at: NDArray[np.intp], parts: Array, mean: Array) -> None:
+    """Fetch lines `at` of (channel, experiment, period, line) into (…, 2, line), and their `mean` over the periods.
+
+    With real and imaginary parts apart, the compiler takes several lines at once in all that follows.
+    """
+    n_c, n_e, n_p = data.shape[:3]
+    together = at[-1] - at[0] == at.size - 1
     for c in range(n_c):
         for e in range(n_e):
-            total = 0.0j
+            total = mean[c, e]
+            total[:] = 0.0
             for p in range(n_p):
-                total += data[c, e, p]
-            out[c, e] = total / n_p
+                row, part = data[c, e, p], parts[c, e, p]
+                if together:
+                    row = row[at[0] : at[0] + at.size]
+                    for k in range(at.size):
+                        part[0, k], part[1, k] = row[k].real, row[k].imag
+                else:
+                    for k in range(at.size):
+                        part[0, k], part[1, k] = row[at[k]].real, row[at[k]].imag
+                for k in range(at.size):
+                    total[0, k] += part[0, k]
+                    total[1, k] += part[1, k]
+            for k in range(at.size):
+                total[0, k] *= 1.0 / n_p
+                total[1, k] *= 1.0 / n_p
 
 
 @njit(cache=True, nogil=True)
-def _solve_line(
+def _products(a: Array, b: Array, out: Array) -> None:
+    """Fill `out` (n_a, n_b, 2, line) with A B' over the experiments, of averages (channel, experiment, 2, line)."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            total = out[i, j]
+            total[:] = 0.0
+            for e in range(a.shape[1]):
+                x, y = a[i, e], b[j, e]
+                for k in range(x.shape[1]):
+                    total[0, k] += x[0, k] * y[0, k] + x[1, k] * y[1, k]
+                    total[1, k] += x[1, k] * y[0, k] - x[0, k] * y[1, k]
+
+
+@njit(cache=True, nogil=True)
+def _times(a: Array, first: int, b: Array, out: Array) -> None:
+    """Fill `out` (n, m, 2, line) with A B at every line, of B (q, m, 2, line) and A's q columns from `first` on."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            total = out[i, j]
+            total[:] = 0.0
+            for m in range(b.shape[0]):
+                x, y = a[i, first + m], b[m, j]
+                for k in range(x.shape[1]):
+                    total[0, k] += x[0, k] * y[0, k] - x[1, k] * y[1, k]
+                    total[1, k] += x[0, k] * y[1, k] + x[1, k] * y[0, k]
+
+
+@njit(cache=True, nogil=True)
+def _inverses(matrix: Array, first: int, inverse: Array, good: NDArray[np.bool_]) -> None:
+    """Fill `inverse` (n, n, 2, line) with that of `matrix`, of whose columns n from `first` on are taken.
+
+    The flag is lowered where there is none.
+    """
+    n = matrix.shape[0]
+    work, found = np.empty((n, n), dtype=np.complex128), np.empty((n, n), dtype=np.complex128)
+    for k in range(good.size):
+        for i in range(n):
+            for j in range(n):
+                work[i, j] = complex(matrix[i, first + j, 0, k], matrix[i, first + j, 1, k])
+        if not _invert(work, found):
+            good[k] = False
+        for i in range(n):
+            for j in range(n):
+                inverse[i, j, 0, k], inverse[i, j, 1, k] = found[i, j].real, found[i, j].imag
+
+
+@njit(cache=True, nogil=True)
+def _weights(w: Array, inverse: Array, size: Array) -> None:
+    """Fill `size` (n_u, line) with the diagonal of S: row e of W' (U W')^-1 weighs experiment e in each column of G."""
+    weight = np.empty((2, size.shape[1]))
+    for j in range(inverse.shape[1]):
+        size[j] = 0.0
+        for e in range(w.shape[1]):
+            weight[:] = 0.0
+            for m in range(w.shape[0]):
+                x, y = w[m, e], inverse[m, j]
+                for k in range(x.shape[1]):
+                    weight[0, k] += x[0, k] * y[0, k] + x[1, k] * y[1, k]
+                    weight[1, k] += x[0, k] * y[1, k] - x[1, k] * y[0, k]
+            for k in range(weight.shape[1]):
+                size[j, k] += weight[0, k] * weight[0, k] + weight[1, k] * weight[1, k]
+
+
+@njit(cache=True, nogil=True)
+def _add_spread(u: Array, y: Array, g: Array, inverse: Array, spread: Array, good: NDArray[np.bool_]) -> None:
+    """Add |Y U^-1 - G|² of each block of n_u experiments to `spread` (n_y, n_u, line).
+
+    As many experiments as inputs need no instrument: W drops out of (Y W')(U W')^-1.
+    """
+    n_u = u.shape[0]
+    single = np.empty_like(g)
+    for block in range(u.shape[1] // n_u):
+        _inverses(u, block * n_u, inverse, good)
+        _times(y, block * n_u, inverse, single)
+        for i in range(g.shape[0]):
+            for j in range(n_u):
+                x, z = single[i, j], g[i, j]
+                for k in range(x.shape[1]):
+                    re, im = x[0, k] - z[0, k], x[1, k] - z[1, k]
+                    spread[i, j, k] += re * re + im * im
+
+
+@njit(cache=True, nogil=True)
+def _squares(u: Array, y: Array, um: Array, ym: Array, g: Array, sums: Array) -> None:
+    """Fill `sums` (3, n_y, line): scatter over the periods, misfit of the averages and power of the averaged output."""
+    n_y, n_u = g.shape[:2]
+    n_e, n_p, n_l = u.shape[1], u.shape[2], u.shape[4]
+    mean, away = np.empty((n_y, 2, n_l)), np.empty((2, n_l))
+    sums[:] = 0.0
+    for e in range(n_e):
+        for i in range(n_y):
+            out, middle = ym[i, e], mean[i]
+            for k in range(n_l):
+                sums[2, i, k] += out[0, k] * out[0, k] + out[1, k] * out[1, k]
+                middle[0, k], middle[1, k] = out[0, k], out[1, k]
+            for j in range(n_u):
+                _subtract(g[i, j], um[j, e], middle)
+            for k in range(n_l):
+                sums[1, i, k] += middle[0, k] * middle[0, k] + middle[1, k] * middle[1, k]
+        for p in range(n_p):
+            for i in range(n_y):
+                out, middle, scatter = y[i, e, p], mean[i], sums[0, i]
+                for k in range(n_l):
+                    away[0, k], away[1, k] = out[0, k] - middle[0, k], out[1, k] - middle[1, k]
+                for j in range(n_u):
+                    _subtract(g[i, j], u[j, e, p], away)
+                for k in range(n_l):
+                    scatter[k] += away[0, k] * away[0, k] + away[1, k] * away[1, k]
+
+
+@njit(cache=True, nogil=True)
+def _subtract(gain: Array, drive: Array, away: Array) -> None:
+    """Take gain times drive off `away`, all (2, line)."""
+    for k in range(away.shape[1]):
+        away[0, k] -= gain[0, k] * drive[0, k] - gain[1, k] * drive[1, k]
+        away[1, k] -= gain[0, k] * drive[1, k] + gain[1, k] * drive[0, k]
+
+
+@njit(cache=True, nogil=True)
+def _solve_chunk(
     u: ComplexArray,
     y: ComplexArray,
     w: ComplexArray,
-    g: ComplexArray,
-    shape: Array,
-    work: ComplexArray,
-    inverse: ComplexArray,
-) -> bool:
-    """Solve one line from averaged spectra (channel, experiment); returns False when the inputs are not separate."""
-    n_u, n_e, n_y = u.shape[0], u.shape[1], y.shape[0]
-    for i in range(n_u):
-        for j in range(n_u):
-            total = 0.0j
-            for e in range(n_e):
-                total += u[i, e] * w[j, e].conjugate()
-            work[i, j] = total
-    if not _invert(work, inverse):
-        return False
-    for i in range(n_y):
-        for j in range(n_u):
-            total = 0.0j
-            for e in range(n_e):
-                # row e of W' (U W')^-1 is the weight of experiment e in each column of G
-                weight = 0.0j
-                for k in range(n_u):
-                    weight += w[k, e].conjugate() * inverse[k, j]
-                total += y[i, e] * weight
-            g[i, j] = total
-    for j in range(n_u):
-        total_weight = 0.0
-        for e in range(n_e):
-            weight = 0.0j
-            for k in range(n_u):
-                weight += w[k, e].conjugate() * inverse[k, j]
-            total_weight += weight.real**2 + weight.imag**2
-        shape[j] = total_weight
-    return True
+    at: NDArray[np.intp],
+    own: bool,
+    blocked: bool,
+    us: Array,
+    ys: Array,
+) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
+    """Return what `solve_lines` returns for lines `at`, the lines last; `us` and `ys` are scratch memory."""
+    n_u, n_e, n_y, n_l = u.shape[0], u.shape[1], y.shape[0], at.size
+    um, ym = np.empty((n_u, n_e, 2, n_l)), np.empty((n_y, n_e, 2, n_l))
+    uw, inverse = np.empty((n_u, n_u, 2, n_l)), np.empty((n_u, n_u, 2, n_l))
+    yw, g = np.empty((n_y, n_u, 2, n_l)), np.empty((n_y, n_u, 2, n_l))
+    size, sums, spread = np.empty((n_u, n_l)), np.empty((3, n_y, n_l)), np.zeros((n_y, n_u, n_l))
+    good = np.ones(n_l, dtype=np.bool_)
+    wm = um
+    if not own:
+        wm = np.empty_like(um)
+        _gather(w, at, us, wm)
+    _gather(u, at, us, um)
+    _gather(y, at, ys, ym)
+    _products(um, wm, uw)
+    _products(ym, wm, yw)
+    _inverses(uw, 0, inverse, good)
+    _times(yw, 0, inverse, g)
+    _weights(wm, inverse, size)
+    _squares(us, ys, um, ym, g, sums)
+    if blocked:
+        _add_spread(um, ym, g, inverse, spread, good)
+    return g, size, sums, spread, good
 
 
 @njit(cache=True, nogil=True, parallel=True)
 def solve_lines(
-    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], block: int
-) -> tuple[ComplexArray, Array, Array, Array, Array, Array, NDArray[np.bool_]]:
+    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], own: bool, blocked: bool
+) -> tuple[ComplexArray, Array, Array, Array, NDArray[np.bool_]]:
     """Return response, gain and sums of squares at each of `lines`.
 
-    Shapes: `u`, `w` (n_f, n_u, experiments, periods), `y` (n_f, n_y, …). Returns G (n_l, n_y, n_u), the diagonal of S
-    (n_l, n_u), the sum of squares over periods about their mean, of the misfit of the averages and of the averaged
-    output (n_l, n_y), that of the responses of single blocks of `block` experiments about G (n_l, n_y, n_u; zero with
-    block 0), and a flag (n_l,) that is False where the inputs cannot be separated.
+    Shapes: `u`, `w` (n_u, experiments, periods, n_f), `y` (n_y, …); `own` says that `w` is `u`. Returns G (n_l, n_y,
+    n_u), the diagonal of S (n_l, n_u), sums of squares (3, n_l, n_y) over periods about their mean, of the misfit of
+    the averages and of the averaged output, that of the responses of single blocks of n_u experiments about G (n_l,
+    n_y, n_u; zero unless `blocked`), and a flag (n_l,) that is False where the inputs cannot be separated.
     """
-    n_l, n_u, n_e, n_p = lines.size, u.shape[1], u.shape[2], u.shape[3]
-    n_y = y.shape[1]
-    g = np.zeros((n_l, n_y, n_u), dtype=np.complex128)
-    shape = np.zeros((n_l, n_u))
-    scatter, misfit, power = np.zeros((n_l, n_y)), np.zeros((n_l, n_y)), np.zeros((n_l, n_y))
-    good, spread = np.zeros(n_l, dtype=np.bool_), np.zeros((n_l, n_y, n_u))
-    chunk = 256
-    for start in prange((n_l + chunk - 1) // chunk):
-        um, wm = np.empty((n_u, n_e), dtype=np.complex128), np.empty((n_u, n_e), dtype=np.complex128)
-        ym = np.empty((n_y, n_e), dtype=np.complex128)
-        work, inverse = np.empty((n_u, n_u), dtype=np.complex128), np.empty((n_u, n_u), dtype=np.complex128)
-        part, unused = np.empty((n_y, n_u), dtype=np.complex128), np.empty(n_u)
-        for k in range(start * chunk, min((start + 1) * chunk, n_l)):
-            line = lines[k]
-            _means(u[line], um)
-            _means(w[line], wm)
-            _means(y[line], ym)
-            good[k] = _solve_line(um, ym, wm, g[k], shape[k], work, inverse)
-            if block > 0:
-                for first in range(0, n_e, block):
-                    stop = first + block
-                    good[k] &= _solve_line(
-                        um[:, first:stop], ym[:, first:stop], wm[:, first:stop], part, unused, work, inverse
-                    )
-                    for i in range(n_y):
-                        for j in range(n_u):
-                            away = part[i, j] - g[k, i, j]
-                            spread[k, i, j] += away.real**2 + away.imag**2
-            for i in range(n_y):
-                for e in range(n_e):
-                    mean = ym[i, e]
-                    power[k, i] += mean.real**2 + mean.imag**2
+    n_l, n_u, n_y = lines.size, u.shape[0], y.shape[0]
+    response, gain = np.empty((n_l, n_y, n_u), dtype=np.complex128), np.empty((n_l, n_u))
+    squares, spreads, flag = np.empty((3, n_l, n_y)), np.empty((n_l, n_y, n_u)), np.empty(n_l, dtype=np.bool_)
+    share = -(-n_l // _SHARES)
+    for part in prange(_SHARES):
+        stop = min((part + 1) * share, n_l)
+        us, ys = np.empty((*u.shape[:3], 2, _CHUNK)), np.empty((*y.shape[:3], 2, _CHUNK))
+        for first in range(part * share, stop, _CHUNK):
+            at = lines[first : min(first + _CHUNK, stop)]
+            if at.size != us.shape[4]:
+                us, ys = np.empty((*u.shape[:3], 2, at.size)), np.empty((*y.shape[:3], 2, at.size))
+            g, size, sums, spread, good = _solve_chunk(u, y, w, at, own, blocked, us, ys)
+            for k in range(at.size):
+                flag[first + k] = good[k]
+                for i in range(n_y):
                     for j in range(n_u):
-                        mean -= g[k, i, j] * um[j, e]
-                    misfit[k, i] += mean.real**2 + mean.imag**2
-                    for p in range(n_p):
-                        value = y[line, i, e, p] - mean
-                        for j in range(n_u):
-                            value -= g[k, i, j] * u[line, j, e, p]
-                        scatter[k, i] += value.real**2 + value.imag**2
-    return g, shape, scatter, misfit, power, spread, good
+                        response[first + k, i, j] = complex(g[i, j, 0, k], g[i, j, 1, k])
+                        spreads[first + k, i, j] = spread[i, j, k]
+                    for m in range(3):
+                        squares[m, first + k, i] = sums[m, i, k]
+                for j in range(n_u):
+                    gain[first + k, j] = size[j, k]
+    return response, gain, squares, spreads, flag

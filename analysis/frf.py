@@ -74,12 +74,19 @@ def frequency_response_periodic(
     w = None if reference is None else _checked(reference, outputs, drop_periods)[0]
     if w is not None and w.shape[1] != u.shape[1]:
         raise ConfigError(f"reference has {w.shape[1]} channels, input {u.shape[1]}; a closed loop needs one per input")
-    # the spectra carry 1 / n, so that a line's power does not depend on the record's length
-    uu, yy = (fft.rfft(x, axis=0, norm="forward", workers=workers) for x in (u, y))
-    ww = uu if w is None else fft.rfft(w, axis=0, norm="forward", workers=workers)
+    uu, yy = _spectra(u, workers), _spectra(y, workers)
+    ww = uu if w is None else _spectra(w, workers)
     if lines is None:
         lines = excited_lines(ww, excitation_floor)
     return response_from_spectra(uu, yy, ww, lines, lines * (rate_hz / u.shape[0]), blocked=True)
+
+
+def _spectra(records: Array, workers: int) -> ComplexArray:
+    """Return the spectra (channel, realisation, period, n_f) of records (sample, channel, realisation, period).
+
+    They carry 1 / n, so that a line's power does not depend on the record's length.
+    """
+    return np.asarray(fft.rfft(np.moveaxis(records, 0, -1), norm="forward", workers=workers))
 
 
 def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:
@@ -101,8 +108,8 @@ def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:
 
 def excited_lines(spectrum: ComplexArray, floor: float) -> NDArray[np.intp]:
     """Return the bins (without 0 Hz and half the rate) whose mean power is above `floor` times the strongest bin's."""
-    first = spectrum[:, :, :, 0]
-    power = np.mean(first.real**2 + first.imag**2, axis=(1, 2))
+    first = spectrum[:, :, 0]
+    power = np.mean(first.real**2 + first.imag**2, axis=(0, 1))
     power[0] = power[-1] = 0.0
     lines = np.flatnonzero(power > floor * power.max())
     if power.max() == 0.0 or lines.size == 0:
@@ -118,19 +125,19 @@ def response_from_spectra(
     frequency_hz: Array,
     blocked: bool,
 ) -> FrequencyResponse:
-    """Return the response from spectra (n_f, channel, experiment, period) at `lines`, with instrument `w`.
+    """Return the response from spectra (channel, experiment, period, n_f) at `lines`, with instrument `w`.
 
     If `blocked`, and with two or more whole blocks of n_u experiments that each separate the inputs by themselves
     (orthogonal multisines), the total variance is the scatter of the blocks' responses; otherwise the experiments count
     as independent. Raises DataError when the experiments do not separate the inputs at some line.
     """
-    periods, experiments, n_u = u.shape[3], u.shape[2], u.shape[1]
+    n_u, experiments, periods = u.shape[:3]
     blocks = experiments // n_u if n_u > 1 and experiments % n_u == 0 and blocked else 0
     lines = np.ascontiguousarray(lines)
-    g, gain, scatter, misfit, power, spread, good = solve_lines(u, y, w, lines, n_u if blocks > 1 else 0)
+    g, gain, (scatter, misfit, power), spread, good = solve_lines(u, y, w, lines, w is u, blocks > 1)
     if blocks > 1 and not np.all(good):
         blocks = 0
-        g, gain, scatter, misfit, power, spread, good = solve_lines(u, y, w, lines, 0)
+        g, gain, (scatter, misfit, power), spread, good = solve_lines(u, y, w, lines, w is u, False)
     if not np.all(good):
         bad = frequency_hz[int(np.argmin(good))]
         raise DataError(

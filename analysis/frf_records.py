@@ -128,12 +128,12 @@ def frequency_response_welch(
         raise DataError(
             f"{n} samples give {max(count, 0)} segments of {segment}; {n_u} inputs need {n_u + 2} of 8 samples or more"
         )
-    window = hann(segment, sym=False)[:, None, None, None] / np.sqrt(3.0 / 8.0)
+    window = hann(segment, sym=False) / np.sqrt(3.0 / 8.0)
     start = hop * np.arange(count)
 
     def spectra(record: Array) -> ComplexArray:
         pieces = np.lib.stride_tricks.sliding_window_view(record - record.mean(axis=0), segment, axis=0)[start]
-        return fft.rfft(np.transpose(pieces, (2, 1, 0))[..., None] * window, axis=0, norm="forward")
+        return fft.rfft(np.transpose(pieces, (1, 0, 2))[:, :, None] * window, norm="forward")
 
     u, y = spectra(inputs), spectra(outputs)
     w = u if reference is None else spectra(reference)

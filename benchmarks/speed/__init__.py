@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from benchmarks.speed import linear_simulation
+from benchmarks.speed import frequency_response, linear_simulation
 from benchmarks.speed.base import Benchmark
 
-BENCHMARKS: tuple[Benchmark, ...] = (linear_simulation.BENCHMARK,)
+BENCHMARKS: tuple[Benchmark, ...] = (linear_simulation.BENCHMARK, frequency_response.BENCHMARK)
 
 __all__ = ["BENCHMARKS"]

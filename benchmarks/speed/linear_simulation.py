@@ -53,7 +53,7 @@ def continuous(model: ModalModel) -> control.StateSpace:
     return control.StateSpace(a, b, c, model.d)
 
 
-def polynomials(sampled: control.StateSpace) -> tuple[Array, Array]:
+def polynomials(sampled: control.StateSpace) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return numerator and denominator in powers of 1/z, from the products of the factors.
 
     Zeros are the eigenvalues of A - B C / d of the system one sample ahead, whose feedthrough C B is not zero.
