@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from analysis.chop import ChopStability, observation_windows, stability_of_blocks
 from analysis.power import CoilPower, coil_power, joined_power
 from analysis.settling import Settling, settling
-from campaigns.log import LogSegment, Run
+from campaigns.log import LogSegment
+from campaigns.recording import Recorded
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ class ChopPhase:
     `start` is where the first move to position 2 begins. `commanded_rad` (2, 2) are positions 1 and 2 as (θx, θy).
     """
 
-    run: Run
+    run: Recorded
     start: int
     stop: int
     dwell: int
@@ -133,7 +134,7 @@ class ChopPhase:
         return max(float(np.max(np.abs(block), initial=0.0)) for block in self.blocks(name))
 
 
-def chop_phase(run: Run, phase: str = "chop") -> ChopPhase:
+def chop_phase(run: Recorded, phase: str = "chop") -> ChopPhase:
     """Return one phase of a recorded chop, read or in memory; raises DataError when the run has none of that name."""
     parts = [segment for segment in run.segments if segment.settings.get("phase") == phase]
     if not parts:
@@ -152,7 +153,7 @@ def chop_phase(run: Run, phase: str = "chop") -> ChopPhase:
     )
 
 
-def _number(run: Run, segment: LogSegment, name: str) -> float:
+def _number(run: Recorded, segment: LogSegment, name: str) -> float:
     value: Any = segment.settings.get(name)
     if not isinstance(value, int | float):
         raise DataError(f"{run.path}: segment '{segment.label}' has no setting '{name}'; give the log of a chop")
