@@ -21,6 +21,7 @@ from campaigns.log.guard import one_line
 from campaigns.log.schema import check_label, check_name, to_json
 from campaigns.log.write import SETTINGS_BYTES
 from campaigns.progress import Report, part_of, unheard
+from campaigns.version import tool_commit
 from sim_backend.errors import ConfigError, DataError, MccdError
 
 Array = NDArray[np.float64]
@@ -251,6 +252,7 @@ def _write(
         bench={"kind": "imported", "name": found.log.bench[:256]},
         configuration=configuration,
         started_utc=found.log.started_utc,
+        tool_commit=tool_commit(),
         settings_bytes=max(widest, SETTINGS_BYTES),
     ) as log:
         done = 0
