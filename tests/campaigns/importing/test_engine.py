@@ -57,7 +57,7 @@ def test_source_and_map_are_remembered(tmp_path, run_map, plain, data):
     with read_run(tmp_path / "out.h5") as run:
         configuration = json.loads(run.header.configuration)
     digest = hashlib.sha256((tmp_path / "a.npz").read_bytes()).hexdigest()
-        assert run.header.tool_commit == tool_commit()
+    assert run.header.tool_commit == tool_commit()
     assert configuration["sources"] == [{"file": "a.npz", "sha256": digest}]
     assert 'unit = "mN m"' in configuration["map"]
 
