@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from campaigns.log.read import BLOCK_ROWS, Run
 from campaigns.log.schema import to_json
+from campaigns.progress import Report, unheard
 from sim_backend.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
+
+CSV_ROWS = 20_000
+"""Rows of text that are written before it is told how far that is: a second of work at most."""
 
 MAT_BYTES = 2**31 - 2**20
 """The most that a structure in a MATLAB file of version 5 can hold, with room for its names and segments."""
@@ -66,23 +71,25 @@ def to_dataset(run: Run) -> xr.Dataset:
     return xr.Dataset(variables, coordinates, about)
 
 
-def save_csv(run: Run, path: Path) -> None:
+def save_csv(run: Run, path: Path, report: Report = unheard) -> None:
     """Write one row per sample, `time (s)` first, the unit of each channel in its head, every digit."""
     import pandas as pd
 
     first = next(iter(run.channels))
     with path.open("x", encoding="utf-8", newline="") as file:
-        for start, block in run.blocks():
+        for start, block in run.blocks(rows=CSV_ROWS):
+            report(start, run.rows, f"writing {path.name}")
             stop = start + next(iter(block.values())).size
             columns = {f"{name} ({run.channels[name].unit})": values for name, values in block.items()}
             frame = pd.DataFrame(columns, index=pd.Index(run.time_s(first, start, stop), name="time (s)"))
             frame.to_csv(file, header=start == 0)
 
 
-def save_npz(run: Run, path: Path) -> None:
+def save_npz(run: Run, path: Path, report: Report = unheard) -> None:
     """Write an archive of numpy arrays: `time_s`, one per channel, and `about` as JSON text."""
+    reader = _Reader(run, report)
     with zipfile.ZipFile(path, "x", zipfile.ZIP_STORED) as archive:
-        for name, blocks in {"time_s": _times(run), **{name: _values(run, name) for name in run.channels}}.items():
+        for name, blocks in {"time_s": _times(run), **{name: reader.values(name) for name in run.channels}}.items():
             # its size is not asked for before it is written, so every entry may become larger than 4 GB
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 header = {"descr": "<f8", "fortran_order": False, "shape": (run.rows,)}
@@ -93,7 +100,7 @@ def save_npz(run: Run, path: Path) -> None:
             np.lib.format.write_array(entry, np.array(to_json(_about(run), "log")), allow_pickle=False)
 
 
-def save_mat(run: Run, path: Path) -> None:
+def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
     """Write a MATLAB file (v5) of one structure `run`: `time_s`, `channels`, `units`, `segments`, `about` as JSON text.
 
     Names that MATLAB cannot have are changed: other signs become `_`, and a leading digit gets an `x`. Segments count
@@ -107,10 +114,10 @@ def save_mat(run: Run, path: Path) -> None:
             f"{run.path} holds {size / 1e9:.3g} GB, a MATLAB file of version 5 at most {MAT_BYTES / 1e9:.3g} GB: "
             "write .nxs, which MATLAB reads by h5read, or read the log itself that way"
         )
-    names = _matlab_names(run.channels)
+    names, reader = _matlab_names(run.channels), _Reader(run, report)
     content = {
         "time_s": _time(run)[:, None],
-        "channels": {names[name]: run.read(name)[:, None] for name in run.channels},
+        "channels": {names[name]: reader.whole(name)[:, None] for name in run.channels},
         "units": {names[name]: channel.unit for name, channel in run.channels.items()},
         "segments": {
             "label": np.array([s.label for s in run.segments], dtype=object),
@@ -123,10 +130,11 @@ def save_mat(run: Run, path: Path) -> None:
     savemat(path, {"run": content}, long_field_names=True, oned_as="column")
 
 
-def save_nexus(run: Run, path: Path) -> None:
+def save_nexus(run: Run, path: Path, report: Report = unheard) -> None:
     """Write a NeXus file: an NXentry with one NXdata per role, each channel with `units` over a shared time axis."""
     import h5py
 
+    reader = _Reader(run, report)
     with h5py.File(path, "x") as file:
         file.attrs["NX_class"], file.attrs["default"] = "NXroot", "entry"
         entry = file.create_group("entry")
@@ -144,12 +152,12 @@ def save_nexus(run: Run, path: Path) -> None:
                 data.attrs["auxiliary_signals"] = list(names[1:])
             _stored(data, "time", run.rows, _times(run)).attrs["units"] = "s"
             for name in names:
-                channel = _stored(data, name, run.rows, _values(run, name))
+                channel = _stored(data, name, run.rows, reader.values(name))
                 channel.attrs["units"], channel.attrs["long_name"] = run.channels[name].unit, name
         entry.attrs["default"] = "output" if run.names("output") else next(iter(run.channels.values())).role
 
 
-FORMS: Final[Mapping[str, Callable[[Run, Path], None]]] = {
+FORMS: Final[Mapping[str, Callable[[Run, Path, Report], None]]] = {
     ".csv": save_csv,
     ".mat": save_mat,
     ".npz": save_npz,
@@ -158,7 +166,7 @@ FORMS: Final[Mapping[str, Callable[[Run, Path], None]]] = {
 """How a log is written for others, by the ending of the file."""
 
 
-def save(run: Run, path: Path) -> None:
+def save(run: Run, path: Path, report: Report = unheard) -> None:
     """Write the committed rows of a log in the form that the file's ending names.
 
     Raises ConfigError for an ending that is none of FORMS, and for a file that exists.
@@ -168,7 +176,7 @@ def save(run: Run, path: Path) -> None:
         raise ConfigError(f"{path}: '{ending}' is no form; {did_you_mean(ending, FORMS)}there are {', '.join(FORMS)}")
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
-    FORMS[ending](run, path)
+    FORMS[ending](run, path, report)
 
 
 def _stored(group: h5py.Group, name: str, rows: int, blocks: Iterable[tuple[int, Array]]) -> h5py.Dataset:
@@ -178,9 +186,27 @@ def _stored(group: h5py.Group, name: str, rows: int, blocks: Iterable[tuple[int,
     return dataset
 
 
-def _values(run: Run, name: str) -> Iterator[tuple[int, Array]]:
-    """Yield (first row, values) of a channel, `BLOCK_ROWS` at a time."""
-    return ((start, block[name]) for start, block in run.blocks([name]))
+@dataclass
+class _Reader:
+    """Reads a run's channels, `BLOCK_ROWS` at a time, and reports how much of all of them that is."""
+
+    run: Run
+    report: Report
+    done: int = 0
+
+    def values(self, name: str) -> Iterator[tuple[int, Array]]:
+        """Yield (first row, values) of a channel."""
+        for start, block in self.run.blocks([name]):
+            self.report(self.done, self.run.rows * len(self.run.channels), f"channel {name}")
+            self.done += block[name].size
+            yield start, block[name]
+
+    def whole(self, name: str) -> Array:
+        """Return all values of a channel."""
+        out = np.empty(self.run.rows)
+        for start, values in self.values(name):
+            out[start : start + values.size] = values
+        return out
 
 
 def _times(run: Run) -> Iterator[tuple[int, Array]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.log.read import Run
+from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
 
 
@@ -24,7 +25,7 @@ class ChannelSummary:
     std: float
 
 
-def summarise(run: Run, names: Iterable[str] | None = None) -> tuple[ChannelSummary, ...]:
+def summarise(run: Run, names: Iterable[str] | None = None, report: Report = unheard) -> tuple[ChannelSummary, ...]:
     """Return the summary of the committed rows of each channel, or of those named.
 
     Deviations are summed about the mean of their own block and the blocks joined (Chan, Golub & LeVeque 1983), so that
@@ -37,7 +38,8 @@ def summarise(run: Run, names: Iterable[str] | None = None) -> tuple[ChannelSumm
     rows = 0
     low, high = np.full(len(chosen), np.inf), np.full(len(chosen), -np.inf)
     mean, squares = np.zeros(len(chosen)), np.zeros(len(chosen))
-    for _, block in run.blocks(chosen):
+    for start, block in run.blocks(chosen):
+        report(start, run.rows, f"reading {run.path.name}")
         values = np.stack(list(block.values()))
         n, own = values.shape[1], values.mean(axis=1)
         low, high = np.minimum(low, values.min(axis=1)), np.maximum(high, values.max(axis=1))

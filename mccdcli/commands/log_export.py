@@ -8,6 +8,7 @@ import click
 
 from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit
+from mccdcli.progress import progress
 
 
 @click.command()
@@ -35,8 +36,8 @@ def export(run: Path, out: Path, as_json: bool) -> None:
     from campaigns.log import read_run
     from campaigns.log.export import save
 
-    with read_run(run) as log:
-        save(log, out)
+    with read_run(run) as log, progress("exporting") as report:
+        save(log, out, report)
         rows, channels = log.rows, list(log.channels)
     result = {"file": out, "run_uid": log.run_uid, "rows": rows, "channels": channels}
     emit(result, as_json=as_json, text=f"{out}: {rows} rows of {len(channels)} channels")

@@ -8,6 +8,7 @@ import click
 
 from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit, table
+from mccdcli.progress import progress
 
 
 @click.command()
@@ -24,8 +25,8 @@ def summary(run: Path, as_json: bool) -> None:
     from campaigns.log import read_run
     from campaigns.log.summary import summarise
 
-    with read_run(run) as log:
-        found = summarise(log)
+    with read_run(run) as log, progress("summarising") as report:
+        found = summarise(log, report=report)
         result = {"file": run, "run_uid": log.run_uid, "rows": log.rows, "channels": list(found)}
     rows = [(c.name, c.unit, *(f"{v:.6g}" for v in (c.smallest, c.largest, c.mean, c.std))) for c in found]
     emit(result, as_json=as_json, text=table(rows, heads=("channel", "unit", "smallest", "largest", "mean", "std")))

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from campaigns.importing import import_run
-from campaigns.log import Channel, LogWriter, recover, verify
+from campaigns.log import Channel, LogWriter, read_run, recover, verify
+from campaigns.log.export import FORMS, save
 from campaigns.log.read import BLOCK_ROWS
+from campaigns.log.summary import summarise
 from campaigns.progress import Report, part_of
 from tests.listening import Listener
 
@@ -59,7 +61,22 @@ def imported(folder: Path, report: Report) -> None:
     assert import_run(folder / "map.toml", folder / "run.h5", report).rows == 300
 
 
-@pytest.mark.parametrize("work", [verified, recovered, imported])
+def exported(form: str) -> Callable[[Path, Report], None]:
+    def work(folder: Path, report: Report) -> None:
+        long_log(folder)
+        with read_run(folder / "run.h5") as run:
+            save(run, folder / f"run{form}", report)
+
+    return work
+
+
+def summarised(folder: Path, report: Report) -> None:
+    long_log(folder)
+    with read_run(folder / "run.h5") as run:
+        assert summarise(run, report=report)[0].rows == ROWS
+
+
+@pytest.mark.parametrize("work", [summarised, verified, recovered, imported, *map(exported, FORMS)])
 def test_what_takes_long_tells_how_far_it_is(work: Callable[[Path, Report], None], tmp_path: Path) -> None:
     heard = Listener()
     work(tmp_path, heard)
