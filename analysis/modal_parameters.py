@@ -12,7 +12,9 @@ signals (timefit.py). Logarithms keep every pole in the left half plane and make
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +39,15 @@ class Layout:
     free: NDArray[np.bool_]
 
     def index(self, name: str) -> IntArray:
-        """Return the positions of the named array in the vector, in the array's own shape."""
-        start = 0
-        for key, shape in self._shapes().items():
-            size = int(np.prod(shape))
-            if key == name:
-                return np.arange(start, start + size).reshape(shape)
-            start += size
-        raise ConfigError(f"linear model has no parameter {name!r}; it has {', '.join(self._shapes())}")
+        """Return the positions of the named array in the vector, in the array's own shape; do not write to it."""
+        if name not in self._places:
+            raise ConfigError(f"linear model has no parameter {name!r}; it has {', '.join(self._places)}")
+        return self._places[name]
 
-    def _shapes(self) -> dict[str, tuple[int, ...]]:
+    @cached_property
+    def _places(self) -> dict[str, IntArray]:
         m, n_u, n_y = self.n_blocks, self.n_inputs, self.n_outputs
-        return {
+        shapes = {
             "log_omega": (m,),
             "log_sigma": (m,),
             "b": (m, n_u),
@@ -58,11 +57,17 @@ class Layout:
             "d": (n_y, n_u),
             "delay_s": (n_u,),
         }
+        places, start = {}, 0
+        for name, shape in shapes.items():
+            stop = start + math.prod(shape)
+            places[name] = np.arange(start, stop).reshape(shape)
+            start = stop
+        return places
 
     @property
     def size(self) -> int:
         """Length of the parameter vector."""
-        return sum(int(np.prod(s)) for s in self._shapes().values())
+        return sum(place.size for place in self._places.values())
 
 
 @dataclass(frozen=True)

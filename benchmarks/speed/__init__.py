@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from benchmarks.speed import frequency_response, linear_simulation
+from benchmarks.speed import frequency_response, linear_simulation, rational_fit
 from benchmarks.speed.base import Benchmark
 
-BENCHMARKS: tuple[Benchmark, ...] = (linear_simulation.BENCHMARK, frequency_response.BENCHMARK)
+BENCHMARKS: tuple[Benchmark, ...] = (
+    linear_simulation.BENCHMARK,
+    frequency_response.BENCHMARK,
+    rational_fit.BENCHMARK,
+)
 
 __all__ = ["BENCHMARKS"]

@@ -38,7 +38,7 @@ class Agreement:
     @property
     def holds(self) -> bool:
         """Tell whether the error is allowed; one that is no number is not."""
-        return self.error <= self.allowed
+        return bool(self.error <= self.allowed)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Target:
 
     def reached(self, value: float) -> bool:
         """Tell whether `value` is good enough."""
-        return value <= self.limit if self.at_most else value >= self.limit
+        return bool(value <= self.limit if self.at_most else value >= self.limit)
 
 
 @dataclass(frozen=True)
