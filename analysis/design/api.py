@@ -20,6 +20,7 @@ from campaigns.controller import AxisControl, Blocks, Controller
 from campaigns.design import Design
 from campaigns.designed import feedforward_of, motion_of
 from campaigns.log import Run
+from campaigns.progress import Report, unheard
 from sim_backend.bench import Limits
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
@@ -81,7 +82,12 @@ class Designed:
 
 
 def design_controller(
-    model: Model, runs: Sequence[Run], limits: Limits, axes: Sequence[str], options: Options | None = None
+    model: Model,
+    runs: Sequence[Run],
+    limits: Limits,
+    axes: Sequence[str],
+    options: Options | None = None,
+    report: Report = unheard,
 ) -> Designed:
     """Return the controller of every tilt axis that the model, the records and the bench's `axes` share.
 
@@ -104,10 +110,11 @@ def design_controller(
     if not driven:
         raise ConfigError(f"model '{model.name}' drives none of {', '.join(TIP_TILT)}; give a model of the tilt axes")
     rng = np.random.default_rng(opts.seed)
-    made = [
-        _design_axis(known, dof, rest, next((s for s in sweeps if s.axis == dof), None), limits, axes, opts, rng)
-        for dof in driven
-    ]
+    made = []
+    for i, dof in enumerate(driven):
+        report(i, len(driven), f"feedback and learning of {dof}")
+        sweep = next((s for s in sweeps if s.axis == dof), None)
+        made.append(_design_axis(known, dof, rest, sweep, limits, axes, opts, rng))
     controller = Controller(
         name=f"designed on {model.name}", sample_rate_hz=rate, model=known, axes=[one.control for one in made]
     )

@@ -14,6 +14,7 @@ import numpy as np
 from analysis.recorded.settle import SettleTest, settle_of
 from campaigns.log import read_run
 from campaigns.plans import make_plan
+from campaigns.progress import Report, unheard
 from campaigns.runner import run_plan
 from sim_backend.bench import Bench
 
@@ -65,13 +66,20 @@ def stage_of_test(axis: str, strategy: str, test: SettleTest, run_uid: str) -> S
 
 
 def play_stages(
-    open_bench: Callable[[], Bench], controller: Path, axes: Sequence[str], *, seed: int, cycles: int = 25
+    open_bench: Callable[[], Bench],
+    controller: Path,
+    axes: Sequence[str],
+    *,
+    seed: int,
+    cycles: int = 25,
+    report: Report = unheard,
 ) -> list[StageResult]:
     """Return the rows of every axis and strategy, each played on a fresh bench; raises what a run raises."""
-    rows = []
+    rows: list[StageResult] = []
     with tempfile.TemporaryDirectory(prefix="mccd-stages-") as folder:
         for axis in axes:
             for strategy in STAGES:
+                report(len(rows), len(axes) * len(STAGES), f"playing {strategy} in {axis}")
                 settings = {"alpha_deg": ALPHA_DEG[axis], "strategy": strategy, "controller": str(controller)}
                 plan = make_plan("settling", {**settings, "cycles": cycles})
                 bench = open_bench()

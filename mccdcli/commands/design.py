@@ -77,6 +77,7 @@ def design(
     from campaigns.benches import open_bench
     from campaigns.log import read_run
     from campaigns.plans import make_plan
+    from campaigns.progress import part_of
     from sim_backend.model import load_model
 
     options = Options(1e-3 * reach, 1e-3 * settling, tolerance=Tolerance(1e-2 * tolerance), seed=seed)
@@ -95,12 +96,14 @@ def design(
         with closing(open_bench(bench, seed)) as opened:
             limits, axes = opened.limits, opened.axes
         with progress("designing") as report:
-            report(0.0, 2.0, "feedback and learning")
-            designed = design_controller(nominal, runs, limits, axes, options)
+            # designing takes about as long as playing
+            first = part_of(report, 0.0, 0.5 if stages else 0.9)
+            designed = design_controller(nominal, runs, limits, axes, options, first)
             path, rows, moved = write_controller(designed, folder), [], [one.dof for one in designed.axes]
             if stages:
-                report(1.0, 2.0, "stages")
-                rows = play_stages(lambda: open_bench(bench, seed), path, moved, seed=seed)
+                told = part_of(report, 0.5, 0.95)
+                rows = play_stages(lambda: open_bench(bench, seed), path, moved, seed=seed, report=told)
+            report(0.95, 1.0, "figures")
             files = write_design(designed, folder, rows)
     text = _text(designed, rows, [path, *files.values()])
     emit({**document(designed, rows), "files": {"controller": path, **files}}, as_json=as_json, text=text)
