@@ -10,7 +10,7 @@ import click
 
 from mccdcli.options import common_options
 from mccdcli.output import emit, table
-from mccdcli.progress import progress
+from mccdcli.progress import Report, progress
 from mccdcli.trials import count, play
 
 if TYPE_CHECKING:
@@ -72,7 +72,6 @@ def design(
     """
     from analysis.design.api import Options, design_controller
     from analysis.design.output import document, prepare_folder, write_controller, write_design
-    from analysis.design.stages import play_stages
     from analysis.design.uncertainty import Tolerance
     from campaigns.benches import open_bench
     from campaigns.log import read_run
@@ -99,10 +98,8 @@ def design(
             # designing takes about as long as playing
             first = part_of(report, 0.0, 0.5 if stages else 0.9)
             designed = design_controller(nominal, runs, limits, axes, options, first)
-            path, rows, moved = write_controller(designed, folder), [], [one.dof for one in designed.axes]
-            if stages:
-                told = part_of(report, 0.5, 0.95)
-                rows = play_stages(lambda: open_bench(bench, seed), path, moved, seed=seed, report=told)
+            path = write_controller(designed, folder)
+            rows = _played(designed, path, bench, seed, part_of(report, 0.5, 0.95)) if stages else []
             report(0.95, 1.0, "figures")
             files = write_design(designed, folder, rows)
     text = _text(designed, rows, [path, *files.values()])
@@ -114,6 +111,14 @@ def _at_rest(plan: Plan, bench: str, folder: Path, seed: int) -> tuple[Path, int
     """Return the log of the bench at rest in `folder`, recorded unless a design that was refused has left one."""
     log = folder / "rest.h5"
     return (log, 0) if log.exists() else (log, play(plan, bench, log, seed).exit_code)
+
+
+def _played(designed: Designed, controller: Path, bench: str, seed: int, report: Report) -> list[StageResult]:
+    from analysis.design.stages import play_stages
+    from campaigns.benches import open_bench
+
+    axes = [one.dof for one in designed.axes]
+    return play_stages(lambda: open_bench(bench, seed), controller, axes, seed=seed, report=report)
 
 
 def _text(designed: Designed, stages: list[StageResult], files: list[Path]) -> str:
