@@ -24,7 +24,7 @@ from campaigns.runner import Report
 
 @dataclass(frozen=True)
 class Timing:
-    """What this run took: trials done now, seconds that passed, and the mean seconds of one trial of the study."""
+    """What this run took: trials done now, seconds from the first to the last, mean seconds of a trial of the study."""
 
     trials: int
     wall_s: float
@@ -66,7 +66,7 @@ def run_study(
     """
     job = Job.of(study)
     parts = fingerprint(job)
-    home, started = Path(folder), time.monotonic()
+    home, wall_s = Path(folder), 0.0
     with Store(home, parts, job.varied_names, job.columns, resume=resume) as store:
         before = store.finished(study.total)
         tried = 0
@@ -74,15 +74,17 @@ def run_study(
             missing = _missing(before, signals)
             tally = _Tally(report, int(np.count_nonzero(~before)), int(np.count_nonzero(before)))
             if not before.all():
+                started = time.monotonic()
                 with _engine(job, parts, workers, address) as engine, signals.abortable():
                     for batch in engine.outcomes(missing):
                         store.add(batch)
                         tried += len(batch)
                         tally.add(len(batch), sum(o.status != "done" for o in batch))
+                wall_s = time.monotonic() - started
         summary = summarise(job, store)
         files = write_results(job, store, summary, home)
         finished = summary.finished
-        timing = Timing(tried, time.monotonic() - started, store.seconds(study.total) / max(finished, 1))
+        timing = Timing(tried, wall_s, store.seconds(study.total) / max(finished, 1))
     return StudyOutcome("complete" if finished == study.total else "paused", summary, files, timing)
 
 
