@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from benchmarks.speed import frequency_response, linear_simulation, rational_fit
+from benchmarks.speed import frequency_response, linear_simulation, nonlinear_loop, rational_fit
 from benchmarks.speed.base import Benchmark
 
 BENCHMARKS: tuple[Benchmark, ...] = (
+    nonlinear_loop.BENCHMARK,
     linear_simulation.BENCHMARK,
     frequency_response.BENCHMARK,
     rational_fit.BENCHMARK,
