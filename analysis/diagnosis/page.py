@@ -20,7 +20,7 @@ from analysis.diagnosis.loading import Source
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.output import DOMAINS, extended_model, write_text
 from analysis.diagnosis.result import Diagnosis, Domain
-from analysis.diagnosis.words import quantity
+from analysis.diagnosis.words import quantity, share
 from analysis.report.explore.view import Explorer
 from analysis.report.formats import shown
 from analysis.report.page import embedded
@@ -137,7 +137,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["quantity"] = quantity
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
-    environment.filters["share"] = lambda x: f"{100.0 * x:.3g} %"
+    environment.filters["share"] = share
     return environment
 
 

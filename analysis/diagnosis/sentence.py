@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from analysis.diagnosis.result import Cause, Choice, Gain, Verdict
+from analysis.diagnosis.words import share
 
 
 def sentence(
@@ -43,6 +44,6 @@ def _verdict(verdict: Verdict, causes: Sequence[Cause], tied: Sequence[Sequence[
     sure = min((c.probability for c in causes), default=0.0)
     text = f"The simulation lacks {listed} (probability {sure:.1%}): {causes[0].why}"
     if gain is not None:
-        before, after = (f"{100.0 * rms:.3g} %" for rms in (gain.rms_before, gain.rms_after))
+        before, after = share(gain.rms_before), share(gain.rms_after)
         text += f"; adding it takes the held-out error from {before} to {after} of the output"
     return f"{text}."

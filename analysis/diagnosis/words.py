@@ -26,6 +26,14 @@ def quantity(value: float, unit: str) -> str:
     return f"{value * factor:.3g} {shown}".strip()
 
 
+def share(part: float) -> str:
+    """Return a part of a whole in percent with three digits, as many before the point as it takes."""
+    percent = 100.0 * part
+    if not math.isfinite(percent) or percent == 0.0:
+        return f"{percent:g} %"
+    return f"{percent:.{min(max(2 - math.floor(math.log10(abs(percent))), 0), 9)}f} %"
+
+
 def span(low: float, high: float, unit: str) -> str:
     """Return "low to high unit" with one prefix for both, and digits enough to tell them apart."""
     largest = max(abs(low), abs(high))

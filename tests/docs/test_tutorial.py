@@ -9,6 +9,7 @@ from typing import Any
 import jsonschema
 import pytest
 
+from analysis.diagnosis.words import share
 from mccdcli.schema import schema_of
 from tests import headless
 from tests.docs.held_spring import relative_error
@@ -50,4 +51,4 @@ def check_page(path: Path, found: dict[str, Any]) -> None:
         assert tab.run("document.querySelector('.verdict').textContent") == found["verdict"]
         tiles = tab.run("[...document.querySelectorAll('.tiles strong')].map(e => e.textContent)")
         gain = found["gain"]
-        assert tiles[:2] == [f"{100 * gain[name]:.3g} %" for name in ("rms_before", "rms_after")]
+        assert tiles[:2] == [share(gain[name]) for name in ("rms_before", "rms_after")]
