@@ -50,39 +50,42 @@ class Store:
             raise DataError(f"{self.path}: {error}; check the folder, its rights and the free space") from None
         try:
             with _clear_errors(self.path):
-                self._prepare()
+                self._hold()
                 self._claim(parts)
         except BaseException:
             self._file.close()
             raise
 
-    def _prepare(self) -> None:
+    def _hold(self) -> None:
+        """Take the file for this program alone and see that trials can stand in it."""
         for pragma in ("locking_mode=EXCLUSIVE", "journal_mode=WAL", "synchronous=FULL"):
             self._file.execute(f"PRAGMA {pragma}")
-        self._file.execute(
-            "BEGIN IMMEDIATE"
-        )  # an exclusive connection keeps the lock that this takes until it is closed
-        self._file.execute("CREATE TABLE IF NOT EXISTS study (part TEXT PRIMARY KEY, value TEXT NOT NULL)")
-        own = "trial INTEGER PRIMARY KEY, status TEXT NOT NULL, reason TEXT NOT NULL, wall_s REAL NOT NULL"
-        more = [f"{_quoted(name)}" for name in self._varied]
-        more += [f"{_quoted(c.name)} {_TYPES[c.kind]}" for c in self._columns]
-        self._file.execute(f"CREATE TABLE IF NOT EXISTS trials ({', '.join([own, *more])})")
+        self._file.execute("BEGIN IMMEDIATE")  # an exclusive connection keeps what this locks until it is closed
         self._file.execute("COMMIT")
 
     def _claim(self, parts: dict[str, str]) -> None:
+        tables = {name for (name,) in self._file.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if "study" not in tables:
+            return self._begin(parts)
         found = dict(self._file.execute("SELECT part, value FROM study").fetchall())
-        if found:
-            if found.get("schema") != SCHEMA:
-                raise DataError(f"{self.path}: its schema is {found.get('schema')}, not {SCHEMA}; choose another --out")
-            fix = "go on with the study and the programs as they were, or begin anew with another --out"
-            require_same(json.loads(found["fingerprint"]), parts, str(self.path), fix)
-            (sound,) = self._file.execute("PRAGMA quick_check(1)").fetchone()
-            if sound != "ok":
-                raise DataError(f"{self.path} is damaged ({sound}); restore it from a copy, or begin anew")
-            return
-        rows = [("schema", SCHEMA), ("fingerprint", json.dumps(parts))]
+        if found.get("schema") != SCHEMA:
+            raise DataError(f"{self.path}: its schema is {found.get('schema')}, not {SCHEMA}; choose another --out")
+        fix = "go on with the study and the programs as they were, or begin anew with another --out"
+        require_same(json.loads(found["fingerprint"]), parts, str(self.path), fix)
+        (sound,) = self._file.execute("PRAGMA quick_check(1)").fetchone()
+        if sound != "ok":
+            raise DataError(f"{self.path} is damaged ({sound}); restore it from a copy, or begin anew")
+
+    def _begin(self, parts: dict[str, str]) -> None:
+        """Make the tables and bind them to the study, in one step: a kill leaves both or neither."""
+        columns = ["trial INTEGER PRIMARY KEY", "status TEXT NOT NULL", "reason TEXT NOT NULL", "wall_s REAL NOT NULL"]
+        columns += [_quoted(name) for name in self._varied]
+        columns += [f"{_quoted(c.name)} {_TYPES[c.kind]}" for c in self._columns]
         with self._file:
             self._file.execute("BEGIN")
+            self._file.execute("CREATE TABLE study (part TEXT PRIMARY KEY, value TEXT NOT NULL)")
+            self._file.execute(f"CREATE TABLE trials ({', '.join(columns)})")
+            rows = [("schema", SCHEMA), ("fingerprint", json.dumps(parts))]
             self._file.executemany("INSERT INTO study VALUES (?, ?)", rows)
 
     def add(self, outcomes: Sequence[Outcome]) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 60.0
+MISSING = "dask.distributed is not installed: pip install 'mccd[cluster]'"
 
 
 class Cluster:
@@ -61,7 +62,7 @@ class Cluster:
 @pytest.fixture
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """A scheduler without workers."""
-    pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'mccd[cluster]'")
+    pytest.importorskip("distributed", reason=MISSING)
     started = Cluster(tmp_path_factory.mktemp("cluster"))
     yield started
     started.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from analysis.study.definition import parse_study
 from analysis.study.run import run_study
 from sim_backend.errors import ConfigError, HardwareError
 from sim_backend.model import dump_model, load_model
-from tests.analysis.study.conftest import Cluster
+from tests.analysis.study.conftest import MISSING, Cluster
 from tests.analysis.study.studies import SPREAD, results, spread
 
 TRIALS = 40
@@ -43,6 +44,26 @@ def test_a_killed_worker_loses_nothing_and_a_new_one_helps(
     # every trial is there once, and is what a thread gives, whoever did it
     assert (outcome.status, outcome.timing.trials) == ("complete", 2 * TRIALS)
     assert results(tmp_path) == reference
+
+
+def test_a_trial_that_has_cost_too_many_workers_ends_the_study_and_nothing_is_lost(
+    reference: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason=MISSING)
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")  # the first lost worker is one too many
+    with closing(Cluster(tmp_path)) as cluster:
+        worker = cluster.worker()
+
+        def report(done: float, _total: float, _what: str) -> None:
+            if done >= 10 and worker.poll() is None:
+                cluster.worker()
+                worker.kill()
+
+        with pytest.raises(HardwareError, match="too many workers .* --resume"):
+            run_study(spread(TRIALS), tmp_path / "s", address=cluster.address, report=report)
+    outcome = run_study(spread(TRIALS), tmp_path / "s", resume=True)
+    assert 0 < outcome.timing.trials <= 2 * TRIALS - 10
+    assert results(tmp_path / "s") == reference
 
 
 @pytest.mark.slow
@@ -90,7 +111,7 @@ def test_a_cluster_without_workers_is_given_up_after_a_while(
 
 
 def test_no_scheduler_and_no_library_are_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'mccd[cluster]'")
+    pytest.importorskip("distributed", reason=MISSING)
     monkeypatch.setattr(engines, "CONNECT_S", 1.0)
     with pytest.raises(HardwareError, match="no scheduler answers at tcp://127.0.0.1:9 "):
         run_study(spread(1), tmp_path / "a", address="tcp://127.0.0.1:9")
