@@ -93,7 +93,7 @@ def import_run(
     path = Path(map_path)
     found, text = read_map(path)
     if Path(target).exists():
-        raise ConfigError(f"{target} exists and a log never overwrites: choose another path")
+        raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
     try:
         units = {name: _unit(name, channel.unit) for name, channel in found.channels.items()}
         wanted: Sequence[PartMap | None] = found.parts or (None,)

@@ -69,7 +69,7 @@ def give_name(hidden: Path, target: Path) -> None:
     try:
         os.link(hidden, target)  # unlike a rename, it fails when the name is taken in the meantime
     except FileExistsError:
-        raise ConfigError(f"{target} exists and a log never overwrites: choose another path") from None
+        raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out") from None
     except OSError:  # a file system without hard links
         hidden.rename(target)
         return

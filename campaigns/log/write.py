@@ -111,7 +111,7 @@ class LogWriter:
             )
         target = Path(path)
         if target.exists():
-            raise ConfigError(f"{target} exists and a log never overwrites: choose another path")
+            raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
         hidden = target.with_name(f".{target.name}.{uuid.uuid4().hex[:12]}.tmp")
         try:
             file = h5py.File(hidden, "x")
