@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.signal.windows import hann
 
+from analysis.averaged_spectra import averaged_spectra
 from analysis.cross_spectra import ComplexArray
-from analysis.frf import FrequencyResponse, response_from_spectra
+from analysis.frf import FrequencyResponse
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array
 
@@ -122,35 +122,11 @@ def frequency_response_welch(
     """
     _checked(inputs, outputs, reference)
     n, n_u = inputs.shape
-    hop = segment // 2
-    count = (n - segment) // hop + 1 if segment >= 8 else 0
+    count = (n - segment) // (segment // 2) + 1 if segment >= 8 else 0
     if count < n_u + 2:
         raise DataError(
             f"{n} samples give {max(count, 0)} segments of {segment}; {n_u} inputs need {n_u + 2} of 8 samples or more"
         )
-    window = hann(segment, sym=False) / np.sqrt(3.0 / 8.0)
-    start = hop * np.arange(count)
-
-    def spectra(record: Array) -> ComplexArray:
-        pieces = np.lib.stride_tricks.sliding_window_view(record - record.mean(axis=0), segment, axis=0)[start]
-        return fft.rfft(np.transpose(pieces, (1, 0, 2))[:, :, None] * window, norm="forward")
-
-    u, y = spectra(inputs), spectra(outputs)
-    w = u if reference is None else spectra(reference)
-    # the mean's leakage fills the first two lines
-    lines = np.arange(2, segment // 2)
-    plain = response_from_spectra(u, y, w, lines, lines * rate_hz / segment, blocked=False)
-    # overlapping Hann segments are correlated by 1/6, so that their mean varies 1 + 2/36 as much as of independent ones
-    variance = plain.total_variance * (1.0 + 2.0 / 36.0)
-    unknown = np.full(plain.output_noise.shape, np.nan)
-    return FrequencyResponse(
-        plain.frequency_hz,
-        plain.response,
-        variance,
-        variance,
-        plain.output_distortion,
-        unknown,
-        plain.output_power,
-        plain.total_dof,
-        plain.total_dof,
-    )
+    record = np.concatenate([inputs, outputs, *(() if reference is None else (reference,))], axis=1)
+    spectra = averaged_spectra([[record]], segment, record.shape[1], record.mean(axis=0))
+    return spectra.response(rate_hz, n_u, outputs.shape[1])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from analysis.identified import HeldOut
+from analysis.recorded.folded import windowed
 from analysis.simulate import periodic_response, simulate_linear
 from analysis.validation import relative_error
 from campaigns.log import LogSegment, Run
@@ -25,16 +27,18 @@ def tried(
 ) -> tuple[HeldOut, ...]:
     """Return the errors on every held-out segment: in steady state where it is periodic, else from the best start.
 
-    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error.
+    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error. Of a
+    segment too long to be read at once, the middle is tried.
     """
     discrete, results = discretise(model, rate_hz), []
-    for run, segment in parts:
+    for run, segment in windowed(parts):
         if not segment.held_out:
             continue
-        u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")
         period = int(segment.settings.get("period_samples", 0))
         if period:
-            u, y = u[-period:], y[-period:]
+            segment = replace(segment, start=max(segment.stop - period, segment.start))
+        u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")
+        if period:
             frequency = np.arange(period // 2 + 1) * rate_hz / period
             modelled = periodic_response(model.frequency_response(frequency, hold), u)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz

@@ -23,6 +23,7 @@ from analysis.identified import Fitted, Identification, deviations, identificati
 from analysis.inverse_dynamics import Balance, balance_of
 from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
+from analysis.recorded.folded import averaged_response, folded, together, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
@@ -86,7 +87,7 @@ def identify_runs(
     periodic = _periodic(fitting)
     if periodic is not None:
         return _from_periods(periodic, parts, orders, name, equal_weights, report)
-    return _from_records(fitting, parts, orders, name, report)
+    return (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
 
 
 def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int, ...]:
@@ -151,11 +152,12 @@ def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
 
 @dataclass(frozen=True)
 class _Periods:
-    """Periodic data (sample, channel, realisation, period) at one rate, transient periods left out."""
+    """Periodic data (sample, channel, realisation, mean of `group` periods) at one rate, transient periods left out."""
 
     inputs: Array
     outputs: Array
     rate_hz: float
+    group: int
 
 
 def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
@@ -166,15 +168,13 @@ def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
         return None
     period = periods.pop()
     skip = max(int(s.settings.get("transient_periods", 0)) for _, s in parts)
-    count = min(s.rows // period for _, s in parts)
-    if count <= skip:
+    count = min(s.rows // period for _, s in parts) - skip
+    if count <= 0:
         return None
-    blocks = [
-        np.stack([channels_of(run, s, role)[: count * period].reshape(count, period, -1)[skip:] for run, s in parts])
-        for role in ("input", "output")
-    ]
+    group, settled = together(parts, period, count), [(r, replace(s, start=s.start + skip * period)) for r, s in parts]
+    blocks = [np.stack([folded(r, s, role, period, count, group) for r, s in settled]) for role in ROLES]
     inputs, outputs = (block.transpose(2, 3, 0, 1) for block in blocks)
-    return _Periods(inputs, outputs, parts[0][0].sample_rate_hz)
+    return _Periods(inputs, outputs, parts[0][0].sample_rate_hz, group)
 
 
 def _from_periods(
@@ -186,6 +186,7 @@ def _from_periods(
     report: Report,
 ) -> Identification:
     measured = frequency_response_periodic(*_at_one_level(data), data.rate_hz)
+    measured = replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
     variance = None if equal_weights else _variance(measured)
     # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
     held, filtered = part_of(report, 0.0, 0.4), part_of(report, 0.4, 0.8)
@@ -199,10 +200,10 @@ def _from_periods(
     while fit.model.n_blocks > orders[0] and not _all_determined(fit):
         fit = _fit_lines(measured, variance, hold, (fit.model.n_blocks - 1,))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
-    power = float(measured.output_power.sum())
+    power, means = float(measured.output_power.sum()), (x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs))
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     return identification(
-        Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, data)),
+        Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="periodic, zero-order hold" if hold else "periodic, band-limited",
@@ -310,6 +311,33 @@ def _from_records(
     )
 
 
+def _from_spectra(
+    fitting: Sequence[tuple[Run, LogSegment]],
+    parts: Sequence[tuple[Run, LogSegment]],
+    orders: tuple[int, ...],
+    name: str,
+    report: Report,
+) -> Identification:
+    """Fit the averaged response of records that are too long to be fitted in time."""
+    rate = fitting[0][0].sample_rate_hz
+    measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
+    variance = _variance(measured)
+    fit = _fit_lines(measured, variance, rate, orders, part_of(report, 0.5, 1.0))
+    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
+        fit = _fit_lines(measured, variance, rate, (fit.model.n_blocks - 1,))
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    offsets = _rest(fit.model, u, y)
+    return identification(
+        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
+        _runs_of(parts),
+        *_ports(parts[0][0]),
+        method="free, averaged spectra",
+        name=name,
+        held_out=tried(fit.model, parts, rate, rate, offsets.mean(axis=0)),
+        response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
+    )
+
+
 def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], rows: int, name: str) -> Identification:
     """Return the linear part of a balance of torques; the torque that is always there goes with it."""
     inputs, outputs = _ports(parts[0][0])
@@ -335,9 +363,8 @@ def _all_determined(fit: TimeFit | RationalFit) -> bool:
     return bool(np.all((frequency & decay)[moving]))
 
 
-def _rest(model: ModalModel, data: _Periods) -> Array:
-    """Return what each output reads (realisations, n_y) beyond what the model makes of the mean input."""
-    u, y = (x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs))
+def _rest(model: ModalModel, u: Array, y: Array) -> Array:
+    """Return (n, n_y) what mean outputs (n_y, n) read beyond what the model makes of the mean inputs (n_u, n)."""
     if np.any(model.omega_rad_s == 0.0):  # a rigid body drifts away under any mean input: there was none
         return np.asarray(y.T)
     return np.asarray((y - model.frequency_response(np.zeros(1))[0].real @ u).T)
