@@ -1,0 +1,30 @@
+"""The page of a design in a real browser."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mccdcli.main import main
+from tests import headless
+
+
+@pytest.mark.skipif(headless.installed() is None, reason="no Chromium is installed; MCCD_BROWSER may name one")
+def test_it_asks_for_nothing_fits_a_telephone_and_is_readable(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["design", "--model", "design", "--stages", "--out", "design", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    page = tmp_path / "design" / "index.html"
+    with headless.browser() as tab:
+        for width, scheme in ((1280, "light"), (390, "dark")):
+            tab.open(page, width=width, prefers_color_scheme=scheme)
+            assert tab.complaints() == [] and tab.requests() == [page.resolve().as_uri()]
+            assert tab.run("document.documentElement.scrollWidth") <= width
+            assert headless.nameless(tab) == 0 and headless.least_contrast(tab) >= 4.5
+        tab.choose(".colours select", "light")
+        assert tab.run("document.documentElement.dataset.colours") == "light"
+        cells = tab.run("[...document.querySelectorAll('td')].map(e => e.textContent)")
+        expected = found["axes"]["theta_x"]["stability_3sigma_rad"]["identified"]
+        assert any(cell.startswith(f"{1e6 * expected:.3f}") for cell in cells)
+        assert tab.run("document.querySelectorAll('table')[1].tBodies[0].rows.length") == len(found["stages"])
