@@ -36,7 +36,7 @@ class Engine:
     def outcomes(self, trials: Iterator[int]) -> Iterator[list[Outcome]]:
         """Yield what has finished, some at a time, until `trials` ends and all that was begun is done.
 
-        Raises HardwareError when the workers are gone.
+        Yields nothing (an empty list) now and then while there is no worker, and raises HardwareError when none comes.
         """
         running: set[Future[Outcome]] = set()
         alone_since: float | None = None
@@ -48,7 +48,8 @@ class Engine:
                 return
             done, running = wait(running, ASKED_AGAIN_S, FIRST_COMPLETED)
             lost = [future for future in done if future.cancelled() or future.exception() is not None]
-            if good := [future.result() for future in done if future not in lost]:
+            good = [future.result() for future in done if future not in lost]
+            if good or not workers:
                 yield good
             for future in lost:
                 future.result()  # raises
@@ -85,7 +86,7 @@ def cluster(job: Job, parts: dict[str, str], address: str) -> Iterator[Engine]:
             # a task of its own, so that the scheduler can make it again wherever it is lost
             held = client.submit(_Held, job, parts, pure=False)
             with _clear_errors(address):
-                yield Engine(lambda trial: executor.submit(_on_worker, held, trial), _Workers(client))
+                yield Engine(lambda trial: executor.submit(_on_worker, held, trial), _Workers(client, address))
         finally:
             with contextlib.suppress(Exception):  # a scheduler that has gone away cannot be taken leave of
                 client.close(timeout=CONNECT_S)
@@ -131,14 +132,17 @@ class _Held:
 class _Workers:
     """Counts the threads of all workers, asking the scheduler now and then."""
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self._address = client, address
         self._asked, self._count = float("-inf"), 0
 
     def __call__(self) -> int:
         now = time.monotonic()
         if now - self._asked > ASKED_AGAIN_S:
-            self._asked, self._count = now, sum(self._client.nthreads().values())
+            try:
+                self._asked, self._count = now, sum(self._client.nthreads().values())
+            except (OSError, TimeoutError) as error:
+                raise _gone(self._address, error) from None
         return self._count
 
 
@@ -171,10 +175,14 @@ def _clear_errors(address: str) -> Iterator[None]:
             f"a trial has cost the cluster at {address} too many workers ({' '.join(str(error).split())[:200]}); what "
             "finished is saved: give the workers more memory, then --resume"
         ) from None
-    except (CommClosedError, CancelledError, OSError, TimeoutError) as error:
-        raise HardwareError(
-            f"the cluster at {address} is gone ({type(error).__name__}); what finished is saved: --resume goes on"
-        ) from None
+    except (CommClosedError, CancelledError) as error:
+        raise _gone(address, error) from None
+
+
+def _gone(address: str, error: BaseException) -> HardwareError:
+    return HardwareError(
+        f"the cluster at {address} is gone ({type(error).__name__}); what finished is saved: --resume goes on"
+    )
 
 
 def _on_worker(held: _Held, trial: int) -> Outcome:

@@ -77,9 +77,10 @@ def run_study(
                 started = time.monotonic()
                 with _engine(job, parts, workers, address) as engine, signals.abortable():
                     for batch in engine.outcomes(missing):
-                        store.add(batch)
+                        if batch:
+                            store.add(batch)
                         tried += len(batch)
-                        tally.add(len(batch), sum(o.status != "done" for o in batch))
+                        tally.add(len(batch), sum(o.status != "done" for o in batch), engine.workers())
                 wall_s = time.monotonic() - started
         summary = summarise(job, store)
         files = write_results(job, store, summary, home)
@@ -109,10 +110,11 @@ class _Tally:
         self._report, self._missing, self._before = report, missing, before
         self._done = self._failed = 0
 
-    def add(self, done: int, failed: int) -> None:
-        """Count finished trials, some of which came to nothing, and say so."""
+    def add(self, done: int, failed: int, workers: int) -> None:
+        """Count finished trials, some of which came to nothing, and say so, and whether anybody is at work."""
         self._done, self._failed = self._done + done, self._failed + failed
         if self._report is not None:
             what = f"{self._before + self._done} of {self._before + self._missing} trials"
             failed_too = f", {self._failed} came to nothing" if self._failed else ""
-            self._report(self._done, self._missing, what + failed_too)
+            alone = "" if workers else ", no worker: waiting"
+            self._report(self._done, self._missing, what + failed_too + alone)

@@ -106,8 +106,10 @@ def test_a_cluster_without_workers_is_given_up_after_a_while(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engines, "ALONE_S", 1.0)
+    told: list[str] = []
     with pytest.raises(HardwareError, match="no worker for 1 s"):
-        run_study(spread(1), tmp_path, address=cluster.address)
+        run_study(spread(1), tmp_path, address=cluster.address, report=lambda _done, _total, what: told.append(what))
+    assert told[0] == "0 of 2 trials, no worker: waiting"
 
 
 def test_no_scheduler_and_no_library_are_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
