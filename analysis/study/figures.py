@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from analysis.paper.canvas import COLOURS, PAPER, Canvas
 from analysis.study.definition import Swept
@@ -15,6 +16,13 @@ from analysis.study.summary import Point, Share, Summary
 from analysis.study.trial import Job
 
 MOST_SERIES = len(COLOURS)
+
+SHOWN = {"_s": (1e3, "ms"), "_rad": (1e6, "µrad"), "_m": (1e6, "µm")}
+"""How a figure shows a result by the unit that its name ends in; others as they are."""
+
+FAR = 3.0
+"""A limit that is farther from the numbers than so many times their span is written instead of drawn."""
+
 _WIDE = 2
 
 
@@ -54,27 +62,52 @@ def _label(at: Mapping[str, Swept]) -> str:
     return ", ".join(f"{place.rpartition('.')[2]} {value}" for place, value in at.items()) or "all trials"
 
 
+def _scale(column: Column) -> tuple[float, str]:
+    """Return the factor by which a figure shows a result, and the label of its axis."""
+    for ending, (factor, unit) in SHOWN.items():
+        if column.name.endswith(ending):
+            return factor, f"{column.name.removesuffix(ending).replace('_', ' ')} ({unit})"
+    return 1.0, column.name
+
+
+def _limit(column: Column, drawn: ArrayLike) -> tuple[float | None, str]:
+    """Return where the limit is drawn, None where it would press the numbers flat, and what the label then says."""
+    known = np.asarray(drawn, dtype=float)
+    known = known[np.isfinite(known)]
+    if column.limit is None or not known.size:
+        return None, ""
+    at = column.limit * _scale(column)[0]
+    low, high = float(known.min()), float(known.max())
+    near = low - FAR * (high - low) <= at <= high + FAR * (high - low)
+    return (at, "") if near else (None, f", limit {at:g}")
+
+
 def _distribution(canvas: Canvas, i: int, column: Column, job: Job, store: Store, summary: Summary) -> None:
     """Draw the share of trials below each value; trials that came to nothing, or to infinity, keep it below 1."""
     flag = column.kind == "flag"
-    axes = canvas.panel(i, column.about, "point" if flag else column.name, "share of trials")
     points = summary.points[:MOST_SERIES]
+    factor, label = _scale(column)
+    values = np.empty((0, len(points)))
+    if not flag:
+        values = factor * store.numbers(column.name, job.study.total).reshape(-1, len(summary.points))
+    limit, words = _limit(column, values[:, : len(points)])
+    axes = canvas.panel(i, column.about, "point" if flag else label + words, "share of trials")
     if flag:
         shares = [p.flags[column.name] for p in points]
         _whiskers(canvas, i, "share and 95 % interval", list(range(len(points))), shares, COLOURS[0])
         axes.set_ylim(-0.03, 1.03)
         return
-    values = store.numbers(column.name, job.study.total).reshape(-1, len(summary.points))
     for p, point in enumerate(points):
         ended = point.done + point.failed + point.broken
         known = np.sort(values[np.isfinite(values[:, p]), p])
         share = np.arange(1, known.size + 1) / max(ended, 1)
         canvas.line(i, _label(point.at), known, share, color=COLOURS[p], drawstyle="steps-post")
-    if column.limit is not None:
-        axes.axvline(column.limit, color=PAPER, linestyle="--", linewidth=0.8)
+    if limit is not None:
+        axes.axvline(limit, color=PAPER, linestyle="--", linewidth=0.8)
     axes.set_ylim(0.0, 1.03)
-    if len(points) > 1:
-        canvas.legend(i, loc="lower right")
+    axes.locator_params(axis="x", nbins=6)
+    if i == 0 and len(points) > 1:
+        canvas.legend(i, loc="best")
 
 
 def _curve(canvas: Canvas, i: int, column: Column, along: str, summary: Summary) -> None:
@@ -84,25 +117,28 @@ def _curve(canvas: Canvas, i: int, column: Column, along: str, summary: Summary)
         rest = {place: value for place, value in point.at.items() if place != along}
         series.setdefault(_label(rest), []).append(point)
     flag = column.kind == "flag"
-    axes = canvas.panel(i, column.about, along.rpartition(".")[2], "share of trials" if flag else column.name)
+    factor, label = _scale(column)
+    shown = [q for p in summary.points if not flag for q in p.numbers[column.name].quantiles.values()]
+    limit, words = _limit(column, [factor * q for q in shown])
+    axes = canvas.panel(i, column.about, along.rpartition(".")[2], "share of trials" if flag else label + words)
     for colour, (name, points) in zip(COLOURS, series.items(), strict=False):
         x = [float(p.at[along]) for p in points]
         if flag:
             _whiskers(canvas, i, name, x, [p.flags[column.name] for p in points], colour)
             continue
         low, middle, high = (
-            [_finite(p.numbers[column.name].quantiles[q]) for p in points] for q in ("q05", "median", "q95")
+            [factor * _finite(p.numbers[column.name].quantiles[q]) for p in points] for q in ("q05", "median", "q95")
         )
         canvas.line(i, name, x, middle, color=colour, marker="o", markersize=3)
         axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
     if flag:
         axes.set_ylim(-0.03, 1.03)
-    elif column.limit is not None:
-        axes.axhline(column.limit, color=PAPER, linestyle="--", linewidth=0.8)
+    elif limit is not None:
+        axes.axhline(limit, color=PAPER, linestyle="--", linewidth=0.8)
     swept = [abs(float(p.at[along])) for p in summary.points if p.at[along]]
     if swept and max(swept) > 30.0 * min(swept):
         axes.set_xscale("symlog", linthresh=min(swept))
-    if len(series) > 1:
+    if i == 0 and len(series) > 1:
         canvas.legend(i, loc="best")
 
 
