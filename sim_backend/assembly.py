@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from sim_backend import layout
 from sim_backend.effects.base import Aux, Effect, Site
+from sim_backend.effects.compiled import WIRES, reads
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Hardware, Model, number
+from sim_backend.stages import STAGES
 
 Array = NDArray[np.float64]
 
@@ -71,10 +73,23 @@ def places_of(model: Model) -> Places:
 def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
     """Return the discrete plant, stepped `substeps` times per sample at `rate_hz`."""
     fine = discretise(linear, rate_hz * substeps)
-    through = int(np.any(linear.d != 0.0))
-    delay = linear.delay_s * rate_hz
+    mode, by = np.nonzero(np.any(fine.b != 0.0, axis=1))
+    gains = np.concatenate([fine.c, fine.rate_c], axis=2)
+    output, seen = np.nonzero(np.any(gains != 0.0, axis=2))
     return layout.Plant(
-        fine.a, fine.b, fine.c, fine.rate_c, fine.d, fine.rate_d, delay, 1.0 / rate_hz, substeps, through
+        a=fine.a,
+        driven=np.searchsorted(mode, np.arange(linear.n_blocks + 1)),
+        driven_by=np.ascontiguousarray(by),
+        b=np.ascontiguousarray(fine.b[mode, :, by]),
+        seen=np.searchsorted(output, np.arange(linear.n_outputs + 1)),
+        seen_mode=np.ascontiguousarray(seen),
+        c=np.ascontiguousarray(gains[output, seen]),
+        d=fine.d,
+        rate_d=fine.rate_d,
+        delay=linear.delay_s * rate_hz,
+        dt_s=1.0 / rate_hz,
+        substeps=substeps,
+        feedthrough=int(np.any(linear.d != 0.0)),
     )
 
 
@@ -85,10 +100,10 @@ def transducers_of(model: Model) -> layout.Transducers:
         eye_u, eye_y = np.eye(len(model.inputs)), np.eye(len(model.outputs))
         return layout.Transducers(eye_u, eye_u, eye_y, eye_y, np.array([293.15, 0.0, 1.0, 1.0, 0.0]))
     return layout.Transducers(
-        current_from_command(hw),
-        points_from_dof(number(hw.actuators.radius_m)).T * number(hw.force_constant_n_a),
+        np.ascontiguousarray(current_from_command(hw)),
+        np.ascontiguousarray(points_from_dof(number(hw.actuators.radius_m)).T) * number(hw.force_constant_n_a),
         points_from_dof(number(hw.sensors.radius_m)),
-        dof_from_points(number(hw.sensors.radius_m)),
+        np.ascontiguousarray(dof_from_points(number(hw.sensors.radius_m))),
         np.array(
             [
                 number(hw.cold_finger_k),
@@ -112,31 +127,121 @@ def effects_of(effects: Sequence[Effect], places: Places) -> tuple[layout.Effect
 
     Exogenous columns are numbered in that order. Raises ConfigError when a `where` names no channel of the bench.
     """
-    wired = sorted(
-        ((_wire(e, places), e) for e in effects if e.site <= Site.READING), key=lambda pair: int(pair[0].site)
-    )
-    wires, ordered = [w for w, _ in wired], [e for _, e in wired]
+    batches = _batches([(_wire(e, places), e) for e in effects if e.site <= Site.READING])
+    wires, ordered = [w for batch in batches for w, _ in batch], [e for batch in batches for _, e in batch]
     sites = np.array([int(w.site) for w in wires], dtype=np.int64)
+    ends = np.cumsum([0, *map(len, batches)])
     sizes = np.array([len(e.parameters()) for e in ordered], dtype=np.int64)
     states = np.array([e.n_state for e in ordered], dtype=np.int64)
     drawn = np.cumsum([e.aux is Aux.EXOGENOUS for e in ordered]) - 1
-    column = [int(drawn[i]) if e.aux is Aux.EXOGENOUS else w.column for i, (w, e) in enumerate(wired)]
-    n_y, n_u = len(places.outputs), len(places.inputs)
+    column = [
+        int(drawn[i]) if e.aux is Aux.EXOGENOUS else w.column
+        for i, (w, e) in enumerate(zip(wires, ordered, strict=True))
+    ]
+    read = np.array([w.read for w in wires]).reshape(len(wires), len(places.outputs))
+    write = np.array([w.write for w in wires]).reshape(len(wires), len(places.inputs))
+    coordinates, watched, fast = _coordinates(wires, ordered)
+    levers, moved = _rows(
+        [w.write for w in wires if w.site is Site.STRUCTURE], [w.write for w in wires], write.shape[1]
+    )
     return layout.Effects(
-        first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)).astype(np.int64),
+        first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)),
+        site=np.searchsorted([int(batch[0][0].site) for batch in batches], np.arange(int(Site.READING) + 2)),
+        batch=ends,
         address=np.array([e.step.address for e in ordered], dtype=np.int64),
         channel=np.array([w.index for w in wires], dtype=np.int64),
         p0=(np.cumsum(sizes) - sizes).astype(np.int64),
         s0=(np.cumsum(states) - states).astype(np.int64),
         aux=np.array([int(e.aux) for e in ordered], dtype=np.int64),
         column=np.array(column, dtype=np.int64),
-        read=np.array([w.read for w in wires]).reshape(len(wires), n_y),
-        write=np.array([w.write for w in wires]).reshape(len(wires), n_u),
-        weight=np.ones(len(wires)),
+        read=read,
+        write=write,
+        coordinates=coordinates,
+        watched=watched,
+        fast=fast,
+        levers=levers,
+        moved=moved,
         # one spare number each, so that the arrays have an address even when empty
         parameters=np.concatenate([*(e.values() for e in ordered), np.zeros(1)]),
         states=np.concatenate([*(e.start() for e in ordered), np.zeros(1)]),
+        wires=np.zeros((len(wires), WIRES), dtype=np.int64),
+        cells=np.zeros(5),
     ), ordered
+
+
+def _coordinates(wires: Sequence[_Wire], effects: Sequence[Effect]) -> tuple[Array, layout.Ints, int]:
+    """Return the coordinates that steps look at, whose they are, and of how many, the first, a rate is wanted too."""
+    at_mid_step = [w.read for w in wires if w.site is Site.DRIVE]
+    rates = at_mid_step + [w.read for w, e in zip(wires, effects, strict=True) if reads(e.step, "rate")]
+    positions = [w.read for w, e in zip(wires, effects, strict=True) if reads(e.step, "position")]
+    n_y = wires[0].read.size if wires else 0
+    fast, _ = _rows(rates, [], n_y)
+    return *_rows(rates + positions, [w.read for w in wires], n_y), fast.shape[0]
+
+
+def _rows(needed: Sequence[Array], rows: Sequence[Array], width: int) -> tuple[Array, layout.Ints]:
+    """Return the different ones of `needed`, in their order, and the number of each of `rows` among them, else 0."""
+    kept = {row.tobytes(): row for row in needed}
+    number = {key: i for i, key in enumerate(kept)}
+    found = np.array([number.get(row.tobytes(), 0) for row in rows], dtype=np.int64)
+    return np.array(list(kept.values()), dtype=float).reshape(len(kept), width), found
+
+
+def _batches(acting: list[tuple[_Wire, Effect]]) -> list[list[tuple[_Wire, Effect]]]:
+    """Return the effects, sorted by site, in groups of the same one at different places.
+
+    The effects of one channel keep their order, for each sees the signal that those before it leave. Torques on the
+    structure add up and have no order.
+    """
+    batches: list[list[tuple[_Wire, Effect]]] = []
+    for wire, effect in acting:
+        after = -1
+        if wire.site is not Site.STRUCTURE:
+            here = [i for i, b in enumerate(batches) if any((w.site, w.index) == (wire.site, wire.index) for w, _ in b)]
+            after = max(here, default=-1)
+        for batch in batches[after + 1 :]:
+            if batch[0][0].site is wire.site and type(batch[0][1]) is type(effect):
+                batch.append((wire, effect))
+                break
+        else:
+            batches.append([(wire, effect)])
+    return sorted(batches, key=lambda batch: int(batch[0][0].site))
+
+
+def wired(fx: layout.Effects, bus: layout.Bus) -> layout.Effects:
+    """Return the effects connected to the signals of a bus; both must be kept as long as they are used."""
+    signals = {
+        Site.COMMAND: bus.driven,
+        Site.CURRENT: bus.current,
+        Site.DRIVE: bus.torque,
+        Site.STRUCTURE: bus.torque,
+        Site.HEAD: bus.head,
+        Site.READING: bus.reading,
+    }
+    first_source = {
+        Aux.NONE: 0,
+        Aux.TEMPERATURE: 1,
+        Aux.SOURCE_COMMAND: 2,
+        Aux.SOURCE_POSITION: 2 + bus.command.size,
+        Aux.EXOGENOUS: 2 + bus.command.size + bus.position.size,
+    }
+    wires = np.zeros_like(fx.wires)
+    for site, signal in signals.items():
+        at = slice(fx.first[site], fx.first[site + 1])
+        wires[at, 0] = wires[at, 4] = _addresses(signal, fx.channel[at])
+        wires[at, 1] = _addresses(bus.middle if site is Site.DRIVE else bus.at, fx.watched[at])
+        if site is Site.STRUCTURE:
+            wires[at, 4] = _addresses(bus.force, fx.moved[at])
+    source = np.array([first_source[Aux(kind)] for kind in fx.aux], dtype=np.int64)
+    has_column = (fx.aux != int(Aux.NONE)) & (fx.aux != int(Aux.TEMPERATURE))
+    wires[:, 2] = _addresses(bus.speed, np.where(fx.watched < fx.fast, fx.watched, 0))
+    wires[:, 3] = _addresses(bus.source, source + np.where(has_column, fx.column, 0))
+    wires[:, 5], wires[:, 6] = _addresses(fx.parameters, fx.p0), _addresses(fx.states, fx.s0)
+    return fx._replace(wires=wires)
+
+
+def _addresses(array: Array, index: layout.Ints) -> layout.Ints:
+    return np.asarray(array.ctypes.data + array.itemsize * index, dtype=np.int64)
 
 
 def _wire(effect: Effect, places: Places) -> _Wire:
@@ -189,7 +294,36 @@ def retuned(linear: ModalModel, effects: Sequence[Effect], places: Places) -> Mo
     return linear
 
 
-def bus_of(n_u: int, n_a: int, n_y: int, n_s: int) -> layout.Bus:
-    """Return the loop's scratch memory, all zero."""
-    sizes = [n_u] * 6 + [n_a] + [n_y] * 4 + [n_s]
-    return layout.Bus._make(np.zeros(size) for size in sizes)
+def bus_of(n_u: int, n_a: int, n_y: int, n_s: int, fx: layout.Effects) -> layout.Bus:
+    """Return the loop's scratch memory, all zero: so many inputs, actuators, outputs and heads, and these effects."""
+    n_columns = int(np.max(fx.column[fx.aux == int(Aux.EXOGENOUS)], initial=-1)) + 1
+    source = np.zeros(2 + n_u + n_y + n_columns)
+    _, command, position, exogenous = np.split(source, np.cumsum([2, n_u, n_y]))
+    inputs, outputs, actuators, heads = ((0,) * n for n in (n_u, n_y, n_a, n_s))
+    driven, delayed, held, moving, torque = np.zeros((5, n_u))
+    rate, reading = np.zeros((2, n_y))
+    return layout.Bus(
+        inputs,
+        outputs,
+        actuators,
+        heads,
+        source,
+        command,
+        position,
+        exogenous,
+        driven,
+        delayed,
+        held,
+        moving,
+        torque,
+        np.zeros(n_a),
+        rate,
+        reading,
+        np.zeros(n_s),
+        np.zeros(fx.coordinates.shape[0]),
+        np.zeros(fx.fast),
+        np.zeros(fx.fast),
+        np.zeros(fx.levers.shape[0]),
+        np.zeros(1),
+        np.array([stage.address for stage in STAGES], dtype=np.int64),
+    )

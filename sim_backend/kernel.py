@@ -20,9 +20,10 @@ from typing import Any
 
 from llvmlite import ir
 from numba import njit, types
-from numba.extending import intrinsic
 
-from sim_backend.effects.base import Aux, Site
+from sim_backend.effects.base import Site
+from sim_backend.effects.compiled import call_loop, intrinsic, load, store
+from sim_backend.stages import call
 
 _COMMAND, _CURRENT, _DRIVE, _STRUCTURE = (
     int(Site.COMMAND),
@@ -31,8 +32,7 @@ _COMMAND, _CURRENT, _DRIVE, _STRUCTURE = (
     int(Site.STRUCTURE),
 )
 _HEAD, _READING = int(Site.HEAD), int(Site.READING)
-_EXOGENOUS, _TEMPERATURE = int(Aux.EXOGENOUS), int(Aux.TEMPERATURE)
-_SOURCE_COMMAND, _SOURCE_POSITION = int(Aux.SOURCE_COMMAND), int(Aux.SOURCE_POSITION)
+_NO_DELAY = 2  # columns of a queue in which nothing waits
 
 # Nothing here allocates, so reference counting is switched off: counting the references of some sixty arrays at every
 # call took nine tenths of the time. Inlining is forced for the same reason, the arguments are tuples of many arrays.
@@ -42,161 +42,112 @@ _inlined = njit(**_OPTIONS, forceinline=True)
 
 
 @intrinsic
-def _call_step(  # type: ignore[no-untyped-def]
-    typingctx, address, signal, position, rate, aux, dt_s, parameters, state
-):
-    """Call the compiled step at `address`; `parameters` and `state` are addresses of float64 numbers."""
-    real, whole = types.float64, types.intp
-    signature = real(whole, real, real, real, real, real, whole, whole)
+def _dot(typingctx, matrix, row, vector, length):  # type: ignore[no-untyped-def]
+    """Return the product of a row of `matrix` with `vector`, both as long as the tuple `length`, without a loop."""
+    n = len(length)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        double = ir.DoubleType()
-        pointer = double.as_pointer()
-        function = ir.FunctionType(double, [double] * 5 + [pointer] * 2)
-        callee = builder.inttoptr(args[0], function.as_pointer())
-        tail = [builder.inttoptr(a, pointer) for a in args[6:8]]
-        return builder.call(callee, [*args[1:6], *tail])
+        first, second = (context.make_array(signature.args[i])(context, builder, args[i]).data for i in (0, 2))
+        start, total = builder.mul(args[1], ir.Constant(args[1].type, n)), ir.Constant(ir.DoubleType(), 0.0)
+        for j in range(n):
+            at = builder.add(start, ir.Constant(args[1].type, j))
+            values = builder.gep(first, [at]), builder.gep(second, [ir.Constant(args[1].type, j)])
+            term = builder.fmul(*map(builder.load, values))
+            total = term if j == 0 else builder.fadd(total, term)
+        return total
 
-    return signature, codegen
-
-
-@_inlined
-def _contribution(fx, e, signal, position, rate, aux, dt_s):  # type: ignore[no-untyped-def]
-    parameters = types.intp(fx.parameters.ctypes.data) + 8 * fx.p0[e]
-    state = types.intp(fx.states.ctypes.data) + 8 * fx.s0[e]
-    step = fx.address[e]
-    return fx.weight[e] * _call_step(step, signal, position, rate, aux, dt_s, parameters, state)  # type: ignore[call-arg]
+    return types.float64(matrix, types.intp, vector, length), codegen
 
 
-@_inlined
-def _aux(fx, e, k, exogenous, temperature, command, position):  # type: ignore[no-untyped-def]
-    kind = fx.aux[e]
-    if kind == _EXOGENOUS:
-        return exogenous[k, fx.column[e]]
-    if kind == _TEMPERATURE:
-        return temperature
-    if kind == _SOURCE_COMMAND:
-        return command[fx.column[e]]
-    if kind == _SOURCE_POSITION:
-        return position[fx.column[e]]
-    return 0.0
+@intrinsic
+def _put(typingctx, source, table, row, length):  # type: ignore[no-untyped-def]
+    """Copy `source`, as long as the tuple `length`, into a row of `table`, without a loop."""
+    n = len(length)
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        first, second = (context.make_array(signature.args[i])(context, builder, args[i]).data for i in (0, 1))
+        start = builder.mul(args[2], ir.Constant(args[2].type, n))
+        for j in range(n):
+            value = builder.load(builder.gep(first, [ir.Constant(args[2].type, j)]))
+            builder.store(value, builder.gep(second, [builder.add(start, ir.Constant(args[2].type, j))]))
+        return context.get_dummy_value()
+
+    return types.void(source, table, types.intp, length), codegen
 
 
 @_inlined
-def _along(fx, e, values):  # type: ignore[no-untyped-def]
-    """Return the coordinate that effect `e` watches."""
-    total = 0.0
-    for j in range(values.size):
-        total += fx.read[e, j] * values[j]
-    return total
+def _apply(fx, site, dt_s):  # type: ignore[no-untyped-def]
+    """Let every effect of a site add its contributions, one call for all places of an effect."""
+    for b in range(fx.site[site], fx.site[site + 1]):
+        first = fx.batch[b]
+        wires = types.intp(fx.wires.ctypes.data) + 8 * fx.wires.shape[1] * first
+        call_loop(fx.address[first], fx.batch[b + 1] - first, wires, dt_s)
 
 
 @_inlined
-def _apply(fx, site, values, k, exogenous, temperature, command, position, rate, dt_s):  # type: ignore[no-untyped-def]
-    """Add every contribution of a site whose effects act on `values` one channel at a time."""
-    for e in range(fx.first[site], fx.first[site + 1]):
-        i = fx.channel[e]
-        aux = _aux(fx, e, k, exogenous, temperature, command, position)
-        values[i] += _contribution(fx, e, values[i], _along(fx, e, position), _along(fx, e, rate), aux, dt_s)
+def _at(array):  # type: ignore[no-untyped-def]
+    """Return the address of an array's numbers."""
+    return types.intp(array.ctypes.data)
 
 
 @_inlined
-def _motion(plant, x, torque, position, rate):  # type: ignore[no-untyped-def]
-    """Fill positions and rates from the modal states and the torque in force."""
-    for i in range(position.size):
-        at, speed = 0.0, 0.0
-        for m in range(x.shape[0]):
-            at += plant.c[i, m, 0] * x[m, 0] + plant.c[i, m, 1] * x[m, 1]
-            speed += plant.rate_c[i, m, 0] * x[m, 0] + plant.rate_c[i, m, 1] * x[m, 1]
-        for j in range(torque.size):
-            at += plant.d[i, j] * torque[j]
-            speed += plant.rate_d[i, j] * torque[j]
-        position[i], rate[i] = at, speed
+def _motion(plant, fx, mem, bus):  # type: ignore[no-untyped-def]
+    """Fill positions and rates from modal states and the torque in force, and the coordinates that effects watch."""
+    n_u, n_y, position, rate = len(bus.inputs), len(bus.outputs), _at(bus.position), _at(bus.rate)
+    links = (_at(plant.seen), _at(plant.seen_mode), _at(plant.c), _at(mem.x), _at(plant.rate_d), _at(mem.torque))
+    call(bus.stages[0], (n_y, n_u, *links, position, rate))
+    if plant.feedthrough == 1:
+        for i in range(n_y):
+            bus.position[i] += _dot(plant.d, i, mem.torque, bus.inputs)
+    for c in range(bus.at.size):
+        bus.at[c] = _dot(fx.coordinates, c, bus.position, bus.outputs)
+    for c in range(bus.speed.size):
+        bus.speed[c] = _dot(fx.coordinates, c, bus.rate, bus.outputs)
 
 
 @_inlined
-def _advance(plant, x, torque):  # type: ignore[no-untyped-def]
-    """Step every mode once under a held torque."""
-    for m in range(x.shape[0]):
-        x0, x1 = x[m, 0], x[m, 1]
-        n0 = plant.a[m, 0, 0] * x0 + plant.a[m, 0, 1] * x1
-        n1 = plant.a[m, 1, 0] * x0 + plant.a[m, 1, 1] * x1
-        for j in range(torque.size):
-            n0 += plant.b[m, 0, j] * torque[j]
-            n1 += plant.b[m, 1, j] * torque[j]
-        x[m, 0], x[m, 1] = n0, n1
+def _advance(plant, mem, bus):  # type: ignore[no-untyped-def]
+    """Step every mode once under the held torque."""
+    links = (_at(plant.a), _at(plant.driven), _at(plant.driven_by), _at(plant.b))
+    call(bus.stages[1], (mem.x.shape[0], *links, _at(bus.torque), _at(mem.x)))
 
 
 @_inlined
-def _multiply(matrix, vector, out):  # type: ignore[no-untyped-def]
-    for i in range(matrix.shape[0]):
-        total = 0.0
-        for j in range(matrix.shape[1]):
-            total += matrix[i, j] * vector[j]
-        out[i] = total
+def _multiply(matrix, vector, out, columns, rows):  # type: ignore[no-untyped-def]
+    """Fill `out` with the product of `matrix` and `vector`."""
+    for i in range(len(rows)):
+        out[i] = _dot(matrix, i, vector, columns)
 
 
 @_inlined
-def _copy(source, target):  # type: ignore[no-untyped-def]
-    """Copy one short vector; a loop, because array assignment costs more than the rest of the sample."""
-    for j in range(source.size):
-        target[j] = source[j]
-
-
-@_inlined
-def _keep(table, row, values):  # type: ignore[no-untyped-def]
+def _keep(table, row, values, length):  # type: ignore[no-untyped-def]
     """Copy `values` into a row of `table`, unless it has no rows."""
     if table.shape[0]:
-        for j in range(values.size):
-            table[row, j] = values[j]
+        _put(values, table, row, length)
 
 
 @_inlined
-def _filter(i, a, b, c, d, x, value):  # type: ignore[no-untyped-def]
-    """Return the output of axis `i`'s block filter for `value` and advance its states `x` (n, m, 2)."""
-    out = d[i] * value
-    for m in range(x.shape[1]):
-        x0, x1 = x[i, m, 0], x[i, m, 1]
-        out += c[i, m, 0] * x0 + c[i, m, 1] * x1
-        x[i, m, 0] = a[i, m, 0, 0] * x0 + a[i, m, 0, 1] * x1 + b[i, m, 0] * value
-        x[i, m, 1] = a[i, m, 1, 0] * x0 + a[i, m, 1, 1] * x1 + b[i, m, 1] * value
-    return out
-
-
-@_inlined
-def _learn(ctl, mem, i, error):  # type: ignore[no-untyped-def]
-    """Return axis `i`'s repetitive input u_k = Q (u_{k-N} + k_r L e_{k-N+lead}) and remember it and L e_k.
-
-    While repeating (learning 0) the input of one period ago is played again.
-    """
-    length = mem.ring.shape[1]
-    now = mem.samples[0]
-    before = now - ctl.period[i]
-    if ctl.learning[i] == 0:
-        out = mem.ring[i, before % length]
-    else:
-        half = ctl.taps.shape[1] // 2
-        out = 0.0
-        for t in range(-half, half + 1):
-            past = mem.ring[i, (before + t) % length]
-            correction = mem.learned[i, (before + t + ctl.lead[i]) % length]
-            out += ctl.taps[i, t + half] * (past + ctl.gain[i] * correction)
-    mem.ring[i, now % length] = out
-    mem.learned[i, now % length] = _filter(i, ctl.la, ctl.lb, ctl.lc, ctl.ld, mem.xl, error)
-    return out
-
-
-@_inlined
-def _control(ctl, wave, mem, k, reading, command):  # type: ignore[no-untyped-def]
-    """Fill `command` from feed-forward, feedback and learning at sample `k` of the period."""
-    for i in range(command.size):
-        command[i] = wave.feedforward[k, i]
-    for i in range(ctl.fd.size):
-        error = wave.reference[k, i] - reading[i]
-        if mem.closed[i] == 1:
-            command[i] += _filter(i, ctl.fa, ctl.fb, ctl.fc, ctl.fd, mem.xf, error)
+def _control(ctl, wave, mem, k, bus):  # type: ignore[no-untyped-def]
+    """Fill the command from feed-forward, feedback and learning at sample `k` of the period."""
+    n, row = len(bus.inputs), 8 * len(bus.inputs) * k
+    blocks = (_at(ctl.fa), _at(ctl.fb), _at(ctl.fc), _at(ctl.fd), _at(mem.xf), _at(mem.closed))
+    waves = (_at(wave.reference) + row, _at(wave.feedforward) + row)
+    call(bus.stages[2], (n, mem.xf.shape[1], *blocks, *waves, _at(bus.reading), _at(bus.command)))
+    for i in range(n):
         if ctl.learning[i] >= 0:
-            command[i] += _learn(ctl, mem, i, error)
+            bus.error[0] = wave.reference[k, i] - bus.reading[i]
+            _learn(ctl, mem, i, bus)
+
+
+@_inlined
+def _learn(ctl, mem, i, bus):  # type: ignore[no-untyped-def]
+    """Add the repetitive input of axis `i` to its command."""
+    length, n_taps, m = mem.ring.shape[1], ctl.taps.shape[1], mem.xl.shape[1]
+    loop = (mem.samples[0], ctl.period[i], ctl.lead[i], ctl.learning[i], length, n_taps, m)
+    own = (_at(ctl.taps) + 8 * n_taps * i, _at(ctl.gain) + 8 * i, _at(bus.error))
+    blocks = (_at(ctl.la) + 32 * m * i, _at(ctl.lb) + 16 * m * i, _at(ctl.lc) + 16 * m * i, _at(ctl.ld) + 8 * i)
+    past = (_at(mem.xl) + 16 * m * i, _at(mem.ring) + 8 * length * i, _at(mem.learned) + 8 * length * i)
+    call(bus.stages[3], (*loop, *own, *blocks, *past, _at(bus.command) + 8 * i))
 
 
 @_inlined
@@ -217,118 +168,137 @@ def _gate(ctl, wave, mem, k, event):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _delay(plant, mem, command, delayed):  # type: ignore[no-untyped-def]
+def _delay(plant, mem, bus):  # type: ignore[no-untyped-def]
     """Fill `delayed` with the command `plant.delay` samples ago, on a straight line between samples."""
     depth = mem.queue.shape[1]
-    head = mem.samples[0]
-    for j in range(command.size):
-        mem.queue[j, head % depth] = command[j]
+    if depth == _NO_DELAY:
+        _put(bus.driven, bus.delayed, 0, bus.inputs)
+        return
+    head = mem.samples[0] % depth
+    for j in range(len(bus.inputs)):
+        mem.queue[j, head] = bus.driven[j]
         whole = int(plant.delay[j])
         part = plant.delay[j] - whole
-        newer, older = mem.queue[j, (head - whole) % depth], mem.queue[j, (head - whole - 1) % depth]
-        delayed[j] = (1.0 - part) * newer + part * older
+        newer = head - whole if head >= whole else head - whole + depth
+        older = newer - 1 if newer > 0 else depth - 1
+        bus.delayed[j] = (1.0 - part) * mem.queue[j, newer] + part * mem.queue[j, older]
 
 
 @_inlined
-def _heat(heating, current, temperature, dt_s):  # type: ignore[no-untyped-def]
+def _heat(heating, current, temperature, n, dt_s):  # type: ignore[no-untyped-def]
     """Return the temperature one sample on: first order towards cold finger + resistance × dissipated power."""
     power = 0.0
-    for i in range(current.size):
+    for i in range(n):
         power += current[i] * current[i] / heating[3]
     return temperature + dt_s / heating[2] * (heating[0] + heating[1] * power - temperature)
 
 
 @_inlined
-def _read(hw, fx, wave, k, temperature, bus, dt_s):  # type: ignore[no-untyped-def]
+def _read(hw, fx, bus, dt_s):  # type: ignore[no-untyped-def]
     """Fill heads and readings from the positions."""
-    _multiply(hw.to_heads, bus.position, bus.head)
-    _apply(fx, _HEAD, bus.head, k, wave.exogenous, temperature, bus.command, bus.position, bus.rate, dt_s)
-    _multiply(hw.to_reading, bus.head, bus.reading)
-    _apply(fx, _READING, bus.reading, k, wave.exogenous, temperature, bus.command, bus.position, bus.rate, dt_s)
+    _multiply(hw.to_heads, bus.position, bus.head, bus.outputs, bus.heads)
+    _apply(fx, _HEAD, dt_s)
+    _multiply(hw.to_reading, bus.head, bus.reading, bus.heads, bus.outputs)
+    _apply(fx, _READING, dt_s)
 
 
 @_inlined
-def _drive(plant, hw, fx, wave, mem, k, temperature, bus):  # type: ignore[no-untyped-def]
+def _drive(plant, hw, fx, mem, bus):  # type: ignore[no-untyped-def]
     """Fill currents and the torques they hold during this sample."""
-    _copy(bus.command, bus.driven)
-    dt_s = plant.dt_s
-    _apply(fx, _COMMAND, bus.driven, k, wave.exogenous, temperature, bus.command, bus.position, bus.rate, dt_s)
-    _delay(plant, mem, bus.driven, bus.delayed)
-    _multiply(hw.to_current, bus.delayed, bus.current)
-    _apply(fx, _CURRENT, bus.current, k, wave.exogenous, temperature, bus.command, bus.position, bus.rate, dt_s)
-    _multiply(hw.to_torque, bus.current, bus.held)
+    _put(bus.command, bus.driven, 0, bus.inputs)
+    _apply(fx, _COMMAND, plant.dt_s)
+    _delay(plant, mem, bus)
+    _multiply(hw.to_current, bus.delayed, bus.current, bus.inputs, bus.actuators)
+    _apply(fx, _CURRENT, plant.dt_s)
+    _multiply(hw.to_torque, bus.current, bus.held, bus.actuators, bus.inputs)
 
 
 @_inlined
-def _torque(fx, wave, mem, k, temperature, bus, dt_s):  # type: ignore[no-untyped-def]
+def _torque(fx, mem, bus, dt_s):  # type: ignore[no-untyped-def]
     """Fill the torques on the structure for one substep of `dt_s`."""
-    _copy(bus.held, bus.torque)
-    for i in range(bus.position.size):
-        bus.middle[i] = bus.position[i] + 0.5 * dt_s * bus.rate[i]
-    _apply(fx, _DRIVE, bus.torque, k, wave.exogenous, temperature, bus.command, bus.middle, bus.rate, dt_s)
-    for j in range(bus.moving.size):
+    n_u = len(bus.inputs)
+    _put(bus.held, bus.torque, 0, bus.inputs)
+    if fx.site[_DRIVE] < fx.site[_DRIVE + 1]:
+        for c in range(bus.middle.size):
+            bus.middle[c] = bus.at[c] + 0.5 * dt_s * bus.speed[c]
+        _apply(fx, _DRIVE, dt_s)
+    for j in range(n_u):
         bus.moving[j] = 0.0
-    for e in range(fx.first[_STRUCTURE], fx.first[_STRUCTURE + 1]):
-        aux = _aux(fx, e, k, wave.exogenous, temperature, bus.command, bus.position)
-        drive = bus.torque[fx.channel[e]]
-        f = _contribution(fx, e, drive, _along(fx, e, bus.position), _along(fx, e, bus.rate), aux, dt_s)
-        for j in range(bus.moving.size):
-            bus.moving[j] += fx.write[e, j] * f
-    for j in range(bus.moving.size):
+    for m in range(bus.force.size):
+        bus.force[m] = 0.0
+    _apply(fx, _STRUCTURE, dt_s)
+    for m in range(bus.force.size):
+        for j in range(n_u):
+            bus.moving[j] += fx.levers[m, j] * bus.force[m]
+    for j in range(n_u):
         bus.torque[j] += bus.moving[j] + 0.5 * (bus.moving[j] - mem.past[j]) * mem.has_past[0]
         mem.past[j] = bus.moving[j]
     mem.has_past[0] = 1
-    _copy(bus.torque, mem.torque)
+    _put(bus.torque, mem.torque, 0, bus.inputs)
 
 
 @_inlined
-def _record(out, sample, temperature, bus):  # type: ignore[no-untyped-def]
+def _record(out, sample, bus):  # type: ignore[no-untyped-def]
     """Keep what is asked for; an output array without rows is not recorded."""
-    _keep(out.command, sample, bus.command)
-    _keep(out.torque, sample, bus.torque)
-    _keep(out.current, sample, bus.current)
-    _keep(out.position, sample, bus.position)
-    _keep(out.reading, sample, bus.reading)
-    _keep(out.head, sample, bus.head)
+    _keep(out.command, sample, bus.command, bus.inputs)
+    _keep(out.torque, sample, bus.torque, bus.inputs)
+    _keep(out.current, sample, bus.current, bus.actuators)
+    _keep(out.position, sample, bus.position, bus.outputs)
+    _keep(out.reading, sample, bus.reading, bus.outputs)
+    _keep(out.head, sample, bus.head, bus.heads)
     if out.temperature.shape[0]:
-        out.temperature[sample] = temperature
+        out.temperature[sample] = bus.source[1]
 
 
 @_compiled
 def run(n: int, plant: Any, hw: Any, fx: Any, ctl: Any, wave: Any, mem: Any, bus: Any, out: Any) -> None:
     """Play `n` samples; every argument is a tuple of `sim_backend.layout`, `mem` and `out` are filled in place."""
-    period = wave.reference.shape[0]
+    period, drawn = wave.reference.shape[0], wave.exogenous.shape[0]
     dt_s = plant.dt_s
-    temperature = mem.temperature[0]
-    event = 0
+    bus.source[1] = mem.temperature[0]
+    event, k = 0, 0
     for sample in range(n):
-        k = sample % period
-        if k == 0:
-            event = 0
-        _motion(plant, mem.x, mem.torque, bus.position, bus.rate)
+        for column in range(drawn):
+            bus.exogenous[column] = wave.exogenous[column, sample]
+        _motion(plant, fx, mem, bus)
         if plant.feedthrough == 0:
-            _read(hw, fx, wave, sample, temperature, bus, dt_s)
+            _read(hw, fx, bus, dt_s)
         event = _gate(ctl, wave, mem, k, event)
-        _control(ctl, wave, mem, k, bus.reading, bus.command)
-        _drive(plant, hw, fx, wave, mem, sample, temperature, bus)
+        _control(ctl, wave, mem, k, bus)
+        _drive(plant, hw, fx, mem, bus)
         if hw.heating[4] > 0.0:
-            temperature = _heat(hw.heating, bus.current, temperature, dt_s)
+            bus.source[1] = _heat(hw.heating, bus.current, bus.source[1], len(bus.actuators), dt_s)
         for sub in range(plant.substeps):
             if sub > 0:
-                _motion(plant, mem.x, mem.torque, bus.position, bus.rate)
-            _torque(fx, wave, mem, sample, temperature, bus, dt_s / plant.substeps)
+                _motion(plant, fx, mem, bus)
+            _torque(fx, mem, bus, dt_s / plant.substeps)
             if sub == 0:
                 if plant.feedthrough == 1:
-                    _motion(plant, mem.x, mem.torque, bus.position, bus.rate)
-                    _read(hw, fx, wave, sample, temperature, bus, dt_s)
-                _record(out, sample, temperature, bus)
-            _advance(plant, mem.x, bus.torque)
+                    _motion(plant, fx, mem, bus)
+                    _read(hw, fx, bus, dt_s)
+                _record(out, sample, bus)
+            _advance(plant, mem, bus)
         mem.samples[0] += 1
-    mem.temperature[0] = temperature
+        k += 1
+        if k == period:
+            event, k = 0, 0
+    mem.temperature[0] = bus.source[1]
 
 
 @_compiled
 def contribution_along(fx: Any, e: int, signal: Any, position: Any, rate: Any, aux: Any, dt_s: float, out: Any) -> None:
     """Fill `out` (n,) with what effect `e` adds along given signals, each (n,): its signature before the plant."""
+    cell = types.intp(fx.cells.ctypes.data)
+    wires = fx.wires[e]
+    for i in range(5):
+        wires[i] = cell + 8 * i
+    wires[5] = types.intp(fx.parameters.ctypes.data) + 8 * fx.p0[e]
+    wires[6] = types.intp(fx.states.ctypes.data) + 8 * fx.s0[e]
     for k in range(signal.size):
-        out[k] = _contribution(fx, e, signal[k], position[k], rate[k], aux[k], dt_s)
+        store(cell, signal[k])
+        store(cell + 8, position[k])
+        store(cell + 16, rate[k])
+        store(cell + 24, aux[k])
+        store(cell + 32, 0.0)
+        call_loop(fx.address[e], 1, types.intp(wires.ctypes.data), dt_s)
+        out[k] = load(cell + 32)

@@ -15,16 +15,22 @@ Ints = NDArray[np.int64]
 
 
 class Plant(NamedTuple):
-    """Discrete modes at the substep rate: a (m,2,2), b (m,2,n_u), c and rate_c (n_y,m,2), d and rate_d (n_y,n_u).
+    """Discrete modes at the substep rate: a (m,2,2), d and rate_d (n_y,n_u), and who drives and who sees a mode.
 
+    Most modes belong to one axis, so only what is not zero is kept: mode m is driven by the inputs `driven_by` with
+    gains `b` (.., 2), both from `driven[m]` to `driven[m + 1]`; output i sees the modes `seen_mode` with `c` (.., 4),
+    the gains of (q, v) in the position and in the rate, from `seen[i]` to `seen[i + 1]`.
     `delay` (n_u,) in samples of the bench's clock; `dt_s` the bench's sample time; `substeps` steps per sample;
     `feedthrough` is 1 when d is not zero: readings then wait for the torque of their own sample.
     """
 
     a: Array
+    driven: Ints
+    driven_by: Ints
     b: Array
+    seen: Ints
+    seen_mode: Ints
     c: Array
-    rate_c: Array
     d: Array
     rate_d: Array
     delay: Array
@@ -50,12 +56,19 @@ class Transducers(NamedTuple):
 class Effects(NamedTuple):
     """All effects of a model, sorted by site: `first` (n_sites + 1,) delimits the sites.
 
-    Per effect: `address` of the step, `channel`, its number at the site, offsets `p0` and `s0` into `parameters` and
-    `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read` (n_e, n_y) and `write` (n_e, n_u),
-    the coordinate it watches and the inputs it acts on, and `weight`, by which its contribution is multiplied.
+    Neighbours that are the same effect at different places are called together: `batch` (n_batches + 1,) delimits such
+    calls, `site` (n_sites + 1,) says which of them are at a site.
+    Per effect: `address` of the compiled loop, `channel`, its number at the site, offsets `p0` and `s0` into
+    `parameters` and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read` (n_e, n_y) and
+    `write` (n_e, n_u), the coordinate it watches and the inputs it acts on. Of these rows, `coordinates` and `levers`
+    hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched` and `moved`
+    their numbers. `wires` (n_e, 7) are the addresses of its signals,
+    filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one by one.
     """
 
     first: Ints
+    site: Ints
+    batch: Ints
     address: Ints
     channel: Ints
     p0: Ints
@@ -64,9 +77,15 @@ class Effects(NamedTuple):
     column: Ints
     read: Array
     write: Array
-    weight: Array
+    coordinates: Array
+    watched: Ints
+    fast: int
+    levers: Array
+    moved: Ints
     parameters: Array
     states: Array
+    wires: Ints
+    cells: Array
 
 
 class Controller(NamedTuple):
@@ -98,7 +117,7 @@ class Waveform(NamedTuple):
     """One period of what is played, repeated: `reference` and `feedforward` (period, n_u).
 
     `events` (n_events, 4): sample in the period, axis, 1 closes and 0 opens the feedback, and the value the
-    integrator starts from; sorted by sample. `exogenous` (n, n_columns) covers the whole run.
+    integrator starts from; sorted by sample. `exogenous` (n_columns, n) covers the whole run.
     """
 
     reference: Array
@@ -149,19 +168,35 @@ class Output(NamedTuple):
 class Bus(NamedTuple):
     """The signals of one sample, scratch memory of the loop.
 
-    `command`, `driven`, `delayed`, `held`, `moving`, `torque` (n_u,); `current` (n_a,); `position`, `rate`, `middle`,
-    `reading` (n_y,); `head` (n_s,).
+    `command`, `driven`, `delayed`, `held`, `moving`, `torque` (n_u,); `current` (n_a,); `position`, `rate`, `reading`
+    (n_y,); `head` (n_s,); `exogenous` (n_columns,). `source` holds what effects can receive as auxiliary signal: zero,
+    the temperature, and as parts of it `command`, `position` and `exogenous`. `at`, `speed` and `middle` are the
+    coordinates that effects watch, their rates, and where they will be at mid-step; `force` is what effects add along
+    their levers; `error` (1,) is that of one learning axis. `stages` are the addresses of `sim_backend.stages.STAGES`.
+    `inputs`, `outputs`, `actuators` and `heads` are tuples as long as there are such; a tuple's length is part of its
+    type, so that the loops over them are unrolled by the compiler.
     """
 
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+    actuators: tuple[int, ...]
+    heads: tuple[int, ...]
+    source: Array
     command: Array
+    position: Array
+    exogenous: Array
     driven: Array
     delayed: Array
     held: Array
     moving: Array
     torque: Array
     current: Array
-    position: Array
     rate: Array
-    middle: Array
     reading: Array
     head: Array
+    at: Array
+    speed: Array
+    middle: Array
+    force: Array
+    error: Array
+    stages: Ints

@@ -79,7 +79,7 @@ def events_of(segment: Segment) -> Array:
 
 def fresh_memory(plant: layout.Plant, n_axes: int, temperature_k: float) -> layout.Memory:
     """Return the memory of a bench at rest, loops open, at `temperature_k`."""
-    n_u = plant.b.shape[2]
+    n_u = plant.delay.size
     depth = int(np.max(np.ceil(plant.delay), initial=0.0)) + 2
     return layout.Memory(
         x=np.zeros((plant.a.shape[0], 2)),

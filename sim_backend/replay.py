@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
-from sim_backend.assembly import Places, bus_of, effects_of, plant_of, retuned
+from sim_backend.assembly import Places, bus_of, effects_of, plant_of, retuned, wired
 from sim_backend.bench import Segment
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.linear import ModalModel
@@ -62,7 +62,7 @@ def replay(
         elif effect.aux is Aux.EXOGENOUS:
             fx.column[i] = len(columns)
             columns.append(np.zeros(n))
-    exogenous = np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+    exogenous = np.stack(columns) if columns else np.zeros((0, 0))
     rest = np.zeros((1, n_u))
     segment = Segment("replay", n, rest, rest)
     ctl = controller_of(segment, n_u, rate_hz)
@@ -72,7 +72,9 @@ def replay(
     out = _what_is_kept(n, n_u, transducers)
     wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
     n_y, n_s = transducers.to_reading.shape
-    kernel.run(n, plant, transducers, fx, ctl, wave, mem, bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s), out)
+    bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
+    fx = wired(fx, bus)
+    kernel.run(n, plant, transducers, fx, ctl, wave, mem, bus, out)
     reading = out.reading
     for effect in effects:
         if effect.site is Site.RECORD:

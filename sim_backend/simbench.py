@@ -18,6 +18,7 @@ from sim_backend.assembly import (
     plant_of,
     retuned,
     transducers_of,
+    wired,
 )
 from sim_backend.bench import Identity, Limits, Record, Segment, Signal
 from sim_backend.effects import make_effect
@@ -90,8 +91,9 @@ class SimBench:
             [] if hw is None or hw.theodolite_noise_rad is None else [p.dof for p in model.outputs if p.unit == "rad"]
         )
         self._theodolite = {dof: _stream(seed, f"theodolite@{dof}") for dof in seen}
-        n_u, n_a = self._hw.to_torque.shape
-        self._bus = bus_of(n_u, n_a, *self._hw.to_reading.shape)
+        (n_u, n_a), (n_y, n_s) = self._hw.to_torque.shape, self._hw.to_reading.shape
+        self._bus = bus_of(n_u, n_a, n_y, n_s, self._fx)
+        self._fx = wired(self._fx, self._bus)
         self._axes = n_u
         self._mem = fresh_memory(self._plant, n_u, self._hw.heating[0])
 
@@ -178,7 +180,7 @@ class SimBench:
 
     def _draw(self, n: int) -> Array:
         columns = [e.draw(n, self.rate_hz, self._streams[id(e)]) for e in self._effects if e.aux is Aux.EXOGENOUS]
-        return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+        return np.stack(columns) if columns else np.zeros((0, 0))
 
     def _wanted(self, segment: Segment) -> tuple[str, ...]:
         names = tuple(s.name for s in self.signals)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import cfunc
 
-from sim_backend.effects.base import STEP, Array, Aux, Effect, Site, size
+from sim_backend.effects.base import Array, Aux, Effect, Site, size
+from sim_backend.effects.compiled import compiled
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     return aux * (p[0] * abs(position) + p[1] * position * position)
 

@@ -16,7 +16,6 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from sim_backend.errors import ConfigError
@@ -26,16 +25,6 @@ if TYPE_CHECKING:
     from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
-
-_POINTER = types.CPointer(types.float64)
-
-STEP = types.float64(types.float64, types.float64, types.float64, types.float64, types.float64, _POINTER, _POINTER)
-"""Signature of every compiled step: (signal, position, rate, aux, dt_s, parameters, state) -> contribution.
-
-`signal` is the value at the effect's place before it (command, current, torque, sensor, reading), `position` and `rate`
-the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step. `parameters`
-and `state` are pointers to this effect's own numbers.
-"""
 
 
 class Site(IntEnum):
@@ -197,7 +186,7 @@ class Effect:
     symptom: ClassVar[str]  # what a person sees in the residual; ends the sentence "the residual …"
     aux: ClassVar[Aux] = Aux.NONE
     n_state: ClassVar[int] = 0
-    step: ClassVar[Any] = None  # compiled with @cfunc(STEP, cache=True)
+    step: ClassVar[Any] = None  # compiled with @compiled
 
     def __post_init__(self) -> None:
         for p in self.parameters():

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import cfunc
 
-from sim_backend.effects.base import STEP, Array, Aux, Effect, Site, shape, size
+from sim_backend.effects.base import Array, Aux, Effect, Site, shape, size
+from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     # complex first-order filter dz/dt = (-decay + j omega) z + w, with w held: s[0] + j s[1]
     omega, decay = 6.283185307179586 * p[1], 3.141592653589793 * p[2]

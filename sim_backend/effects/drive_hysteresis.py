@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numba import cfunc
-
-from sim_backend.effects.base import STEP, Effect, Site, shape, size
+from sim_backend.effects.base import Effect, Site, shape, size
+from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     # s[0..3] values of the stop operators, s[4] the last command
     change = signal - s[4]

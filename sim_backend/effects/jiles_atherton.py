@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from numba import cfunc
-
-from sim_backend.effects.base import STEP, Effect, Site, constant, shape, size
+from sim_backend.effects.base import Effect, Site, constant, shape, size
+from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     # field H is the position; s[0] is the last field, s[1] the magnetisation M
     pinning, c, alpha, saturation = p[2], p[3], p[4], p[5]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numba import cfunc
+from sim_backend.effects.base import Effect, Site, size
+from sim_backend.effects.compiled import compiled
 
-from sim_backend.effects.base import STEP, Effect, Site, size
 
-
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     return p[0] * signal
 

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import cfunc
 
-from sim_backend.effects.base import STEP, Effect, Site, shape
+from sim_backend.effects.base import Effect, Site, shape
+from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     # beyond 2^52 steps every float is a whole number of them, within its rounding
     if abs(signal) >= p[0] * 4503599627370496.0:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import cfunc
 
-from sim_backend.effects.base import STEP, Aux, Effect, Site, constant, size
+from sim_backend.effects.base import Aux, Effect, Site, constant, size
+from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     return -p[0] * (aux - p[1]) * position
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from numba import cfunc
-
-from sim_backend.effects.base import STEP, Effect, Site, shape, size
+from sim_backend.effects.base import Effect, Site, shape, size
+from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 
-@cfunc(STEP, cache=True)
+@compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
     # s[0] is the phase in periods, kept within one so that it stays exact in long runs
     angle = 6.283185307179586 * s[0]
