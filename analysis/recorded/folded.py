@@ -20,8 +20,8 @@ VALUES_AT_ONCE = 2_500_000
 
 BLOCK_VALUES = 500_000
 
-PIECE = 2**15
-"""Samples of a piece whose spectra are averaged: 0.3 Hz at 10 kHz, where a bench's narrowest mode is 10 Hz wide."""
+PIECE = 2**14
+"""Samples of a piece whose spectra are averaged: 0.6 Hz at 10 kHz, where a bench's narrowest mode is 10 Hz wide."""
 
 EXCITED = 1e-5
 """Least power of an input at a line, as a part of its strongest line's."""

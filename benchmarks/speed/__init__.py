@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from benchmarks.speed import frequency_response, linear_simulation, nonlinear_loop, rational_fit
+from benchmarks.speed import (
+    frequency_response,
+    help_text,
+    linear_simulation,
+    long_log,
+    nonlinear_loop,
+    paper_report,
+    rational_fit,
+    thermal_test,
+)
 from benchmarks.speed.base import Benchmark
 
 BENCHMARKS: tuple[Benchmark, ...] = (
@@ -10,6 +19,10 @@ BENCHMARKS: tuple[Benchmark, ...] = (
     linear_simulation.BENCHMARK,
     frequency_response.BENCHMARK,
     rational_fit.BENCHMARK,
+    thermal_test.BENCHMARK,
+    paper_report.BENCHMARK,
+    help_text.BENCHMARK,
+    long_log.BENCHMARK,
 )
 
 __all__ = ["BENCHMARKS"]
