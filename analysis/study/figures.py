@@ -138,6 +138,8 @@ def _curve(canvas: Canvas, i: int, column: Column, along: str, summary: Summary)
     swept = [abs(float(p.at[along])) for p in summary.points if p.at[along]]
     if swept and max(swept) > 30.0 * min(swept):
         axes.set_xscale("symlog", linthresh=min(swept))
+        if all(float(p.at[along]) >= 0.0 for p in summary.points):
+            axes.set_xlim(-0.3 * min(swept), 1.4 * max(swept))
     if i == 0 and len(series) > 1:
         canvas.legend(i, loc="best")
 

@@ -68,10 +68,10 @@ class DiagnosisTrial(Kind):
     title = "power of the diagnosis"
     columns = (
         Column("verdict", "consistent, named, ambiguous or unknown", kind="text"),
-        Column("seen", "whether the verdict is that something is missing", kind="flag"),
-        Column("right", "whether exactly what was hidden is named, or nothing where nothing was", kind="flag"),
-        Column("wrong_name", "whether a cause is named that was not hidden", kind="flag"),
-        Column("reduction", "part of the error on held-out rows that the extended model removes"),
+        Column("seen", "that something is missing is seen", kind="flag"),
+        Column("right", "right: all that is hidden, no more", kind="flag"),
+        Column("wrong_name", "a cause that is not there is named", kind="flag"),
+        Column("reduction", "part of the held-out error removed"),
     )
 
     def decides(self, setup: Setup) -> Mapping[str, Any]:
