@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.chop import ChopStability, observation_windows, stability_of_blocks
 from analysis.power import CoilPower, coil_power, joined_power
 from analysis.settling import Settling, settling
-from campaigns.log import LogSegment
+from campaigns.log import LogSegment, Run
 from campaigns.recording import Recorded
 from sim_backend.errors import DataError
 
@@ -25,14 +25,17 @@ VALUES_AT_ONCE = 2_000_000
 """Numbers read together, 16 MB: memory does not grow with the length of a chop."""
 
 
+R = TypeVar("R", bound=Recorded)
+
+
 @dataclass(frozen=True)
-class ChopPhase:
+class ChopOf(Generic[R]):
     """One phase of a recorded chop (`learning`, `chop` …): rows `start` to `stop`, beginning with whole periods.
 
     `start` is where the first move to position 2 begins. `commanded_rad` (2, 2) are positions 1 and 2 as (θx, θy).
     """
 
-    run: Recorded
+    run: R
     start: int
     stop: int
     dwell: int
@@ -134,7 +137,11 @@ class ChopPhase:
         return max(float(np.max(np.abs(block), initial=0.0)) for block in self.blocks(name))
 
 
-def chop_phase(run: Recorded, phase: str = "chop") -> ChopPhase:
+ChopPhase = ChopOf[Run]
+"""A phase of a chop that was logged."""
+
+
+def chop_phase(run: R, phase: str = "chop") -> ChopOf[R]:
     """Return one phase of a recorded chop, read or in memory; raises DataError when the run has none of that name."""
     parts = [segment for segment in run.segments if segment.settings.get("phase") == phase]
     if not parts:
@@ -143,7 +150,7 @@ def chop_phase(run: Recorded, phase: str = "chop") -> ChopPhase:
     alpha = np.deg2rad(_number(run, parts[0], "alpha_deg"))
     direction = np.array([np.cos(alpha), np.sin(alpha)])
     levels = np.array([_number(run, parts[0], "from_rad"), _number(run, parts[0], "to_rad")])
-    return ChopPhase(
+    return ChopOf(
         run=run,
         start=parts[0].start + int(settings.get("position_2_at", 0)),
         stop=parts[-1].stop,
