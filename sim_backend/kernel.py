@@ -120,10 +120,11 @@ def _multiply(matrix, vector, out, columns, rows):  # type: ignore[no-untyped-de
 
 
 @_inlined
-def _keep(table, row, values, length):  # type: ignore[no-untyped-def]
-    """Copy `values` into a row of `table`, unless it has no rows."""
-    if table.shape[0]:
-        _put(values, table, row, length)
+def _keep(table, at, values, length):  # type: ignore[no-untyped-def]
+    """Copy `values` into a column of `table`, unless it has none."""
+    if table.shape[1]:
+        for j in range(len(length)):
+            table[j, at] = values[j]
 
 
 @_inlined
@@ -239,15 +240,16 @@ def _torque(fx, mem, bus, dt_s):  # type: ignore[no-untyped-def]
 
 @_inlined
 def _record(out, sample, bus):  # type: ignore[no-untyped-def]
-    """Keep what is asked for; an output array without rows is not recorded."""
-    _keep(out.command, sample, bus.command, bus.inputs)
-    _keep(out.torque, sample, bus.torque, bus.inputs)
-    _keep(out.current, sample, bus.current, bus.actuators)
-    _keep(out.position, sample, bus.position, bus.outputs)
-    _keep(out.reading, sample, bus.reading, bus.outputs)
-    _keep(out.head, sample, bus.head, bus.heads)
+    """Keep what is asked for; an output array without columns is not recorded."""
+    at = out.first + sample
+    _keep(out.command, at, bus.command, bus.inputs)
+    _keep(out.torque, at, bus.torque, bus.inputs)
+    _keep(out.current, at, bus.current, bus.actuators)
+    _keep(out.position, at, bus.position, bus.outputs)
+    _keep(out.reading, at, bus.reading, bus.outputs)
+    _keep(out.head, at, bus.head, bus.heads)
     if out.temperature.shape[0]:
-        out.temperature[sample] = bus.source[1]
+        out.temperature[at] = bus.source[1]
 
 
 @_compiled

@@ -150,9 +150,9 @@ class Memory(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What is recorded; an array of zero rows is not recorded.
+    """What is recorded, from sample `first` on; an array of zero samples is not recorded.
 
-    `command` and `torque` (n, n_u), `current` (n, n_a), `position` and `reading` (n, n_y), `head` (n, n_s),
+    `command` and `torque` (n_u, n), `current` (n_a, n), `position` and `reading` (n_y, n), `head` (n_s, n),
     `temperature` (n,).
     """
 
@@ -163,6 +163,7 @@ class Output(NamedTuple):
     reading: Array
     head: Array
     temperature: Array
+    first: int
 
 
 class Bus(NamedTuple):

@@ -75,24 +75,24 @@ def replay(
     bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
     fx = wired(fx, bus)
     kernel.run(n, plant, transducers, fx, ctl, wave, mem, bus, out)
-    reading = out.reading
+    reading, position, torque = (np.ascontiguousarray(table.T) for table in (out.reading, out.position, out.torque))
     for effect in effects:
         if effect.site is Site.RECORD:
             at = places.find(places.outputs, effect.where, effect.name)
             reading[:, at] = effect.rewrite(reading[:, at], rate_hz)
-    return Motion(reading, out.position, out.torque, mem.x)
+    return Motion(reading, position, torque, mem.x)
 
 
 def _what_is_kept(n: int, n_u: int, transducers: layout.Transducers) -> layout.Output:
     n_y, n_s = transducers.to_reading.shape
     n_a = transducers.to_torque.shape[1]
-    none = np.zeros((0, n_u))
     return layout.Output(
-        none,
-        np.zeros((n, n_u)),
-        np.zeros((0, n_a)),
-        np.zeros((n, n_y)),
-        np.zeros((n, n_y)),
-        np.zeros((0, n_s)),
-        np.zeros(0),
+        command=np.zeros((n_u, 0)),
+        torque=np.zeros((n_u, n)),
+        current=np.zeros((n_a, 0)),
+        position=np.zeros((n_y, n)),
+        reading=np.zeros((n_y, n)),
+        head=np.zeros((n_s, 0)),
+        temperature=np.zeros(0),
+        first=0,
     )

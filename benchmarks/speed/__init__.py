@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from benchmarks.speed import (
     frequency_response,
+    full_bench,
     help_text,
     linear_simulation,
     long_log,
@@ -15,6 +16,7 @@ from benchmarks.speed import (
 from benchmarks.speed.base import Benchmark
 
 BENCHMARKS: tuple[Benchmark, ...] = (
+    full_bench.BENCHMARK,
     nonlinear_loop.BENCHMARK,
     linear_simulation.BENCHMARK,
     frequency_response.BENCHMARK,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dis
 import types as python
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 from zlib import crc32
 
@@ -94,6 +95,7 @@ def compiled(step: Callable[..., float]) -> Any:
     return made
 
 
+@cache
 def reads(made: Any, argument: str) -> bool:
     """Tell whether a compiled step looks at one of its arguments, by name."""
     loaded = (i.argval for i in dis.get_instructions(made.__wrapped__) if i.opname.startswith("LOAD_FAST"))
