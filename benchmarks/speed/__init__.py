@@ -9,6 +9,7 @@ from benchmarks.speed import (
     linear_simulation,
     long_log,
     nonlinear_loop,
+    one_diagnosis,
     paper_report,
     rational_fit,
     thermal_test,
@@ -25,6 +26,7 @@ BENCHMARKS: tuple[Benchmark, ...] = (
     paper_report.BENCHMARK,
     help_text.BENCHMARK,
     long_log.BENCHMARK,
+    one_diagnosis.BENCHMARK,
 )
 
 __all__ = ["BENCHMARKS"]

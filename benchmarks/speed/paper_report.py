@@ -11,13 +11,21 @@ from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, at_
 from benchmarks.speed.commands import CORES, Commands
 
 WARM, COLD = "mccd report", "mccd report, the first ever"
-SHORT = Path(__file__).parents[2] / "tests" / "contract" / "campaign_of_tables.toml"
+QUICK = """
+schema = "mccd-campaign/1"
+name = "one run"
+[[runs]]
+name = "endstops"
+plan = "endstops"
+settings = { ramp_s = 0.1, settle_s = 0.1, hold_s = 0.1 }
+"""
 
 
 def prepare(quick: bool, folder: Path) -> Prepared:
     """Return both; the first ever finds no compiled module of any package, no compiled loop and no list of fonts."""
     numbers = count()
-    given = ["--campaign", str(SHORT), "--no-design"] if quick else []
+    (folder / "quick.toml").write_text(QUICK, encoding="utf-8")
+    given = ["--campaign", str(folder / "quick.toml")] if quick else []
 
     def report(commands: Commands) -> str:
         out = folder / f"report-{next(numbers)}"
@@ -26,12 +34,13 @@ def prepare(quick: bool, folder: Path) -> Prepared:
 
     def cold() -> str:
         empty = folder / f"empty-{next(numbers)}"
-        caches = {"NUMBA_CACHE_DIR": "numba", "PYTHONPYCACHEPREFIX": "modules", "MPLCONFIGDIR": "fonts"}
+        caches = {"NUMBA_CACHE_DIR": "numba", "MPLCONFIGDIR": "fonts"}
+        caches |= {} if quick else {"PYTHONPYCACHEPREFIX": "modules"}
         return report(Commands(folder, {name: str(empty / place) for name, place in caches.items()}))
 
     return Prepared(
         (
-            Contender(WARM, lambda: report(Commands(folder)), rounds=1 if quick else 3),
+            Contender(WARM, lambda: report(Commands(folder)), rounds=3, warm=0 if quick else 1),
             Contender(COLD, cold, rounds=1, warm=0),
         ),
         check,
