@@ -79,7 +79,7 @@ def identify_runs(
         return _from_sweeps(runs, orders, name, report)
     _require_samechannels_of(runs)
     parts = [(run, s) for run in runs for s in run.segments]
-    fitting = [(run, s) for run, s in parts if only in s.label and not s.held_out]
+    fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
         raise DataError(
             f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, and match --only"

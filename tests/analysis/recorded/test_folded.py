@@ -146,3 +146,9 @@ def test_a_long_periodic_record_is_identified_from_means_of_its_periods(write_lo
     # 250 lines of 2 realisations and 2 outputs, 9,000 numbers, scatters by 1 %
     assert found.noise == pytest.approx(0.02, rel=0.05)
     assert small[0] <= 8_000 // 2
+
+
+def test_segments_without_rows_are_nothing_to_fit(write_log):
+    run = write_log("free", CHANNELS, parts([("one", {}, np.zeros((0, 4)))]))
+    with pytest.raises(DataError, match="no segment is left to fit"):
+        identify_runs([run])
