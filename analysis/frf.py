@@ -7,7 +7,7 @@ once is G = (Y W')(U W')^-1 with the instrument W = U, or the reference in a clo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scipy import fft
 
 from analysis.cross_spectra import ComplexArray, solve_lines
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.intersample import hold_response
 from sim_backend.linear import Array
 
 
@@ -50,6 +51,23 @@ class FrequencyResponse:
         raise DataError(
             "frequency response has no uncertainty: one period and no spare realisation; record more periods"
         )
+
+
+def response_to_steps(measured: FrequencyResponse, rate_hz: float, late_samples: Array) -> FrequencyResponse:
+    """Return the response to the held steps that stand for the measured band-limited input.
+
+    `late_samples` (n_u,), whole, is the delay of each input, taken out of the response. See `sim_backend.intersample`.
+    """
+    cycles = measured.frequency_hz / rate_hz
+    steps = hold_response(cycles)[:, None, None]
+    early = np.exp(2j * np.pi * cycles[:, None, None] * late_samples)
+    weaker = np.abs(steps) ** 2
+    return replace(
+        measured,
+        response=measured.response * steps * early,
+        noise_variance=measured.noise_variance * weaker,
+        total_variance=measured.total_variance * weaker,
+    )
 
 
 def frequency_response_periodic(

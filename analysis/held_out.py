@@ -12,7 +12,9 @@ from analysis.recorded.folded import windowed
 from analysis.simulate import periodic_response, simulate_linear
 from analysis.validation import relative_error
 from campaigns.log import LogSegment, Run
+from sim_backend.intersample import steps_for
 from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise
+from sim_backend.model import Intersample
 
 START_ROWS = 20_000
 """Rows that decide in what motion a segment begins."""
@@ -22,8 +24,9 @@ def tried(
     model: ModalModel,
     parts: Sequence[tuple[Run, LogSegment]],
     rate_hz: float,
-    hold: float | None,
     offset: Array | float = 0.0,
+    *,
+    intersample: Intersample = "held",
 ) -> tuple[HeldOut, ...]:
     """Return the errors on every held-out segment: in steady state where it is periodic, else from the best start.
 
@@ -40,7 +43,8 @@ def tried(
         u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")
         if period:
             frequency = np.arange(period // 2 + 1) * rate_hz / period
-            modelled = periodic_response(model.frequency_response(frequency, hold), u)
+            played = steps_for(u, period=period) if intersample == "band-limited" else u
+            modelled = periodic_response(model.frequency_response(frequency, rate_hz), played)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
         else:
             modelled = simulate_linear(discrete, u, _start_of(discrete, u, y - offset)) + offset

@@ -13,7 +13,7 @@ from analysis.modal_parameters import Layout
 from analysis.response_curves import ResponseCurve
 from campaigns.log import Run
 from sim_backend.linear import ModalModel
-from sim_backend.model import EffectEntry, Model, Port, Quantity, from_linear
+from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, from_linear
 
 Array = NDArray[np.float64]
 
@@ -93,6 +93,7 @@ def identification(
     *,
     method: str,
     name: str,
+    intersample: Intersample = "held",
     levels: tuple[float | None, float | None] = (None, None),
     held_out: tuple[HeldOut, ...] = (),
     response: tuple[ResponseCurve, ...] = (),
@@ -111,6 +112,7 @@ def identification(
         source=source,
         std=std,
     )
+    model = msgspec.structs.replace(model, intersample=intersample)
     if fitted.offsets.size and any(run.header.bench.get("kind") == "imported" for run in runs):
         model = msgspec.structs.replace(model, effects=_zeros(fitted.offsets, outputs, source))
     per_hz = 1.0 / (2.0 * np.pi)

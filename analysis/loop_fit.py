@@ -29,7 +29,7 @@ from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
 
-_PLACE = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1))
+_PLACE = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1), np.eye(1))
 _POWERS = (5, 4, 3, 2)
 _STEP = 0.02  # of the logarithm of a shape: far above the steps that the division of the path leaves in J
 _LOG_BOUNDS = (np.log(1e-9), np.log(9.0))  # far beyond what any path could show

@@ -19,7 +19,7 @@ def torque_along(entry: EffectEntry, angle_rad: Array, rate_hz: float = 10_000.0
     Raises ConfigError for an effect or a parameter that does not exist.
     """
     effect = make_effect(entry.effect, "path", {k: number(v) for k, v in entry.parameters.items()})
-    alone = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1))
+    alone = Places(("path",), ("path",), (), (), np.zeros((0, 1)), np.eye(1), np.eye(1))
     arrays, _ = effects_of([effect], alone)
     out, nothing = np.zeros(angle_rad.size), np.zeros(angle_rad.size)
     speed = np.gradient(angle_rad) * rate_hz

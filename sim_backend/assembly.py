@@ -25,7 +25,8 @@ class Places:
     """The channels that an effect's `where` can name.
 
     Inputs and outputs go by degree of freedom, actuators and sensor heads by name. `levers` (n_a, n_y) gives each
-    actuator's own displacement, `sights` (n_s, n_y) what each head sees.
+    actuator's own displacement, `sights` (n_s, n_y) what each head sees, `coordinates` (n_u, n_y) the motion that each
+    input works against.
     """
 
     inputs: tuple[str, ...]
@@ -34,6 +35,7 @@ class Places:
     heads: tuple[str, ...]
     levers: Array
     sights: Array
+    coordinates: Array
 
     def find(self, names: tuple[str, ...], where: str, effect: str) -> int:
         """Return the index of `where` in `names`; raises ConfigError naming what there is."""
@@ -56,9 +58,10 @@ class _Wire:
 def places_of(model: Model) -> Places:
     """Return what effects can be placed on in `model`."""
     inputs, outputs = tuple(p.dof for p in model.inputs), tuple(p.dof for p in model.outputs)
+    coordinates = coordinates_of(model)
     if model.hardware is None:
         eye = np.eye(len(outputs))
-        return Places(inputs, outputs, (), (), np.zeros((0, len(outputs))), eye)
+        return Places(inputs, outputs, (), (), np.zeros((0, len(outputs))), eye, coordinates)
     hw = model.hardware
     return Places(
         inputs,
@@ -67,7 +70,43 @@ def places_of(model: Model) -> Places:
         tuple(hw.sensors.names),
         points_from_dof(number(hw.actuators.radius_m)),
         points_from_dof(number(hw.sensors.radius_m)),
+        coordinates,
     )
+
+
+def coordinates_of(model: Model) -> Array:
+    """Return the motion that each input works against, as weights of the outputs, shape (n_u, n_y), rows of length one.
+
+    It is that of the same degree of freedom, or what the model file states. An input that no sensor stands beside works
+    against that combination of the outputs which it moves alone when everything is at rest: a row of the inverse of the
+    static gain. Where there is no such inverse (a rigid body, inputs that do the same), it is the output of its rank.
+    """
+    outputs = [p.dof for p in model.outputs]
+    rows = np.eye(len(outputs))[[min(j, len(outputs) - 1) for j in range(len(model.inputs))]]
+    for j, port in enumerate(model.inputs):
+        if port.dof in outputs:
+            rows[j] = np.eye(len(outputs))[outputs.index(port.dof)]
+    lone = [j for j, p in enumerate(model.inputs) if p.dof not in outputs and p.dof not in model.coordinates]
+    if lone and (inverse := _static_inverse(model.linear())) is not None:
+        rows[lone] = inverse[lone] / np.linalg.norm(inverse[lone], axis=1, keepdims=True)
+    for j, port in enumerate(model.inputs):
+        if stated := model.coordinates.get(port.dof):
+            rows[j] = [number(stated.get(p.name, 0.0)) for p in model.outputs]
+    return rows
+
+
+_INVERTIBLE = 1e3
+"""Largest condition of a static gain whose inverse still means a direction for every input."""
+
+
+def _static_inverse(linear: ModalModel) -> Array | None:
+    """Return the inverse (n_u, n_y) of the static gain, None where there is none."""
+    if linear.n_inputs > linear.n_outputs or np.any(linear.omega_rad_s == 0.0):
+        return None
+    gain = linear.frequency_response(np.zeros(1))[0].real
+    if not np.all(np.isfinite(gain)) or np.linalg.cond(gain) > _INVERTIBLE:
+        return None
+    return np.asarray(np.linalg.pinv(gain))
 
 
 def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
@@ -264,10 +303,7 @@ def _wire(effect: Effect, places: Places) -> _Wire:
         i = places.find(places.outputs, target, effect.name)
         return _Wire(Site.READING, i, np.eye(n_y)[i], nowhere, column)
     i = places.find(places.inputs, target, effect.name)
-    # the motion an input works against is that of the same degree of freedom; an input without one sees the output of
-    # its rank
-    at = places.outputs.index(target) if target in places.outputs else min(i, n_y - 1)
-    return _Wire(Site.COMMAND if site is Site.CURRENT else site, i, np.eye(n_y)[at], np.eye(n_u)[i], column)
+    return _Wire(Site.COMMAND if site is Site.CURRENT else site, i, places.coordinates[i], np.eye(n_u)[i], column)
 
 
 def _source(effect: Effect, source: str, places: Places) -> int:

@@ -27,6 +27,9 @@ from sim_backend.plausible import refuse_absurd
 Origin = Literal["printed", "calibrated", "assumed", "derived", "fitted", "stated"]
 
 
+Intersample = Literal["held", "band-limited"]
+
+
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
     """Base of all tables: unknown fields are errors, defaults are not written."""
 
@@ -105,7 +108,12 @@ class Hardware(_Strict, frozen=True, kw_only=True):
 
 
 class Model(_Strict, frozen=True, kw_only=True):
-    """A whole model file; `linear()` gives its modes as arrays."""
+    """A whole model file; `linear()` gives its modes as arrays.
+
+    `intersample` says how a recorded input went on between its samples: *held*, as the bench's own converter does, or
+    *band-limited*, as a recorder behind a filter sees it. `coordinates` states, per input's degree of freedom, the
+    motion it works against as weights of the outputs (see `sim_backend.assembly.coordinates_of`).
+    """
 
     schema: Literal["mccd-model/1"] = "mccd-model/1"
     name: str
@@ -116,6 +124,8 @@ class Model(_Strict, frozen=True, kw_only=True):
     modes: list[Mode]
     feedthrough: dict[str, dict[str, Value]] = {}
     delay_s: dict[str, Value] = {}
+    intersample: Intersample = "held"
+    coordinates: dict[str, dict[str, Value]] = {}
     effects: list[EffectEntry] = []
     hardware: Hardware | None = None
 
@@ -249,8 +259,20 @@ def check_model(model: Model, where: str) -> None:
                 f"{where}: mode '{mode.label}' has frequency_hz {number(mode.frequency_hz):g}; it must be zero (rigid "
                 f"body) or more"
             )
+    _check_coordinates(model, where)
     refuse_absurd(msgspec.to_builtins(model), where)
     model.linear()
+
+
+def _check_coordinates(model: Model, where: str) -> None:
+    dofs, outs = {p.dof for p in model.inputs}, {p.name for p in model.outputs}
+    for dof, weights in model.coordinates.items():
+        unknown = sorted({dof} - dofs) or sorted(set(weights) - outs)
+        if unknown:
+            raise ConfigError(
+                f"{where}: coordinates name '{unknown[0]}'; they are given per degree of freedom of an input "
+                f"({', '.join(sorted(dofs))}) as weights of outputs ({', '.join(sorted(outs))})"
+            )
 
 
 def bundled_models() -> list[str]:

@@ -55,7 +55,7 @@ def diagnose(
         for i, (u, y, t) in enumerate(zip(us, ys, warm, strict=True))
     ]
     held, note = with_held_out(records)
-    found = _diagnose(Dataset(float(rate_hz), held), model, options or Options())
+    found = _diagnose(Dataset(float(rate_hz), held).seen_by(model), model, options or Options())
     return replace(found, notes=(*([note] if note else []), *found.notes))
 
 

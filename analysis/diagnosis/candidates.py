@@ -121,9 +121,10 @@ def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales)
     """Return the natural size of each size parameter at a place."""
     target = where.rpartition("->")[2]
     j = places.inputs.index(target) if target in places.inputs else 0
-    o = places.outputs.index(target) if target in places.outputs else 0
+    own = target in places.outputs
+    y = scales.y[places.outputs.index(target)] if own else np.linalg.norm(places.coordinates[j] * scales.y)
     return {
-        p.name: p.dimension.scale(float(scales.u[j]), float(scales.y[o]), scales.s, scales.k)
+        p.name: p.dimension.scale(float(scales.u[j]), float(y), scales.s, scales.k)
         for p in effect.parameters()
         if p.size
     }

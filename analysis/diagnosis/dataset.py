@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.errors import DataError
+from sim_backend.intersample import steps_for
+from sim_backend.model import Model
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,6 +30,8 @@ class Window:
 class Record:
     """One unbroken stretch of measurement: `u` (n, n_u), `y` (n, n_y), `temperature_k` (n,) or None.
 
+    A fit counts its rows `weight` times as far from the model as they are.
+
     Raises DataError when lengths differ or a number is not finite.
     """
 
@@ -36,6 +40,7 @@ class Record:
     y: Array
     windows: tuple[Window, ...]
     temperature_k: Array | None = None
+    weight: float = 1.0
 
     def __post_init__(self) -> None:
         if self.u.shape[0] != self.y.shape[0]:
@@ -79,6 +84,29 @@ class Dataset:
     def n_outputs(self) -> int:
         """Number of outputs."""
         return int(self.records[0].y.shape[1])
+
+    def for_fitting(self) -> Dataset:
+        """Return the records of which some rows may be fitted: the others cost time and decide nothing."""
+        return replace(self, records=tuple(r for r in self.records if r.fitted().any()))
+
+    def evenly(self) -> Dataset:
+        """Return the data for a fit in which every record counts alike: weights are inverse to its output's size."""
+        size = [float(np.sqrt(np.mean(np.var(r.y[r.fitted()], axis=0)))) for r in self.records]
+        usual = float(np.median(size))
+        weights = (usual / own if own > 0.0 else 1.0 for own in size)
+        records = (replace(r, weight=weight) for r, weight in zip(self.records, weights, strict=True))
+        return replace(self, records=tuple(records))
+
+    def seen_by(self, model: Model) -> Dataset:
+        """Return the data with the inputs as the model means them: a band-limited one as the steps that stand for it.
+
+        A record of one periodic window is taken as going on before and after it.
+        """
+        if model.intersample == "held":
+            return self
+        periods = (r.windows[0].period if len(r.windows) == 1 else 0 for r in self.records)
+        records = (replace(r, u=steps_for(r.u, period=p)) for r, p in zip(self.records, periods, strict=True))
+        return replace(self, records=tuple(records))
 
     def y_scale(self) -> Array:
         """Return the rms of each output about its mean over all records, shape (n_y,)."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob, turned
@@ -20,6 +22,7 @@ from sim_backend.linear import ModalModel
 from sim_backend.replay import Motion, replay
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,13 @@ class Setting:
     states: tuple[Array, ...]
     substeps: int
     workers: int = 2
+
+    def each(self, work: Callable[..., T], *of: Sequence[Any]) -> list[T]:
+        """Return `work` done for each record (or whatever `of` lists), side by side where compiled code lets go."""
+        if self.workers < 2 or len(of[0]) < 2:
+            return [work(*one) for one in zip(*of, strict=True)]
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(lambda one: work(*one), zip(*of, strict=True)))
 
     @property
     def rows(self) -> int:
@@ -99,8 +109,9 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
     acting = [*setting.known, *effects]
     substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
     n_blocks = retuned(linear, acting, setting.places).n_blocks  # states of modes that other effects added stay out
-    return [
-        replay(
+
+    def played(record: Record, states: Array) -> Motion:
+        return replay(
             linear,
             acting,
             setting.places,
@@ -111,8 +122,20 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
             start=states[:n_blocks],
             substeps=substeps,
         )
-        for record, states in zip(setting.data.records, setting.states, strict=True)
-    ]
+
+    return setting.each(played, setting.data.records, setting.states)
+
+
+def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
+    """Return a fit's residuals (n, n_y) on all records of `data`; one that no fit has seen is simulated from rest."""
+    known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
+    others = [r for r in data.records if id(r.y) not in known]
+    if others:
+        rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in others)
+        there = replace(setting, data=replace(data, records=tuple(others)), states=rest)
+        moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), fit.effects)
+        known |= {id(r.y): r.y - m.reading for r, m in zip(others, moved, strict=True)}
+    return tuple(known[id(r.y)] for r in data.records)
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

@@ -7,6 +7,7 @@ being re-tuned jointly under their prior every time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,20 +56,20 @@ class Gram:
         `remaining` is the residual sum of squares before. With known noise that ratio is the drop itself, else it is
         rows · log(before/after).
         """
-        drops = np.array([self.solve(reduced, i)[0] for i in range(len(self.groups))])
+        drops = np.array([self.solve(reduced, [i])[0] for i in range(len(self.groups))])
         if self.known_noise:
             return drops
         return np.asarray(self.rows * -np.log1p(-np.minimum(drops / remaining, 1.0 - 1e-12)), dtype=float)
 
-    def solve(self, reduced: Array, i: int) -> tuple[float, Array]:
-        """Return by how much candidate `i` lowers the sum of squares, and its sizes (n_columns,).
+    def solve(self, reduced: Array, together: Sequence[int]) -> tuple[float, Array]:
+        """Return by how much the candidates numbered `together` lower the sum of squares, and their sizes (n_columns,).
 
-        Sizes are in units of the candidate's columns.
+        Sizes are in units of the candidates' columns, one candidate after the other.
 
         Sizes that cannot be negative are kept from it. Directions of which less than one part in 10¹¹ is left after
         projection are rounding and count as nothing.
         """
-        columns = self.groups[i]
+        columns = np.concatenate([self.groups[i] for i in together])
         own = reduced[np.ix_(columns, columns)]
         left = np.maximum(np.diag(own), 0.0)
         live = np.flatnonzero(np.isin(columns, self._live(reduced, columns)))
@@ -78,7 +79,7 @@ class Gram:
         scale = np.sqrt(left[live])
         basis = own[np.ix_(live, live)] / np.outer(scale, scale) + 1e-9 * np.eye(live.size)
         r = reduced[columns[live], 0] / scale
-        if self.one_sided[i]:
+        if all(self.one_sided[i] for i in together):
             root = np.linalg.cholesky(basis)
             x, _ = nnls(root.T, np.linalg.solve(root, r))
         else:
@@ -91,9 +92,9 @@ class Gram:
         before = np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny)
         return columns[np.diag(reduced)[columns] > 1e-11 * before]
 
-    def knobs_beside(self, i: int, sizes: Array) -> Array:
-        """Return the change (n_knobs,) that goes with candidate `i` at `sizes`: with it there, what the knobs do."""
-        knobs, columns = self.knob_columns(), self.groups[i]
+    def knobs_beside(self, together: Sequence[int], sizes: Array) -> Array:
+        """Return the change (n_knobs,) that goes with these candidates at `sizes`: with them there, what knobs do."""
+        knobs, columns = self.knob_columns(), np.concatenate([self.groups[i] for i in together])
         g = self.products
         inner = g[np.ix_(knobs, knobs)]
         scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))

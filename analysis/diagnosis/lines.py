@@ -6,8 +6,9 @@ import math
 from dataclasses import replace
 
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import SURE, Found
+from analysis.diagnosis.search import Found
 from analysis.diagnosis.shaking import noise_evidence
+from analysis.diagnosis.shortlist import SURE
 from sim_backend.effects.vibration_line import VibrationLine
 
 

@@ -25,7 +25,7 @@ from sim_backend.model import Model
 MAX_ROWS = 1_000_000
 """Rows that are taken into memory; of more, stretches from the beginning, the middle and the end of each segment."""
 
-MAX_PRODUCTS = 20_000_000
+MAX_PRODUCTS = 10_000_000
 """Rows times re-tunable numbers of the model that are taken: what their derivatives cost in memory and time."""
 
 MIN_ROWS = 60
@@ -113,7 +113,7 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     notes += _check_inputs(records, model)
     held, note = with_held_out(records)
     _check_enough(held, runs)
-    return Loaded(Dataset(rate_hz, held), tuple(sources), (*notes, *([note] if note else [])))
+    return Loaded(Dataset(rate_hz, held).seen_by(model), tuple(sources), (*notes, *([note] if note else [])))
 
 
 def _common_rate(runs: Sequence[Run]) -> float:

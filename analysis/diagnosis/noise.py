@@ -8,6 +8,7 @@ random walk of rigid axes alike into independent numbers of unit variance, so th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,13 +41,15 @@ class Whitener:
 
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
     apart from any error of the model. `edges` (k + 1,) in cycles per sample and `levels` (n_y, k) say how much stronger
-    than white the filtered noise still is in the bands that the filter is too short for.
+    than white the filtered noise still is in the bands that the filter is too short for. `even` weighs every row and
+    frequency of an output alike, by the size of the residual itself: the error, not the noise, is then what is weighed.
     """
 
     taps: Array
     repeats: bool
     edges: Array = field(default_factory=lambda: np.zeros(1))
     levels: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    even: bool = False
 
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.
@@ -145,7 +148,7 @@ def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Arra
     normal = np.zeros((p + 1, p + 1))
     rows = 0
     for x, mask in parts:
-        if x.size <= p:
+        if x.size <= p or not np.any(x):
             continue
         lags = np.lib.stride_tricks.sliding_window_view(x, p + 1)[mask[p:]][:, ::-1]
         normal += lags.T @ lags
@@ -154,9 +157,11 @@ def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = _MAX_ORDER) -> Arra
     for order in range(p + 1):
         inner = normal[1 : order + 1, 1 : order + 1]
         ridge = 1e-12 * np.trace(inner) / max(order, 1)
+        if rows == 0:
+            break
         weights = np.linalg.solve(inner + ridge * np.eye(order), normal[1 : order + 1, 0]) if order else np.zeros(0)
         rss = float(normal[0, 0] - weights @ normal[1 : order + 1, 0])
-        if rss <= 0.0 or rows == 0:
+        if rss <= 0.0:
             continue
         score = rows * np.log(rss / rows) + order * np.log(rows)
         if score < best_score - 1e-9:
@@ -183,6 +188,31 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
     longest = max(t.size for t in taps)
     plain = Whitener(np.stack([np.pad(t, (0, longest - t.size)) for t in taps]), repeats)
     return plain if order == 0 else _with_levels(plain, data, residuals)
+
+
+def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
+    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats."""
+    ratios = [0.0]
+    for o in range(data.n_outputs):
+        noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(r.windows, e[:, o])]
+        whole = [e[r.fitted(), o] for r, e in zip(data.records, residuals, strict=True)]
+        if noise:
+            floor = max(float(np.std(np.concatenate(noise))), np.finfo(float).tiny)
+            ratios.append(float(np.std(np.concatenate(whole))) / floor)
+    return max(ratios)
+
+
+def even_weights(data: Dataset, residuals: Sequence[Array]) -> Whitener:
+    """Return the whitener that only scales every output by the rms of its `residuals`, one (n, n_y) per record.
+
+    Where an error of the model is many times the noise, the noise says nothing of what is worth explaining: its quiet
+    bands would decide, in which the error is smallest.
+    """
+    parts = [
+        record.weight * residual[record.fitted()] for record, residual in zip(data.records, residuals, strict=True)
+    ]
+    rms = np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+    return Whitener(1.0 / np.maximum(rms, np.finfo(float).tiny)[:, None], False, even=True)
 
 
 def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:

@@ -15,6 +15,7 @@ import numpy as np
 from analysis.diagnosis.chop_gain import ChopGain
 from analysis.diagnosis.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain
+from sim_backend.assembly import coordinates_of
 from sim_backend.effects import effect_class
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
@@ -119,7 +120,25 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         title=f"{model.title or model.name}, extended by diagnosis".strip(),
         modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(nominal)],
         effects=[*kept, *entries],
+        coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
+
+
+def _coordinates(model: Model, effects: Sequence[Effect]) -> dict[str, dict[str, Value]]:
+    """Return the motion that each effect on an input without a sensor of its own worked against in the fit.
+
+    It follows from the static gain, which the fit has changed since.
+    """
+    outputs = [p.dof for p in model.outputs]
+    rows, source = coordinates_of(model), f"static gain of {model.name}"
+    return {
+        port.dof: {
+            out.name: Quantity(value=float(w), origin="derived", source=source)
+            for out, w in zip(model.outputs, rows[j], strict=True)
+        }
+        for j, port in enumerate(model.inputs)
+        if port.dof not in outputs and port.dof in {e.where for e in effects}
+    }
 
 
 def _further_modes(model: Model, linear: ModalModel) -> list[Mode]:

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Scales
 from analysis.diagnosis.dataset import Dataset
 from analysis.diagnosis.evidence import evidence
-from analysis.diagnosis.fit import Setting
+from analysis.diagnosis.fit import Setting, residuals_on
 from analysis.diagnosis.gain import gain_of
+from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.next_experiment import choose
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
-from analysis.diagnosis.search import Found, Progress, Rules, search, tune
+from analysis.diagnosis.search import Found, Progress, search, tune
 from analysis.diagnosis.sentence import sentence
+from analysis.diagnosis.shortlist import Rules
 from analysis.diagnosis.spread import spread_causes
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.testimony import Testimony, hear
@@ -88,20 +90,27 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
         make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
     )
     linear = retuned(linear, known, places)
-    knobs = knobs_of(linear, OWN_TOLERANCE if fitted_here(model, data) else options.tolerance)
+    own = fitted_here(model, data)
+    knobs = knobs_of(linear, OWN_TOLERANCE if own else options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.y - simulate(discrete, r.u) for r in data.records]
     whitener = whitener_from(data, residuals)
     starts = starts_of(data, linear, whitener)
     rest = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
     fine = max(options.substeps, substeps_for(linear, data.rate_hz))
-    first = max(fine // _COARSER, 1)
+    # effects that the model has already are there to stay: coarse steps would make an error of them
+    first = fine if known else max(fine // _COARSER, 1)
     transducers = transducers_of(model)
     setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, rest, first, options.workers)
+    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
+    scales = scales_of(data, linear)
+    if own and (gross := grossly_wrong(setting)):
+        found = main_cause(*gross, rules, scales, progress)
+        if still_gross(found):
+            return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
-    return search(setting, tuned, rules, scales_of(data, linear), progress)
+    return search(setting, tuned, rules, scales, progress)
 
 
 def fitted_here(model: Model, data: Dataset) -> bool:
@@ -154,16 +163,18 @@ def diagnose(
     tell apart. Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
     """
     options = options or Options()
-    found = without_lines(search_causes(data, model, options, progress))
+    found = without_lines(search_causes(data.for_fitting(), model, options, progress))
     progress("weighing the evidence", 0.9)
     searched = searched_effects(options)
     spread = spread_causes(found.setting, found.best, searched, found.explained)
-    found, judgement, remark = hear(found, judge(found, spread.allowed), heard, model, bench)
+    even = found.setting.whitener.even
+    judgement = judge_main(found) if even else judge(found, spread.allowed)
+    found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     setting, best = found.setting, found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
-    before, after = found.tuned.residuals, best.residuals
+    before, after = (residuals_on(data, setting, fit) for fit in (found.tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     noise = setting.whitener if setting.whitener.repeats else whitener_from(data, list(after))
     gain = gain_of(data, before, after, noise, setting.nominal, linear, options.seed)
@@ -173,7 +184,7 @@ def diagnose(
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, choice),
         causes=causes,
         ambiguous=judgement.tied,
-        evidence=evidence(data, before, setting.whitener, model),
+        evidence=evidence(data, before, whitener_from(data, list(before)) if even else setting.whitener, model),
         gain=gain,
         next_experiment=choice.experiment if choice else None,
         data=data,
@@ -183,5 +194,5 @@ def diagnose(
         before=before,
         after=after,
         considered=judgement.rivals,
-        notes=tuple(filter(None, (remark, choice.reason if choice else ""))),
+        notes=tuple(filter(None, (remark, choice.reason if choice else "", remainder(found) if even else ""))),
     )

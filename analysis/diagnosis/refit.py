@@ -14,16 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate
+from analysis.diagnosis.dataset import Record
 from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.fit import Fit, Setting, simulated
 from analysis.diagnosis.parameters import Scale, difference, parameters_of
-from analysis.diagnosis.starts import stack_white
+from analysis.diagnosis.starts import Start, stack_white
 from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect, Site
@@ -36,6 +37,9 @@ KNOB_STEP = 0.2
 
 _KNOB_DIFFERENCE = 1e-5
 
+_STRONG_STEPS = 2
+"""Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
+
 
 def refit(
     setting: Setting,
@@ -45,11 +49,13 @@ def refit(
     *,
     steps: int = 25,
     exact: bool = False,
+    strong: bool = False,
 ) -> Fit:
     """Return the best fit of a hypothesis from screened `sizes` and knob `change`; without candidates, of the knobs.
 
     `sizes` are in units of each candidate's columns. A hypothesis that cannot be simulated ends with an infinite
-    misfit. Standard deviations are right only of an `exact` fit.
+    misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
+    motion, slopes with torques held lead astray: differences of full simulations are taken from the start, and anew.
     """
     scales, start = parameters_of(candidates, sizes)
     problem = Problem(setting, tuple(candidates), scales)
@@ -58,10 +64,10 @@ def refit(
     if not np.isfinite(problem.evaluate(x).misfit):
         # screening asked for what cannot be: begin where the effect adds nothing
         x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
-    slopes = _Slopes(problem, exact=False)
+    slopes = _Slopes(problem, exact=strong, lasts=_STRONG_STEPS if strong else 1)
     x, found = problem.descend(slopes, x, steps)
     if exact and slopes.approximate:
-        slopes = _Slopes(problem, exact=True)
+        slopes = _Slopes(problem, exact=True, lasts=steps)
         x, found = problem.descend(slopes, x, steps)
     return problem.finish(x, found, slopes.latest(x, found))
 
@@ -127,12 +133,11 @@ class Problem:
     def whiten(self, residuals: Sequence[Array]) -> Array:
         """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""
         s = self.setting
-        return np.concatenate(
-            [
-                start.project(stack_white(s.whitener, record, values.reshape(record.n, values.shape[1], -1)))
-                for record, values, start in zip(s.data.records, residuals, s.starts, strict=True)
-            ]
-        ).squeeze()
+
+        def white(record: Record, values: Array, start: Start) -> Array:
+            return start.project(stack_white(s.whitener, record, values.reshape(record.n, values.shape[1], -1)))
+
+        return np.concatenate(s.each(white, s.data.records, residuals, s.starts)).squeeze()
 
     def descend(self, slopes: _Slopes, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point from `x` along `slopes`, and its simulation."""
@@ -197,12 +202,14 @@ class Problem:
 class _Slopes:
     """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
 
-    `approximate` tells whether it makes a difference; exact knob columns are computed once and kept for the small
-    steps that are left.
+    `approximate` tells whether it makes a difference; the knobs' columns are kept for as many steps as `lasts` says.
+    Where that is not to the end, they are taken on one side only: at half the cost, for steps that still are large.
     """
 
-    def __init__(self, problem: Problem, *, exact: bool) -> None:
-        self._problem, self._exact = problem, exact
+    def __init__(self, problem: Problem, *, exact: bool, lasts: int = 1) -> None:
+        # columns are computed side by side already; each simulation need not be
+        self._problem = replace(problem, setting=replace(problem.setting, workers=1)) if exact else problem
+        self._workers, self._exact, self._lasts, self._age = problem.setting.workers, exact, lasts, 0
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
         self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._kept: Array | None = None
@@ -218,13 +225,14 @@ class _Slopes:
         return self._at(x, at) if self._jacobian is None else self._jacobian
 
     def _at(self, x: Array, at: Point) -> Array:
-        problem, n_knobs = self._problem, len(self._problem.setting.knobs)
+        n_knobs = len(self._problem.setting.knobs)
         columns = np.empty((at.stacked.size, x.size))
-        if self._kept is None or not self._exact:
+        if self._kept is None or self._age % self._lasts == 0:
             self._kept = self._knobs(x, at)
+        self._age += 1
         columns[:, :n_knobs] = self._kept
         own = range(n_knobs, x.size)
-        with ThreadPoolExecutor(problem.setting.workers) as pool:
+        with ThreadPoolExecutor(self._workers) as pool:
             for i, column in zip(own, pool.map(lambda i: self._slope(x, at, i), own), strict=True):
                 columns[:, i] = column
         return columns
@@ -240,21 +248,25 @@ class _Slopes:
             acting = [*s.known, *problem.effects(x)]
             linear = retuned(turned(s.nominal, s.knobs, x[:n_knobs]), acting, s.places)
             knobs = [s.knobs[i] for i in easy]
-            moved = [
-                sensitivities(linear, knobs, torque, s.data.rate_hz, start, through_delay=False)
-                for torque, start in zip(at.torques, s.states, strict=True)
-            ]
+
+            def moving(torque: Array, start: Array) -> Array:
+                return sensitivities(linear, knobs, torque, s.data.rate_hz, start, through_delay=False)
+
+            moved = s.each(moving, at.torques, s.states)
             rows = at.stacked.size - x.size
             columns[:rows, easy] = -problem.whiten(moved).reshape(rows, -1)
             columns[rows + np.array(easy), easy] = [1.0 / s.knobs[i].sd for i in easy]
-        with ThreadPoolExecutor(s.workers) as pool:
+        with ThreadPoolExecutor(self._workers) as pool:
             for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):
                 columns[:, i] = column
         return columns
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
         """Return d(stacked)/dx_i by differences of full simulations: central, or on the side where there is a model."""
-        step = _KNOB_DIFFERENCE if i < len(self._problem.setting.knobs) else difference(x[i])
+        knob = i < len(self._problem.setting.knobs)
+        step = _KNOB_DIFFERENCE if knob else difference(x[i])
+        if knob and self._lasts == _STRONG_STEPS:
+            return np.asarray((self._problem.evaluate(_beside(x, i, step)[0]).stacked - at.stacked) / step)
         there, back = (self._problem.evaluate(side) for side in _beside(x, i, step))
         if np.isfinite(there.misfit) and np.isfinite(back.misfit):
             return np.asarray((there.stacked - back.stacked) / (2.0 * step))

@@ -101,7 +101,7 @@ def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start:
     for o in range(record.y.shape[1]):
         columns = np.concatenate([p[:, o] for p in parts], axis=1)
         live = np.flatnonzero(np.any(columns != 0.0, axis=0))
-        white = whitener.rows(columns[:, live], mask, o)
+        white = record.weight * whitener.rows(columns[:, live], mask, o)
         total[np.ix_(live, live)] += white.T @ white
         seen[:, live] += start.q[o * rows : (o + 1) * rows].T @ white
     return total - seen.T @ seen

@@ -10,41 +10,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
-from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
-from analysis.diagnosis.gram import Gram
-from analysis.diagnosis.matched import wanted_inputs
-from analysis.diagnosis.motions import measured_motion
-from analysis.diagnosis.noise import whitener_from
+from analysis.diagnosis.candidates import Candidate, Scales
+from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.noise import even_weights, whitener_from
 from analysis.diagnosis.refit import Problem as Hypothesis
-from analysis.diagnosis.refit import exact_sensitivities, refit
-from analysis.diagnosis.screening import Problem, gram_of
+from analysis.diagnosis.refit import refit
+from analysis.diagnosis.shortlist import Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import stack_white, starts_of
 from analysis.diagnosis.tuning import REACH, imitation, turned
 from sim_backend.assembly import retuned
-from sim_backend.effects.base import Effect, Site
-from sim_backend.effects.view import RecordView
+from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-_SHORTLIST = 5
-_NEAR = 0.3
-"""Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
-shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
-
-
-SURE = 0.99
-"""An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""
-
 MATERIAL = 0.003
 """An effect that explains less than this part of what the others do is not looked for: it may stand for the
 difference between our form of a stronger effect and nature's, or for what a simulation in steps cannot do better."""
-
-IMITATED = 1e-4
-"""A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
@@ -57,55 +40,15 @@ _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
 
 
-@dataclass(frozen=True)
-class Rules:
-    """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
-
-    First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
-    """
-
-    effects: tuple[type[Effect], ...]
-    false_alarm: float
-    max_effects: int
-    substeps: int
-    seed: int
-
-
-@dataclass(frozen=True)
-class Screen:
-    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold.
-
-    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it.
-    """
-
-    candidates: tuple[Candidate, ...]
-    gains: Array
-    drops: Array
-    sizes: tuple[Array, ...]
-    knobs: tuple[Array, ...]
-    freshness: Array
-    threshold: float
-
-    @property
-    def price(self) -> float:
-        """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
-        return 2.0 * float(np.log(SURE / (1.0 - SURE)) + np.log(max(len({c.key for c in self.candidates}), 1)))
-
-    def best_per_key(self) -> list[int]:
-        """Return the index of the best start of each (effect, place), best first."""
-        seen: dict[tuple[str, str], int] = {}
-        for i in np.argsort(-self.gains):
-            seen.setdefault(self.candidates[i].key, int(i))
-        return list(seen.values())
-
-
 def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
     """Return the setting with noise, start bases and start states brought up to date with `fit`.
 
     `order` is the longest memory of the noise: none when it is white.
     """
     linear = linear_of(setting, fit)
-    whitener = whitener_from(setting.data, list(fit.residuals), order=order)
+    residuals = list(fit.residuals)
+    even = setting.whitener.even
+    whitener = even_weights(setting.data, residuals) if even else whitener_from(setting.data, residuals, order=order)
     starts = starts_of(setting.data, linear, whitener)
     found = (
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
@@ -147,63 +90,6 @@ def score(fit: Fit, known_noise: bool) -> float:
         return float(fit.objective + 2.0 * fit.occam)
     level = fit.rows * (1.0 + np.log(max(fit.objective, 1e-300) / fit.rows))
     return float(level + fit.log_variance + 2.0 * fit.occam)
-
-
-def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
-    """Return the evidence of every candidate beside what `fit` already holds."""
-    linear = linear_of(setting, fit)
-    motions = [
-        measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
-        for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
-    ]
-    views = _views(setting, motions, linear)
-    taken = {c.key for c in fit.candidates}
-    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
-    exact = exact_sensitivities(setting, fit)
-    data, places = setting.data, setting.places
-    problem = Problem(data, linear, places, setting.knobs, fit.change, setting.starts, exact, setting.states)
-    gram = gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers)
-    return _evidence(gram, candidates, len(setting.knobs), rules)
-
-
-def _evidence(gram: Gram, candidates: Sequence[Candidate], n_knobs: int, rules: Rules) -> Screen:
-    reduced = gram.without(gram.knob_columns())
-    solved = [gram.solve(reduced, i) for i in range(len(candidates))]
-    # the largest of M chance findings is larger by 2 log M than one of them
-    chosen = 2.0 * np.log([max(c.choices, 1) for c in candidates])
-    gains = np.maximum(gram.gains(reduced, float(reduced[0, 0])) - chosen, 0.0)
-    maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
-    threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
-    sizes = tuple(s for _, s in solved)
-    knobs = tuple(gram.knobs_beside(i, s)[:n_knobs] for i, s in enumerate(sizes))
-    drops = np.array([drop for drop, _ in solved])
-    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
-
-
-def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
-    """Return what effects may look at when they guess, per degree of freedom, all records joined."""
-    places, views = setting.places, {}
-    lowest = float(np.min(setting.nominal.omega_rad_s, initial=0.0)) / (2.0 * np.pi)
-    temperatures = [m.temperature_k for m in motions]
-    joined = (
-        None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
-    )
-    wanted, seen = wanted_inputs(setting, linear, [m.residual for m in motions])
-    for name in dict.fromkeys((*places.inputs, *places.outputs)):
-        i = places.inputs.index(name) if name in places.inputs else 0
-        o = places.outputs.index(name) if name in places.outputs else min(i, len(places.outputs) - 1)
-        views[name] = RecordView(
-            setting.data.rate_hz,
-            np.concatenate([m.u[:, i] for m in motions]),
-            np.concatenate([m.position[:, o] for m in motions]),
-            np.concatenate([m.rate[:, o] for m in motions]),
-            np.concatenate([m.residual[:, o] for m in motions]),
-            joined,
-            lowest,
-            wanted[i],
-            seen[i],
-        )
-    return views
 
 
 @dataclass(frozen=True)
@@ -276,7 +162,7 @@ class _Stage:
 
     def trials(self, setting: Setting, found: Screen, seen: Container[tuple[str, str]] = ()) -> list[Fit]:
         """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial."""
-        picks = [i for i in _shortlist(found) if found.candidates[i].key not in seen]
+        picks = [i for i in shortlist(found) if found.candidates[i].key not in seen]
         if not picks or max(found.drops[i] for i in picks) < self.least:
             return []
 
@@ -298,23 +184,11 @@ def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
     return max(float(before @ before) - best.misfit, 0.0)
 
 
-def _shortlist(found: Screen) -> list[int]:
-    order = found.best_per_key()
-    significant = [i for i in order if found.gains[i] > found.threshold]
-    if not significant:
-        return []
-    # what the knobs can imitate gains by tiny differences, which a refit rarely confirms: one of its kind is enough
-    fresh = [i for i in significant if found.freshness[i] > IMITATED]
-    limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
-    imitated = [i for i in significant if i not in fresh][:1]
-    return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
-
-
 def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
     before, held = fit.held()
     sd = np.array([k.sd for k in setting.knobs])
     # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
-    start = np.clip(fit.change + knobs, -_TRUSTED * sd, _TRUSTED * sd)
+    start = np.clip(fit.change + knobs[: fit.change.size], -_TRUSTED * sd, _TRUSTED * sd)
     if candidate.effect.site is Site.MODEL:
         linear = turned(setting.nominal, setting.knobs, fit.change)
         units = candidate.unit_sizes

@@ -97,7 +97,7 @@ def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tup
 
 
 def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
-    """Return how strongly each candidate stands out, the knobs being re-tuned beside it, and the threshold of chance."""
+    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the threshold of chance."""
     reduced = gram.without(gram.knob_columns())
     solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them

@@ -15,8 +15,9 @@ from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.lattice import rounded_readings
 from analysis.diagnosis.repeats import lost_samples
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import MATERIAL, SURE
+from analysis.diagnosis.search import MATERIAL
 from analysis.diagnosis.shaking import shaking
+from analysis.diagnosis.shortlist import SURE
 from analysis.diagnosis.uneven_noise import uneven_noise
 from analysis.diagnosis.verdict import Judgement, units_of
 from sim_backend.effects.base import Effect
@@ -101,6 +102,8 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
     units of the noise), none is among them.
     """
     tests = KINDS * setting.data.n_outputs
+    if setting.whitener.even:  # the spread of a gross error hides that of the noise
+        return Spread((), tests)
     found = [
         *rounded_readings(setting),
         *lost_samples(setting, fit),

@@ -41,7 +41,7 @@ class Start:
 def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
     """Return the fitted rows of `values` (n, n_y, k), whitened, outputs one below the other: (n_y · rows, k)."""
     mask = record.fitted()
-    return np.concatenate([whitener.rows(values[:, o], mask, o) for o in range(values.shape[1])])
+    return record.weight * np.concatenate([whitener.rows(values[:, o], mask, o) for o in range(values.shape[1])])
 
 
 def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:

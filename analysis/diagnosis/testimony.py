@@ -16,8 +16,9 @@ from analysis.diagnosis.hypotheses import Hypothesis, tied_hypotheses
 from analysis.diagnosis.loading import MAX_ROWS, Loaded, Source, load_runs
 from analysis.diagnosis.next_experiment import room_of
 from analysis.diagnosis.planned import face_of
-from analysis.diagnosis.search import SURE, Found
+from analysis.diagnosis.search import Found
 from analysis.diagnosis.separation import information, with_spread
+from analysis.diagnosis.shortlist import SURE
 from analysis.diagnosis.verdict import Judgement
 from analysis.diagnosis.witness import Witness, watched_channels
 from campaigns.log import Run, read_run, sha256_of

@@ -10,7 +10,8 @@ import numpy as np
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import IMITATED, MATERIAL, SURE, Found, score
+from analysis.diagnosis.search import MATERIAL, Found, score
+from analysis.diagnosis.shortlist import IMITATED, SURE
 from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
 

@@ -147,7 +147,7 @@ def test_likelihood_ratios_are_those_of_least_squares() -> None:
         return float(np.linalg.lstsq(x, residual, rcond=None)[1][0])
 
     for i, own in enumerate((columns[:, :1], columns[:, 1:])):
-        drop, sizes = gram.solve(reduced, i)
+        drop, sizes = gram.solve(reduced, [i])
         assert drop == pytest.approx(rss(knobs) - rss(knobs, own), rel=1e-6)
         expected = np.linalg.lstsq(np.column_stack([knobs, own]), residual, rcond=None)[0][2:]
         np.testing.assert_allclose(sizes, expected, rtol=1e-6)
@@ -158,7 +158,7 @@ def test_one_sided_sizes_stay_positive() -> None:
     column = rng.standard_normal(200)
     table = np.column_stack([-2.0 * column + rng.standard_normal(200), column])
     gram = Gram(table.T @ table, 0, (np.array([1]),), (True,), 200, True)
-    drop, sizes = gram.solve(gram.without(gram.knob_columns()), 0)
+    drop, sizes = gram.solve(gram.without(gram.knob_columns()), [0])
     assert drop == pytest.approx(0.0, abs=1e-9)
     assert sizes[0] == pytest.approx(0.0, abs=1e-12)
 

@@ -10,7 +10,8 @@ import pytest
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found, Screen
+from analysis.diagnosis.search import Found
+from analysis.diagnosis.shortlist import Screen
 from analysis.diagnosis.starts import starts_of
 from sim_backend.effects.vibration_line import VibrationLine
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of

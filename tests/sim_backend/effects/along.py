@@ -5,7 +5,7 @@ import numpy as np
 from sim_backend import kernel
 from sim_backend.assembly import Places, effects_of
 
-PLACES = Places(("theta_x", "theta_y"), ("theta_x", "theta_y"), (), (), np.zeros((0, 2)), np.eye(2))
+PLACES = Places(("theta_x", "theta_y"), ("theta_x", "theta_y"), (), (), np.zeros((0, 2)), np.eye(2), np.eye(2))
 
 
 def along(effect, *, signal=None, position=None, rate=None, aux=None, dt_s=1e-4):

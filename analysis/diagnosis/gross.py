@@ -1,0 +1,174 @@
+"""The main cause, where the error of a model is many times the noise.
+
+A model fitted to a bench that is far from linear misses it by more than any refinement could put right, and then the
+noise says nothing of what is worth explaining. All rows are weighed alike instead, and one kind of cause is looked for,
+at all places at once where it stands out: drives and axes are built alike, and with one of three alike in the model the
+other two are still in the way. It is held against the other kinds and against a force that is no listed cause at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates import Candidate, Scales
+from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.noise import above_noise, even_weights
+from analysis.diagnosis.refit import refit
+from analysis.diagnosis.search import Found, Progress, settle
+from analysis.diagnosis.shortlist import SURE, Rules, Screen, evidence_of, gram_beside
+from analysis.diagnosis.tuning import REACH
+from analysis.diagnosis.verdict import Judgement
+from sim_backend.effects.unlisted_force import UnlistedForce
+
+Array = NDArray[np.float64]
+
+_ALIKE = 0.1
+"""A place takes part where the cause explains at least this part of what it does where it explains most."""
+
+_FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
+"""Kinds that are fitted, those that explain most to first order: beside a linear model that is wrong by half that says
+little, so they are as many as so many products of rows and re-tuned numbers allow."""
+
+_FIRST_STEPS, _MORE_STEPS = 6, 12
+
+GROSS = 5.0
+"""Ratio of a residual to repeating noise beyond which what is left is an error of the model and next to no noise."""
+
+MOST = 0.5
+"""The main cause explains at least so much of the squared error."""
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One kind of cause at the places where it stands out, with sizes, knobs and by how much it lowers the misfit."""
+
+    candidates: tuple[Candidate, ...]
+    sizes: Array
+    knobs: Array
+    drop: float
+
+
+def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
+    """Return even weights and the model as it is, where that misses the very data it was fitted to by many noises.
+
+    Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
+    """
+    none = np.zeros(0)
+    change = np.zeros(len(setting.knobs))
+    fit = refit(setting, (), none, change, steps=0)
+    setting = settle(setting, fit)
+    fit = refit(setting, (), none, change, steps=0)
+    if above_noise(setting.data, fit.residuals) <= GROSS:
+        return None
+    data = setting.data.evenly()
+    setting = settle(replace(setting, data=data, whitener=even_weights(data, fit.residuals)), fit)
+    return setting, refit(setting, (), none, change, steps=0)
+
+
+def still_gross(found: Found) -> bool:
+    """Tell whether the best fit, a force that is no listed cause included, leaves many times the noise.
+
+    Where next to nothing else is left, every row and every refinement counts, and that is another search.
+    """
+    return above_noise(found.setting.data, found.best.residuals) > GROSS
+
+
+def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
+    """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
+
+    The rivals begin with the best fit itself and with where it stood after as many steps as the other kinds have had.
+    """
+    progress("screening the kinds of causes", 0.05)
+    everything = replace(rules, effects=(*rules.effects, UnlistedForce))
+    gram, candidates = gram_beside(setting, tuned, everything, scales)
+    first = evidence_of(gram, candidates, rules)
+    fits = []
+    kinds = _kinds(gram, candidates, first)
+    for k, kind in enumerate(kinds):
+        effect, places = kind.candidates[0].effect, ", ".join(c.where for c in kind.candidates)
+        progress(f"fitting {effect.name} at {places}", 0.2 + 0.4 * k / len(kinds))
+        start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
+        fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_FIRST_STEPS, strong=True))
+    if not fits:
+        return Found(setting, tuned, tuned, (tuned,), first, first, 0.0)
+    fits.sort(key=lambda fit: fit.objective)
+    progress(f"fitting {fits[0].effects[0].name} to the end", 0.6)
+    held, sizes = fits[0].held()
+    best = refit(setting, held, sizes, fits[0].change, steps=_MORE_STEPS, strong=True)
+    return Found(setting, tuned, best, (best, *fits, tuned), first, first, tuned.misfit - best.misfit)
+
+
+def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:
+    """Return the kinds that explain most when each acts at all its places at once, best first."""
+    reduced = gram.without(gram.knob_columns())
+    per_kind: dict[str, list[int]] = {}
+    for i in screen.best_per_key():
+        if screen.gains[i] > screen.threshold:
+            per_kind.setdefault(candidates[i].effect.name, []).append(i)
+    kinds = []
+    for found in per_kind.values():
+        most = max(screen.drops[i] for i in found)
+        together = [i for i in found if screen.drops[i] >= _ALIKE * most]
+        drop, sizes = gram.solve(reduced, together)
+        knobs = gram.knobs_beside(together, sizes)
+        kinds.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
+    kinds.sort(key=lambda kind: -kind.drop)
+    products = gram.rows * gram.n_knobs
+    return kinds[: int(np.clip(_PRODUCTS / max(products, 1), _FEWEST, _MOST_KINDS))]
+
+
+def remainder(found: Found) -> str:
+    """Return what a reader has to know of a main cause: how much it explains, and that the rest is not noise."""
+    part = 1.0 - found.best.misfit / found.tuned.misfit
+    return (
+        f"the model misses the data it was fitted to by far more than noise; the cause explains {part:.0%} of the "
+        "squared error, every record counting alike, and what is left is not noise either"
+    )
+
+
+def judge_main(found: Found) -> Judgement:
+    """Return the verdict on a main cause: named where no other kind, fitted with the same effort, comes near it."""
+    best = found.best
+    if not best.effects or best.misfit > (1.0 - MOST) * found.tuned.misfit:
+        return Judgement("unknown", (), (), 1.0, 1.0, ())
+    own = best.effects[0].reported()
+    first = found.rivals[1]
+    rows = independent_rows(found.setting, best)
+    gaps: dict[str, float] = {}
+    for rival in found.rivals:
+        name = rival.effects[0].reported() if rival.effects else own
+        if name != own:
+            more = len(rival.values) - len(first.values)  # each parameter costs half the logarithm of the rows
+            gap = 0.5 * (rows * np.log(rival.misfit / first.misfit) + more * np.log(rows))
+            gaps[name] = min(gaps.get(name, np.inf), max(float(gap), 0.0))
+    probability = 1.0 / (1.0 + sum(np.exp(-gap) for gap in gaps.values()))
+    rivals = tuple(sorted(((name, -gap) for name, gap in gaps.items()), key=lambda pair: -pair[1]))
+    inflation = float(found.setting.rows / rows)
+    if own == UnlistedForce.name:
+        return Judgement("unknown", (), (), probability, inflation, rivals)
+    if probability >= SURE:
+        return Judgement("named", tuple(range(len(best.effects))), (), probability, inflation, rivals)
+    if rivals[0][0] == UnlistedForce.name:
+        return Judgement("unknown", (), (), probability, inflation, rivals)
+    tied = tuple(sorted({own, *(n for n, gap in gaps.items() if gap < np.log(SURE / (1.0 - SURE)))}))
+    return Judgement("ambiguous", (), (tied,), probability, inflation, rivals)
+
+
+def independent_rows(setting: Setting, fit: Fit) -> float:
+    """Return how many independent numbers the residual is worth: what agrees with its neighbours holds less.
+
+    n / (1 + 2 sum of squared correlations) numbers estimate a mean square as well as n correlated ones (Bartlett 1946).
+    """
+    worth = 0.0
+    for record, residual in zip(setting.data.records, fit.residuals, strict=True):
+        for e in residual[record.fitted()].T:
+            power = np.abs(np.fft.rfft(e - e.mean(), 2 * e.size)) ** 2
+            correlation = np.fft.irfft(power)[: e.size // 4]
+            rho = correlation / max(float(correlation[0]), np.finfo(float).tiny)
+            worth += e.size / (1.0 + 2.0 * float(np.sum(rho[1:] ** 2)))
+    return worth
