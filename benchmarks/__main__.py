@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="small sizes, one round: only the results count")
     parser.add_argument("--rounds", type=int, help="rounds of each benchmark (default: 7, with --quick 1)")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results", help="folder of the results")
+    parser.add_argument("--name", help="first part of the files' names (default: speed and the chosen benchmarks)")
     parser.add_argument("--list", action="store_true", help="show the benchmarks and end")
     options = parser.parse_args(arguments)
     unknown = sorted(set(options.names) - set(names))
@@ -66,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "quick": options.quick,
         "benchmarks": rows,
     }
-    _write(found, options.out, "-".join(["speed", *options.names, *(["quick"] if options.quick else [])]), started)
+    name = options.name or "-".join(["speed", *options.names, *(["quick"] if options.quick else [])])
+    _write(found, options.out, name, started)
     agreed = all(a["holds"] for row in rows for a in row["agreements"])
     reached = all(target["reached"] is not False for row in rows for target in row["targets"])
     return 0 if agreed and (reached or options.quick) else 1

@@ -85,7 +85,9 @@ class Prepared:
 class Benchmark:
     """One row of the table: `prepare` gets `quick` (small sizes) and a temporary folder of its own.
 
-    `missed` holds, by the text of a target, why it is not reached: it is told only while that is so.
+    `missed` holds, by the text of a target, why it is not reached: it is told only while that is so. With `one_core`
+    all work is done by one thread of this process, and times are those of the processor, so that what else the machine
+    does is left out. Otherwise they are those of the clock on the wall.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Benchmark:
     prepare: Callable[[bool, Path], Prepared]
     targets: tuple[Target, ...]
     missed: Mapping[str, str]
+    one_core: bool = False
 
 
 def times_faster(ours: str, peer: str, limit: float) -> Target:

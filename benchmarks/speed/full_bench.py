@@ -199,6 +199,7 @@ BENCHMARK = Benchmark(
     name="full-bench",
     work="the bench as built, three axes in closed loop at 10 kHz, all effects and noises, all channels kept in memory",
     prepare=prepare,
+    one_core=True,
     targets=(
         Target(REAL_TIME, 500.0, "×", (OURS,), real_time),
         times_the_time(LOOP, C, 1.3),

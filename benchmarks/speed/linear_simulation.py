@@ -108,6 +108,7 @@ BENCHMARK = Benchmark(
     name="linear-simulation",
     work="response of θx, eighth order, to 600,000 samples of a held random torque",
     prepare=prepare,
+    one_core=True,
     targets=(times_faster(OURS, LFILTER, 1.0), times_faster(OURS, RESPONSE, 100.0)),
     missed={},
 )

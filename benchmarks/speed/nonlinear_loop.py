@@ -221,10 +221,17 @@ BENCHMARK = Benchmark(
     name="nonlinear-loop",
     work="θx in closed loop at 10 kHz with hysteresis and magnetic polynomial, chopping",
     prepare=prepare,
+    one_core=True,
     targets=(
         times_faster(OURS, CONTROL, 1000.0),
         times_faster(OURS, FUSED, 1000.0),
         times_faster(OURS, IVP, 1000.0),
     ),
-    missed={},
+    missed={
+        times_faster(OURS, FUSED, 1000.0).what: (
+            "Written by hand as one system, the loop spares python-control all that it is there for: a sample is one "
+            "Python function with a dozen small numpy calls. A thousandth of that is some 34 ns, a hundred cycles, and "
+            "the chain of products from position to torque to position alone takes about that."
+        )
+    },
 )

@@ -112,6 +112,7 @@ BENCHMARK = Benchmark(
     name="rational-fit",
     work="eighth-order fit of θx's response at 600 lines with white noise",
     prepare=prepare,
+    one_core=True,
     targets=(
         times_the_time(OURS, VECTOR, 2.0),
         no_worse_than(VECTOR),

@@ -53,8 +53,8 @@ def _contender_lines(row: dict[str, Any]) -> list[str]:
 
 
 def _remarks(row: dict[str, Any]) -> list[str]:
-    facts = ", ".join(f"{key} {value}" for key, value in row["facts"].items())
-    lines = ["", f"**{row['name']}**: {row['work']}" + (f" ({facts})." if facts else ".")]
+    facts = ", ".join([f"clock: {row['clock']}", *(f"{key} {value}" for key, value in row["facts"].items())])
+    lines = ["", f"**{row['name']}**: {row['work']}" + f" ({facts})."]
     lines += [f"- {name} is absent: {why}" for name, why in row["absent"].items()]
     for target in row["targets"]:
         if target["reached"] is False:
