@@ -68,9 +68,8 @@ def test_a_trial_that_has_cost_too_many_workers_ends_the_study_and_nothing_is_lo
 
 @pytest.mark.slow
 def test_a_killed_scheduler_is_told_and_threads_go_on(
-    cluster: Cluster, reference: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: Cluster, reference: dict[str, bytes], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(engines, "CONNECT_S", 3.0)
     cluster.worker()
 
     def report(done: float, _total: float, _what: str) -> None:
