@@ -15,8 +15,8 @@ from campaigns.progress import Report, unheard
 
 Array = NDArray[np.float64]
 
-VALUES_AT_ONCE = 1_500_000
-"""Numbers that a fit reads as they are, 12 MB; with what is made of them, some hundred MB."""
+VALUES_AT_ONCE = 2_000_000
+"""Numbers that a fit reads as they are, 16 MB; with what is made of them, some hundred MB."""
 
 BLOCK_VALUES = 500_000
 
