@@ -80,8 +80,12 @@ def study(
     folder = out or Path(loaded.name)
     if dry_run:
         return _show(loaded, folder, as_json=as_json)
-    with progress(loaded.title or loaded.name) as report:
-        outcome = run_study(loaded, folder, workers=workers, address=cluster, resume=resume, report=report)
+    try:
+        with progress(loaded.title or loaded.name) as report:
+            outcome = run_study(loaded, folder, workers=workers, address=cluster, resume=resume, report=report)
+    except KeyboardInterrupt:
+        say(f"mccd: what finished is saved in {folder}; --resume goes on")
+        raise
     emit(_content(outcome, folder), as_json=as_json, text=_text(outcome, folder))
     if outcome.status == "paused":
         say(f"mccd: paused with {outcome.summary.finished} of {outcome.summary.total} trials; --resume goes on")

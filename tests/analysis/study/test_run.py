@@ -184,6 +184,21 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path: Path) -> None:
     assert done.timing.trials == 0  # the first trials are there
 
 
+@pytest.mark.slow
+def test_told_to_end_it_ends_at_once_and_says_how_to_go_on(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(SPREAD.format(trials=3000))
+    process = running(tmp_path / "s", file)
+    assert grown(tmp_path / "s", 30_000, process)
+    process.send_signal(signal.SIGTERM)
+    out, words = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert b"what finished is saved" in words and b"--resume goes on" in words and b"Traceback" not in words
+    assert out == b"" and not (tmp_path / "s" / "study.json").exists()
+    done = run_study(parse_study(SPREAD.format(trials=2), "study"), tmp_path / "s", resume=True)
+    assert done.timing.trials == 0
+
+
 def test_a_plan_of_many_points_is_made_once_per_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
     segments = ChopPlan.segments
