@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -134,9 +135,15 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
         run_study(spread(), tmp_path / "file" / "s")
 
 
-def running(folder: Path, study: Path, *more: str) -> subprocess.Popen[bytes]:
+def running(folder: Path, study: Path, *more: str, most_bytes: int = 0) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "mccdcli", "study", str(study), "-o", str(folder), "--workers", "2", *more]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+    def limit() -> None:
+        if most_bytes:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, preexec_fn=limit)
 
 
 def grown(folder: Path, size: int, process: subprocess.Popen[bytes]) -> bool:
@@ -182,6 +189,21 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path: Path) -> None:
     assert b'"status": "paused"' in out
     done = run_study(parse_study(SPREAD.format(trials=2), "study"), tmp_path / "s", resume=True)
     assert done.timing.trials == 0  # the first trials are there
+
+
+@pytest.mark.slow
+def test_a_file_that_may_not_grow_ends_the_study_in_one_line_and_it_goes_on(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(SPREAD.format(trials=100))
+    # room for some transactions; two hundred trials, at most six of them in each, need many times that
+    process = running(tmp_path / "s", file, most_bytes=100_000)
+    _, words = process.communicate(timeout=120)
+    lines = [line for line in words.decode().splitlines() if "left" not in line]
+    assert process.returncode == 4 and len(lines) == 1 and "trials.sqlite" in lines[0], words
+    done = run_study(spread(100), tmp_path / "s", resume=True)
+    assert 0 < done.timing.trials < 200
+    run_study(spread(100), tmp_path / "whole")
+    assert results(tmp_path / "s") == results(tmp_path / "whole")
 
 
 @pytest.mark.slow
