@@ -33,15 +33,20 @@ class Engine:
     begin: Callable[[int], Future[Outcome]]
     workers: Callable[[], int]
 
-    def outcomes(self, trials: Iterator[int]) -> Iterator[list[Outcome]]:
+    def outcomes(self, trials: Iterator[int], pausing: Callable[[], bool] = lambda: False) -> Iterator[list[Outcome]]:
         """Yield what has finished, some at a time, until `trials` ends and all that was begun is done.
 
-        Yields nothing (an empty list) now and then while there is no worker, and raises HardwareError when none comes.
+        Once `pausing`, no trial is begun, and what can be is taken back: what waits for a thread, all that is on a
+        cluster. Yields nothing (an empty list) now and then while there is no worker, and raises HardwareError when
+        none comes.
         """
         running: set[Future[Outcome]] = set()
         alone_since: float | None = None
         while True:
             workers = self.workers()
+            if pausing():
+                running = {future for future in running if not future.cancel()}
+                trials = iter(())
             for trial in islice(trials, max(AHEAD * max(workers, 1) - len(running), 0)):
                 running.add(self.begin(trial))
             if not running:

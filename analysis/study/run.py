@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,12 +70,12 @@ def run_study(
         before = store.finished(study.total)
         tried = 0
         with Interrupts() as signals:
-            missing = _missing(before, signals)
+            missing = map(int, np.flatnonzero(~before))
             tally = _Tally(report, int(np.count_nonzero(~before)), int(np.count_nonzero(before)))
             if not before.all():
                 started = time.monotonic()
                 with _engine(job, parts, workers, address) as engine, signals.abortable():
-                    for batch in engine.outcomes(missing):
+                    for batch in engine.outcomes(missing, lambda: signals.pausing):
                         if batch:
                             store.add(batch)
                         tried += len(batch)
@@ -93,14 +92,6 @@ def _engine(
     job: Job, parts: dict[str, str], workers: int | None, address: str | None
 ) -> contextlib.AbstractContextManager[Engine]:
     return threads(job, workers or free_cores()) if address is None else cluster(job, parts, address)
-
-
-def _missing(before: np.ndarray, signals: Interrupts) -> Iterator[int]:
-    """Yield the trials that are not there yet, until the user pauses."""
-    for trial in np.flatnonzero(~before):
-        if signals.pausing:
-            return
-        yield int(trial)
 
 
 class _Tally:

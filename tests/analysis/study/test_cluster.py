@@ -46,6 +46,25 @@ def test_a_killed_worker_loses_nothing_and_a_new_one_helps(
     assert results(tmp_path) == reference
 
 
+def test_a_pause_leaves_the_cluster_at_once_and_the_study_goes_on(
+    cluster: Cluster, reference: dict[str, bytes], tmp_path: Path
+) -> None:
+    cluster.worker()
+
+    pauses = [10]
+
+    def report(done: float, _total: float, _what: str) -> None:
+        if pauses and done >= pauses[0]:
+            pauses.clear()  # a second Ctrl-C would abort
+            signal.raise_signal(signal.SIGINT)
+
+    paused = run_study(spread(TRIALS), tmp_path, address=cluster.address, report=report)
+    assert paused.status == "paused" and 10 <= paused.timing.trials < 20
+    outcome = run_study(spread(TRIALS), tmp_path, address=cluster.address, resume=True)
+    assert (outcome.status, outcome.timing.trials) == ("complete", 2 * TRIALS - paused.timing.trials)
+    assert results(tmp_path) == reference
+
+
 def test_a_trial_that_has_cost_too_many_workers_ends_the_study_and_nothing_is_lost(
     reference: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

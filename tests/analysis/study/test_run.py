@@ -176,6 +176,26 @@ def test_a_study_that_is_killed_again_and_again_ends_as_if_nothing_had_happened(
     assert results(tmp_path / "killed") == results(tmp_path / "whole")
 
 
+def test_after_a_pause_no_trial_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[int] = []
+    paused_at: list[int] = []
+
+    def watched(job: Job, trial: int) -> object:
+        begun.append(trial)
+        return run_trial(job, trial)
+
+    def report(_done: float, _total: float, _what: str) -> None:
+        if not paused_at:
+            paused_at.append(len(begun))
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(engines, "run_trial", watched)
+    outcome = run_study(spread(20), tmp_path, workers=1, report=report)
+    assert outcome.status == "paused"
+    # the thread may have taken one more between the count and the signal
+    assert outcome.timing.trials == len(begun) <= paused_at[0] + 1
+
+
 @pytest.mark.slow
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
