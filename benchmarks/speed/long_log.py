@@ -134,8 +134,8 @@ def prepare(quick: bool, folder: Path) -> Prepared:
     facts: dict[str, Any] = {}
     if not quick:  # the first identification ever compiles its loops, which takes memory of its own
         short = folder / "short.h5"
-        write(short, channels, list(contents(chop, settings, QUICK // 8 // len(channels))))
-        facts["MB of a first identification, of 50 MB"] = identified("multisine", short).peak_mb
+        write(short, channels, list(contents(chop, settings, 4 * QUICK // 8 // len(channels))))
+        facts["MB of a first identification, of 200 MB"] = identified("multisine", short).peak_mb
     writer = Contender(WRITE, lambda: write(path, channels, segments), rows / RATE_HZ, rounds=1, warm=0)
     return Prepared(
         (writer, *(Contender(name, run, rounds=1, warm=0) for name, run in work.items())),
