@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 ROLES = ("input", "output")
 
 ORDERS = (1, 2, 3, 4, 5, 6)
-"""Numbers of modes to choose from when none is given; with several inputs, one, two and three for each."""
+"""Numbers of modes to choose from when none is given, for each input."""
 
 SEARCH_LINES = 1000
 """Lines on which a start is searched: modes are far wider than a thousandth of the band."""
@@ -94,7 +94,7 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
     if modes is not None:
         return (modes,) if isinstance(modes, int) else tuple(modes)
     n_u = len(runs[0].names("input")) if runs else 1
-    return ORDERS if n_u <= 1 else (n_u, 2 * n_u, 3 * n_u)
+    return tuple(n * max(n_u, 1) for n in ORDERS)
 
 
 def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report: Report) -> Identification:

@@ -123,11 +123,12 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
 
 
 def remainder(found: Found) -> str:
-    """Return what a reader has to know of a main cause: how much it explains, and that the rest is not noise."""
-    part = 1.0 - found.best.misfit / found.tuned.misfit
+    """Return what a reader has to know of a main cause: how much it explains, and whether the rest is noise."""
+    part = 1.0 - found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
+    rest = above_noise(found.setting.data, found.best.residuals)
     return (
-        f"the model misses the data it was fitted to by far more than noise; the cause explains {part:.0%} of the "
-        "squared error, every record counting alike, and what is left is not noise either"
+        f"the model misses the data it was fitted to by far more than noise; the best single kind of cause takes "
+        f"{part:.1%} of the squared error, every record counting alike, and leaves {rest:.2g} times the noise"
     )
 
 

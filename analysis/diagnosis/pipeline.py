@@ -106,7 +106,7 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
         found = main_cause(*gross, rules, scales, progress)
-        if still_gross(found):
+        if still_gross(found) or judge_main(found).verdict == "named":
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)

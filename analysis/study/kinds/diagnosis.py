@@ -99,7 +99,7 @@ class DiagnosisTrial(Kind):
             workers=1,
             seed=setup.seed,
         )
-        found = diagnose(_dataset(record, *_names(nominal, bench)), nominal, options)
+        found = diagnose(_dataset(record, *_names(nominal, bench)).seen_by(nominal), nominal, options)
         hidden = own.effect()
         truth = set() if hidden.is_neutral() else {(hidden.reported(), hidden.where)}
         named = {(cause.effect, cause.where) for cause in found.causes}
