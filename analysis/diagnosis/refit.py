@@ -265,9 +265,11 @@ class _Slopes:
         """Return d(stacked)/dx_i by differences of full simulations: central, or on the side where there is a model."""
         knob = i < len(self._problem.setting.knobs)
         step = _KNOB_DIFFERENCE if knob else difference(x[i])
-        if knob and self._lasts == _STRONG_STEPS:
-            return np.asarray((self._problem.evaluate(_beside(x, i, step)[0]).stacked - at.stacked) / step)
-        there, back = (self._problem.evaluate(side) for side in _beside(x, i, step))
+        sides = _beside(x, i, step)
+        there = self._problem.evaluate(sides[0])
+        if self._lasts == _STRONG_STEPS and np.isfinite(there.misfit):
+            return np.asarray((there.stacked - at.stacked) / step)
+        back = self._problem.evaluate(sides[1])
         if np.isfinite(there.misfit) and np.isfinite(back.misfit):
             return np.asarray((there.stacked - back.stacked) / (2.0 * step))
         if np.isfinite(there.misfit):
