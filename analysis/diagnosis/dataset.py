@@ -90,11 +90,14 @@ class Dataset:
         return replace(self, records=tuple(r for r in self.records if r.fitted().any()))
 
     def evenly(self) -> Dataset:
-        """Return the data for a fit in which every record counts alike: weights are inverse to its output's size."""
+        """Return the data for a fit in which every record counts alike: weights are inverse to its output's size.
+
+        Of a periodic record the last period is enough: it differs from the others by noise, which is not looked at.
+        """
         size = [float(np.sqrt(np.mean(np.var(r.y[r.fitted()], axis=0)))) for r in self.records]
         usual = float(np.median(size))
         weights = (usual / own if own > 0.0 else 1.0 for own in size)
-        records = (replace(r, weight=weight) for r, weight in zip(self.records, weights, strict=True))
+        records = (_last_period(r, weight) for r, weight in zip(self.records, weights, strict=True))
         return replace(self, records=tuple(records))
 
     def seen_by(self, model: Model) -> Dataset:
@@ -117,3 +120,19 @@ class Dataset:
         """Return the rms of each input over all records, shape (n_u,)."""
         u = np.concatenate([r.u for r in self.records])
         return np.asarray(np.sqrt(np.mean(u**2, axis=0)), dtype=float)
+
+
+def _last_period(record: Record, weight: float) -> Record:
+    """Return the last period of a record that is one periodic window, and any other record whole, with a weight."""
+    period = record.windows[0].period if len(record.windows) == 1 else 0
+    if not 0 < period < record.n:
+        return replace(record, weight=weight)
+    warm = record.temperature_k
+    return replace(
+        record,
+        u=np.ascontiguousarray(record.u[-period:]),
+        y=np.ascontiguousarray(record.y[-period:]),
+        windows=(replace(record.windows[0], start=0, stop=period),),
+        temperature_k=None if warm is None else warm[-period:],
+        weight=weight,
+    )

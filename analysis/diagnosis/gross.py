@@ -21,6 +21,7 @@ from analysis.diagnosis.noise import above_noise, even_weights
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.search import Found, Progress, settle
 from analysis.diagnosis.shortlist import SURE, Rules, Screen, evidence_of, gram_beside
+from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.tuning import REACH
 from analysis.diagnosis.verdict import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
@@ -63,11 +64,23 @@ def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
     fit = refit(setting, (), none, change, steps=0)
     setting = settle(setting, fit)
     fit = refit(setting, (), none, change, steps=0)
-    if above_noise(setting.data, fit.residuals) <= GROSS:
+    ratio = above_noise(setting.data, fit.residuals)
+    if ratio <= GROSS:
         return None
     data = setting.data.evenly()
-    setting = settle(replace(setting, data=data, whitener=even_weights(data, fit.residuals)), fit)
+    rest = tuple(np.zeros_like(states) for states in setting.states)
+    residuals = [e[-r.n :] for r, e in zip(data.records, fit.residuals, strict=True)]
+    whitener = even_weights(data, residuals, 1.0 / ratio)
+    starts = starts_of(data, setting.nominal, whitener)
+    setting = replace(setting, data=data, whitener=whitener, starts=starts, states=rest)
+    setting = settle(setting, refit(setting, (), none, change, steps=0))
     return setting, refit(setting, (), none, change, steps=0)
+
+
+def _noises(found: Found) -> float:
+    """Return how many times the noise the best fit leaves."""
+    best = found.best
+    return float(np.sqrt(best.misfit / best.rows) / found.setting.whitener.even)
 
 
 def still_gross(found: Found) -> bool:
@@ -75,7 +88,7 @@ def still_gross(found: Found) -> bool:
 
     Where next to nothing else is left, every row and every refinement counts, and that is another search.
     """
-    return above_noise(found.setting.data, found.best.residuals) > GROSS
+    return _noises(found) > GROSS
 
 
 def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -125,10 +138,9 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
 def remainder(found: Found) -> str:
     """Return what a reader has to know of a main cause: how much it explains, and whether the rest is noise."""
     part = 1.0 - found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
-    rest = above_noise(found.setting.data, found.best.residuals)
     return (
         f"the model misses the data it was fitted to by far more than noise; the best single kind of cause takes "
-        f"{part:.1%} of the squared error, every record counting alike, and leaves {rest:.2g} times the noise"
+        f"{part:.1%} of the squared error, every record counting alike, and leaves {_noises(found):.2g} times the noise"
     )
 
 

@@ -41,15 +41,16 @@ class Whitener:
 
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
     apart from any error of the model. `edges` (k + 1,) in cycles per sample and `levels` (n_y, k) say how much stronger
-    than white the filtered noise still is in the bands that the filter is too short for. `even` weighs every row and
-    frequency of an output alike, by the size of the residual itself: the error, not the noise, is then what is weighed.
+    than white the filtered noise still is in the bands that the filter is too short for. With
+    `even` above zero every row and frequency of an output weighs alike, in units of the residual itself: the error, not
+    the noise, is then what is weighed, and `even` is the noise in that unit.
     """
 
     taps: Array
     repeats: bool
     edges: Array = field(default_factory=lambda: np.zeros(1))
     levels: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    even: bool = False
+    even: float = 0.0
 
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.
@@ -202,8 +203,10 @@ def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
     return max(ratios)
 
 
-def even_weights(data: Dataset, residuals: Sequence[Array]) -> Whitener:
+def even_weights(data: Dataset, residuals: Sequence[Array], noise: float) -> Whitener:
     """Return the whitener that only scales every output by the rms of its `residuals`, one (n, n_y) per record.
+
+    `noise` is that of the noise, in the same unit.
 
     Where an error of the model is many times the noise, the noise says nothing of what is worth explaining: its quiet
     bands would decide, in which the error is smallest.
@@ -212,7 +215,7 @@ def even_weights(data: Dataset, residuals: Sequence[Array]) -> Whitener:
         record.weight * residual[record.fitted()] for record, residual in zip(data.records, residuals, strict=True)
     ]
     rms = np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
-    return Whitener(1.0 / np.maximum(rms, np.finfo(float).tiny)[:, None], False, even=True)
+    return Whitener(1.0 / np.maximum(rms, np.finfo(float).tiny)[:, None], False, even=noise)
 
 
 def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:

@@ -56,6 +56,10 @@ class Scale:
         return float(np.clip(value, self.low, self.high))
 
 
+_FAINT = 1e-3
+"""Part of its middle at which a shape counts as next to nothing."""
+
+
 def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[Scale], Array]:
     """Return the scales of all parameters of `candidates`, and where a fit starts on them; `sizes` as in `refit`."""
     scales: list[Scale] = []
@@ -69,6 +73,8 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
         for p in candidate.effect.parameters():
             if p.name not in start:
                 continue
+            if p.log and not p.size and start[p.name] == 0.0:  # a fit ended where a logarithm has no scale
+                start[p.name] = _FAINT * candidate.centres.get(p.name, 0.0)
             log = (not p.size) and p.log and start[p.name] > 0.0
             unit = (
                 candidate.unit_sizes.get(p.name, 1.0)

@@ -167,7 +167,7 @@ def diagnose(
     progress("weighing the evidence", 0.9)
     searched = searched_effects(options)
     spread = spread_causes(found.setting, found.best, searched, found.explained)
-    even = found.setting.whitener.even
+    even = bool(found.setting.whitener.even)
     judgement = judge_main(found) if even else judge(found, spread.allowed)
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)

@@ -156,11 +156,11 @@ class Problem:
         """Return the fit at `x`, its standard deviations from `jacobian`."""
         n_knobs = len(self.setting.knobs)
         sd = self.prior()[1]
-        if not np.isfinite(jacobian).all():  # a hypothesis that cannot be simulated: its misfit is infinite already
-            jacobian = np.zeros_like(jacobian)
-        precision = (jacobian * sd).T @ (jacobian * sd)  # in units of the prior's
+        # beside a parameter whose column is not finite there is no model: the data say nothing of it
+        data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
+        precision = (data * sd).T @ (data * sd) + np.eye(x.size)  # in units of the prior's
         covariance = np.linalg.pinv(precision, rcond=1e-14) * np.outer(sd, sd)
-        occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, jacobian))[1])
+        occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, data))[1])
         effects = self.effects(x)
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
         deviation = np.sqrt(np.maximum(np.diag(covariance)[n_knobs:], 0.0))
@@ -181,13 +181,14 @@ class Problem:
             at.residuals,
         )
 
-    def _narrowed(self, x: Array, jacobian: Array) -> Array:
-        """Return the posterior's precision in units of the prior's: one where the data say nothing.
+    def _narrowed(self, x: Array, data: Array) -> Array:
+        """Return the posterior's precision in units of the prior's: one where `data` (rows, n) say nothing.
 
         How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest.
         """
         n_knobs = len(self.setting.knobs)
-        unit, more = self.prior()[1], np.zeros(x.size)
+        sd = self.prior()[1]
+        unit, more = sd.copy(), np.zeros(x.size)
         for i, s in enumerate(self.scales):
             if s.size:
                 own = [
@@ -196,7 +197,7 @@ class Problem:
                     if other.size and other.effect == s.effect
                 ]
                 unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
-        return np.asarray((jacobian * unit).T @ (jacobian * unit) + np.diag(more))
+        return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + more))
 
 
 class _Slopes:

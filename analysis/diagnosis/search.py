@@ -48,7 +48,10 @@ def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
     linear = linear_of(setting, fit)
     residuals = list(fit.residuals)
     even = setting.whitener.even
-    whitener = even_weights(setting.data, residuals) if even else whitener_from(setting.data, residuals, order=order)
+    if even:
+        whitener = even_weights(setting.data, residuals, even)
+    else:
+        whitener = whitener_from(setting.data, residuals, order=order)
     starts = starts_of(setting.data, linear, whitener)
     found = (
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])

@@ -30,7 +30,7 @@ def mccd(folder: Path, *arguments: str, expected: int = 0) -> str:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=400,
+        timeout=900,
     )
     assert done.returncode == expected, done.stderr
     return done.stdout
