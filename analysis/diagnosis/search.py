@@ -29,6 +29,9 @@ MATERIAL = 0.003
 """An effect that explains less than this part of what the others do is not looked for: it may stand for the
 difference between our form of a stronger effect and nature's, or for what a simulation in steps cannot do better."""
 
+_TUNED, _SEARCH = 0.05, 0.85
+"""Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
+
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
 
@@ -118,7 +121,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     first = last = screen(setting, tuned, rules, scales)
     for depth in range(rules.max_effects):
         least = MATERIAL * _explained(setting, tuned, best)
-        stage = _Stage(best, least, depth / rules.max_effects, 1.0 / rules.max_effects, progress)
+        stage = _Stage(best, least, _TUNED + _SEARCH * depth / rules.max_effects, _SEARCH / rules.max_effects, progress)
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:
             # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
@@ -171,12 +174,18 @@ class _Stage:
 
         def trial(k: int) -> Fit:
             candidate = found.candidates[picks[k]]
-            part = self.done + self.share * k / len(picks)
-            self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
             return _extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
 
+        fits: list[Fit] = []
         with ThreadPoolExecutor(setting.workers) as pool:
-            return list(pool.map(trial, range(len(picks))))
+            trials = pool.map(trial, range(len(picks)))
+            for k, i in enumerate(picks):
+                candidate = found.candidates[i]
+                part = self.done + self.share * k / len(picks)
+                self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
+                fits.append(next(trials))
+        self.progress("refitting the best", self.done + self.share)
+        return fits
 
 
 def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
