@@ -11,6 +11,9 @@ from sim_backend.effects.dominant import dominant_block, residues
 from sim_backend.effects.view import RecordView
 from sim_backend.linear import ModalModel
 
+_DAMPING = (0.005, 0.015, 0.05)
+"""Damping ratios that are tried: metal, joints, polymer."""
+
 
 @dataclass(frozen=True)
 class ExtraResonance(Effect):
@@ -31,9 +34,9 @@ class ExtraResonance(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return the strongest lines of the residual, lightly and well damped."""
-        lines = [f for f in view.residual_lines_hz(4) if f > 0.0]
-        return [{"frequency_hz": f, "damping_ratio": z} for f in lines for z in (0.005, 0.05)]
+        """Return the modes that a matched filter finds, and the strongest lines of the residual."""
+        lines = [(f, z) for f in view.residual_lines_hz(2) if f > 0.0 for z in _DAMPING]
+        return [{"frequency_hz": f, "damping_ratio": z} for f, z in (*view.likely_modes(4, _DAMPING), *lines)]
 
     @classmethod
     def choices(cls, view: RecordView) -> int:

@@ -27,6 +27,22 @@ def _rounding_scores(u, wanted, steps, scores):  # type: ignore[no-untyped-def]
         scores[i] = total
 
 
+@njit(cache=True, nogil=True)
+def _mode_scores(u, r, weight, centres, damping, scores):  # type: ignore[no-untyped-def]
+    """Fill `scores` with how well a mode at each of `centres` (in lines) explains `r` by `u`, lines weighed."""
+    for k in range(centres.size):
+        f = centres[k]
+        reach = 12.0 * damping * f + 2.0
+        first, last = max(int(np.ceil(f - reach)), 1), min(int(f + reach), u.size - 1)
+        size, agreed = 0.0, 0.0
+        for i in range(first, last + 1):
+            ratio = i / f
+            answer = u[i] / complex(1.0 - ratio * ratio, 2.0 * damping * ratio)
+            size += weight[i] * (answer.real * answer.real + answer.imag * answer.imag)
+            agreed += weight[i] * (answer.real * r[i].real + answer.imag * r[i].imag)
+        scores[k] = agreed * agreed / size if size > 0.0 else 0.0
+
+
 @dataclass(frozen=True)
 class RecordView:
     """The signals at one place: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
@@ -113,6 +129,36 @@ class RecordView:
             lines.append(i * self.rate_hz / self.residual.size)
             excess[max(0, i - 3) : i + 4] = 0.0
         return lines
+
+    def likely_modes(self, n: int, damping_ratios: tuple[float, ...]) -> list[tuple[float, float]]:
+        """Return the `n` pairs (frequency in Hz, damping ratio) of a further mode that the residual speaks for most.
+
+        Each is a matched filter: what a mode makes of the input, lines weighed by the residual's own level around them.
+        A mode answers many lines at once, none of which need stand out of the noise alone.
+        """
+        rows = self.residual.size
+        lines = np.fft.rfftfreq(rows, 1.0 / self.rate_hz)
+        if lines.size < 64 or not self.u_peak > 0.0:
+            return []
+        r, u = np.fft.rfft(self.residual - self.residual.mean()), np.fft.rfft(self.u)
+        width = max(lines.size // 256, 8)
+        level = np.array([np.median(np.abs(r[max(0, i - width) : i + width])) for i in range(0, lines.size, width)])
+        weight = 1.0 / np.maximum(np.repeat(level, width)[: lines.size], np.finfo(float).tiny) ** 2
+        low = max(lines[8], self.lowest_mode_hz / 30.0)
+        found: list[tuple[float, float, float]] = []
+        for damping in damping_ratios:
+            # at steps of one damping ratio a neighbour's answer still agrees with a mode's own to three quarters
+            grid = np.exp(np.arange(np.log(low), np.log(0.45 * self.rate_hz), damping))
+            scores = np.empty(grid.size)
+            _mode_scores(u, r, weight, grid / lines[1], damping, scores)
+            found += zip(scores.tolist(), grid.tolist(), [damping] * grid.size, strict=True)
+        modes: list[tuple[float, float]] = []
+        for _, f, damping in sorted(found, reverse=True):
+            if len(modes) == n:
+                break
+            if all(abs(f / g - 1.0) > 4.0 * max(damping, z) for g, z in modes):
+                modes.append((f, damping))
+        return modes
 
     def residual_periods(self, n: int) -> list[float]:
         """Return the `n` distances (output unit) after which the residual repeats most over the position.
