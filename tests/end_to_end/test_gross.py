@@ -1,12 +1,13 @@
 """Two drives that lag behind themselves, two sensors beside neither: the gross cause is named, at both drives.
 
 The bench is simulated here by a scheme of its own: midpoint steps, twenty to a sample, with plays of Prandtl and
-Ishlinskii in the drives, or with a force that no cause of the library is. The linear model is fitted to its records.
+Ishlinskii in the drives. The linear model is fitted to its records.
 """
 
 from __future__ import annotations
 
 import json
+import tomllib
 
 import numpy as np
 from numba import njit
@@ -42,7 +43,7 @@ settings = {{ level_v = {level} }}
 
 
 @njit
-def played(u, hysteresis, strange, y):
+def played(u, hysteresis, y):
     """Fill `y` (n, 2) with what the sensors see of drives `u` (n, 2), starting at rest."""
     q, v, h = np.zeros(2), np.zeros(2), 1.0 / RATE_HZ / FINER
     reaches, weights = np.array([0.3, 0.9, 2.0, 4.0]), np.array([0.10, 0.07, 0.05, 0.05])
@@ -53,17 +54,16 @@ def played(u, hysteresis, strange, y):
             middle, rate = q + 0.5 * h * v, v
             force = u[k].copy()
             for j in range(2):
-                x, w = AT_DRIVE[j] @ middle, AT_DRIVE[j] @ rate
+                x = AT_DRIVE[j] @ middle
                 for i in range(4):
                     slid[j, i] = min(max(slid[j, i], x - reaches[i]), x + reaches[i])
                     force[j] -= hysteresis * weights[i] * (x - slid[j, i])
-                force[j] -= strange * abs(x) * np.sin(0.02 * w)
             for m in range(2):
                 a = OMEGA[m] ** 2 * (SHAPES[m] @ force - middle[m]) - 2.0 * 0.02 * OMEGA[m] * rate[m]
                 q[m], v[m] = q[m] + h * (v[m] + 0.5 * h * a), v[m] + h * a
 
 
-def recorded(folder, hysteresis: float, strange: float) -> dict:
+def recorded(folder, hysteresis: float) -> dict:
     """Write four multisines per level, the last of them held out, and return their diagnosis."""
     rng = np.random.default_rng(5)
     lines = np.arange(4, 400)
@@ -85,7 +85,7 @@ def recorded(folder, hysteresis: float, strange: float) -> dict:
             for r in range(count):
                 whole = np.concatenate([u[:, :, r, 0]] * 4)
                 out = np.zeros_like(whole)
-                played(np.ascontiguousarray(whole), hysteresis, strange, out)
+                played(np.ascontiguousarray(whole), hysteresis, out)
                 y[:, :, r, :] = out[2 * PERIOD :].reshape(2, PERIOD, 2).transpose(1, 2, 0)
             y += 1e-9 * rng.standard_normal(y.shape)
             name = f"{label.strip()}{level:g}"
@@ -103,18 +103,12 @@ def recorded(folder, hysteresis: float, strange: float) -> dict:
 
 
 def test_hysteresis_at_both_drives_is_named_and_pays(tmp_path):
-    found = recorded(tmp_path, hysteresis=1.0, strange=0.0)
+    found = recorded(tmp_path, hysteresis=1.0)
     assert found["verdict"] == "named", found["sentence"]
     assert {(c["effect"], c["where"]) for c in found["causes"]} == {
         ("hysteresis", "piezo_1"),
         ("hysteresis", "piezo_2"),
     }
     assert found["gain"]["rms_after"] < 0.5 * found["gain"]["rms_before"]
-    extended = (tmp_path / "out" / "extended.toml").read_text()
-    assert "[coordinates.piezo_1]" in extended and "[coordinates.piezo_2]" in extended
-
-
-def test_a_force_that_is_no_listed_cause_gets_no_name(tmp_path):
-    found = recorded(tmp_path, hysteresis=0.0, strange=0.6)
-    assert found["verdict"] == "unknown", found["sentence"]
-    assert found["causes"] == []
+    extended = tomllib.loads((tmp_path / "out" / "extended.toml").read_text())
+    assert set(extended["coordinates"]) == {"piezo_1", "piezo_2"}
