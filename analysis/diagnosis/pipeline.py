@@ -172,7 +172,8 @@ def diagnose(
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
-    setting, best = found.setting, found.best
+    # a force that is no cause has no place in a model file
+    setting, best = found.setting, found.tuned if even and judgement.verdict == "unknown" else found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = (residuals_on(data, setting, fit) for fit in (found.tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
