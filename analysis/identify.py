@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.determined import SIGNIFICANT, determined
 from analysis.frf import FrequencyResponse, frequency_response_periodic, response_to_steps, smoothed
 from analysis.held_out import channels_of, tried
 from analysis.identified import Fitted, Identification, deviations, identification, side_by_side
@@ -27,7 +28,7 @@ from analysis.recorded.folded import averaged_response, folded, together, too_lo
 from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
-from analysis.timefit import TimeFit, fit_records
+from analysis.timefit import fit_records
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
@@ -48,9 +49,6 @@ POOLED_LINES = 20
 """Lines to either side over which a variance is pooled."""
 
 ITERATIONS = 60
-
-SIGNIFICANT = 3.0
-"""Standard deviations by which a mode's decay rate must differ from zero."""
 
 RELATIVE_START = 1e-3
 """Relative error of the first fit of a sweep: only its size against the noise matters, and only for that fit."""
@@ -202,8 +200,7 @@ def _from_periods(
         lines = response_to_steps(measured, data.rate_hz, late)
         variance = None if equal_weights else _variance(lines)
         fit = _fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
-    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
-        fit = _fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks - 1,))
+    fit = determined(fit, orders, lambda n: _fit_lines(lines, variance, data.rate_hz, (n,)))
     fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
     intersample: Intersample = "held" if hold else "band-limited"
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
@@ -305,8 +302,7 @@ def _from_records(
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
     fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None, report=part_of(report, 0.0, 0.9))
     report(0.9, 1.0, "giving up modes that are not there")
-    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
-        fit = fit_records(inputs, outputs, rate, fit.model.n_blocks - 1, rigid_bodies=None)
+    fit = determined(fit, orders, lambda n: fit_records(inputs, outputs, rate, n, rigid_bodies=None))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(
@@ -331,8 +327,7 @@ def _from_spectra(
     measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
     variance = _variance(measured)
     fit = _fit_lines(measured, variance, rate, orders, part_of(report, 0.5, 1.0))
-    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
-        fit = _fit_lines(measured, variance, rate, (fit.model.n_blocks - 1,))
+    fit = determined(fit, orders, lambda n: _fit_lines(measured, variance, rate, (n,)))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = _rest(fit.model, u, y)
     return identification(
@@ -360,15 +355,6 @@ def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], 
         note="operating point of the recorded input, not physics",
     )
     return replace(found, model=msgspec.structs.replace(found.model, effects=[point]))
-
-
-def _all_determined(fit: TimeFit | RationalFit) -> bool:
-    """Tell whether frequency and decay rate of every block stand out of their uncertainty; a rigid body has neither."""
-    model = fit.model
-    moving = model.omega_rad_s > 0.0
-    frequency = model.omega_rad_s >= SIGNIFICANT * fit.omega_std_rad_s
-    decay = model.sigma_1_s >= SIGNIFICANT * fit.sigma_std_1_s
-    return bool(np.all((frequency & decay)[moving]))
 
 
 def _rest(model: ModalModel, u: Array, y: Array) -> Array:

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
-from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.fit import Fit, Setting, simulated
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import above_noise, even_weights
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found, Progress, settle
+from analysis.diagnosis.search import Found, Progress, settled_by
 from analysis.diagnosis.shortlist import SURE, Rules, Screen, evidence_of, gram_beside
-from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.tuning import REACH
 from analysis.diagnosis.verdict import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
@@ -59,22 +58,24 @@ def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
 
     Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
     """
-    none = np.zeros(0)
-    change = np.zeros(len(setting.knobs))
-    fit = refit(setting, (), none, change, steps=0)
-    setting = settle(setting, fit)
-    fit = refit(setting, (), none, change, steps=0)
-    ratio = above_noise(setting.data, fit.residuals)
+    setting = settled_by(setting, setting.nominal, _left(setting))
+    residuals = _left(setting)
+    ratio = above_noise(setting.data, residuals)
     if ratio <= GROSS:
         return None
     data = setting.data.evenly()
     rest = tuple(np.zeros_like(states) for states in setting.states)
-    residuals = [e[-r.n :] for r, e in zip(data.records, fit.residuals, strict=True)]
-    whitener = even_weights(data, residuals, 1.0 / ratio)
-    starts = starts_of(data, setting.nominal, whitener)
-    setting = replace(setting, data=data, whitener=whitener, starts=starts, states=rest)
-    setting = settle(setting, refit(setting, (), none, change, steps=0))
-    return setting, refit(setting, (), none, change, steps=0)
+    last = [e[-r.n :] for r, e in zip(data.records, residuals, strict=True)]
+    whitener = even_weights(data, last, 1.0 / ratio)
+    setting = replace(setting, data=data, whitener=whitener, states=rest)
+    setting = settled_by(setting, setting.nominal, _left(setting))
+    return setting, refit(setting, (), np.zeros(0), np.zeros(len(setting.knobs)), steps=0)
+
+
+def _left(setting: Setting) -> list[Array]:
+    """Return what the nominal model leaves of every record, (n, n_y) each."""
+    moved = simulated(setting, setting.nominal, ())
+    return [r.y - m.reading for r, m in zip(setting.data.records, moved, strict=True)]
 
 
 def _noises(found: Found) -> float:

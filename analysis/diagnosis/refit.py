@@ -64,10 +64,10 @@ def refit(
     if not np.isfinite(problem.evaluate(x).misfit):
         # screening asked for what cannot be: begin where the effect adds nothing
         x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
-    slopes = _Slopes(problem, exact=strong, lasts=_STRONG_STEPS if strong else 1)
+    slopes = _Slopes(problem, exact=strong, strong=strong)
     x, found = problem.descend(slopes, x, steps)
     if exact and slopes.approximate:
-        slopes = _Slopes(problem, exact=True, lasts=steps)
+        slopes = _Slopes(problem, exact=True)
         x, found = problem.descend(slopes, x, steps)
     return problem.finish(x, found, slopes.latest(x, found))
 
@@ -203,14 +203,15 @@ class Problem:
 class _Slopes:
     """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
 
-    `approximate` tells whether it makes a difference; the knobs' columns are kept for as many steps as `lasts` says.
-    Where that is not to the end, they are taken on one side only: at half the cost, for steps that still are large.
+    `approximate` tells whether it makes a difference. Exact knob columns are computed once and kept for the small steps
+    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step, and all
+    differences are taken on one side only, at half the cost.
     """
 
-    def __init__(self, problem: Problem, *, exact: bool, lasts: int = 1) -> None:
+    def __init__(self, problem: Problem, *, exact: bool, strong: bool = False) -> None:
         # columns are computed side by side already; each simulation need not be
         self._problem = replace(problem, setting=replace(problem.setting, workers=1)) if exact else problem
-        self._workers, self._exact, self._lasts, self._age = problem.setting.workers, exact, lasts, 0
+        self._workers, self._exact, self._strong, self._age = problem.setting.workers, exact, strong, 0
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
         self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._kept: Array | None = None
@@ -228,7 +229,8 @@ class _Slopes:
     def _at(self, x: Array, at: Point) -> Array:
         n_knobs = len(self._problem.setting.knobs)
         columns = np.empty((at.stacked.size, x.size))
-        if self._kept is None or self._age % self._lasts == 0:
+        renewed = self._strong and self._age % _STRONG_STEPS == 0
+        if self._kept is None or renewed or not self._exact:
             self._kept = self._knobs(x, at)
         self._age += 1
         columns[:, :n_knobs] = self._kept
@@ -268,7 +270,7 @@ class _Slopes:
         step = _KNOB_DIFFERENCE if knob else difference(x[i])
         sides = _beside(x, i, step)
         there = self._problem.evaluate(sides[0])
-        if self._lasts == _STRONG_STEPS and np.isfinite(there.misfit):
+        if self._strong and np.isfinite(there.misfit):
             return np.asarray((there.stacked - at.stacked) / step)
         back = self._problem.evaluate(sides[1])
         if np.isfinite(there.misfit) and np.isfinite(back.misfit):

@@ -21,6 +21,7 @@ from analysis.diagnosis.tuning import REACH, imitation, turned
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -48,17 +49,20 @@ def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
 
     `order` is the longest memory of the noise: none when it is white.
     """
-    linear = linear_of(setting, fit)
-    residuals = list(fit.residuals)
+    return settled_by(setting, linear_of(setting, fit), fit.residuals, order)
+
+
+def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None) -> Setting:
+    """Return the setting brought up to date with a linear model and what it leaves, (n, n_y) per record."""
     even = setting.whitener.even
     if even:
         whitener = even_weights(setting.data, residuals, even)
     else:
-        whitener = whitener_from(setting.data, residuals, order=order)
+        whitener = whitener_from(setting.data, list(residuals), order=order)
     starts = starts_of(setting.data, linear, whitener)
     found = (
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
-        for start, record, residual in zip(starts, setting.data.records, fit.residuals, strict=True)
+        for start, record, residual in zip(starts, setting.data.records, residuals, strict=True)
     )
     states = tuple(_added(old, new) for old, new in zip(setting.states, found, strict=True))
     return replace(setting, whitener=whitener, starts=starts, states=states)
