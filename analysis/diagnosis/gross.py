@@ -109,12 +109,13 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
         start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
         fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_FIRST_STEPS, strong=True))
     if not fits:
-        return Found(setting, tuned, tuned, (tuned,), first, first, 0.0)
+        return Found(setting, tuned, tuned, (tuned,), first, first, 0.0, 0.0)
     fits.sort(key=lambda fit: fit.objective)
     progress(f"fitting {fits[0].effects[0].name} to the end", 0.6)
     held, sizes = fits[0].held()
     best = refit(setting, held, sizes, fits[0].change, steps=_MORE_STEPS, strong=True)
-    return Found(setting, tuned, best, (best, *fits, tuned), first, first, tuned.misfit - best.misfit)
+    worth = tuned.misfit - best.misfit
+    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, worth)
 
 
 def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:

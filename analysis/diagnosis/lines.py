@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found
+from analysis.diagnosis.search import Found, leeway_of
 from analysis.diagnosis.shaking import noise_evidence
 from analysis.diagnosis.shortlist import SURE
 from sim_backend.effects.vibration_line import VibrationLine
@@ -29,6 +29,7 @@ def without_lines(found: Found) -> Found:
     worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
     if worth > price or not math.isfinite(rest.misfit):
         return found
-    explained = max(found.explained - max(rest.misfit - best.misfit, 0.0), 0.0) if candidates else 0.0
+    lost = max(rest.misfit - best.misfit, 0.0)
+    explained = max(found.explained - lost, 0.0) if candidates else 0.0
     rivals = tuple(f for f in found.rivals if not any(c.effect is VibrationLine for c in f.candidates))
-    return replace(found, best=rest, rivals=rivals, explained=explained)
+    return replace(found, best=rest, rivals=rivals, explained=explained, leeway=leeway_of(setting, found.tuned, rest))

@@ -166,7 +166,7 @@ def diagnose(
     found = without_lines(search_causes(data.for_fitting(), model, options, progress))
     progress("weighing the evidence", 0.9)
     searched = searched_effects(options)
-    spread = spread_causes(found.setting, found.best, searched, found.explained)
+    spread = spread_causes(found.setting, found.best, searched, found.leeway)
     even = bool(found.setting.whitener.even)
     judgement = judge_main(found) if even else judge(found, spread.allowed)
     found, judgement, remark = hear(found, judgement, heard, model, bench)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
-from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fit import Fit, Setting, linear_of, simulated
 from analysis.diagnosis.noise import even_weights, whitener_from
 from analysis.diagnosis.refit import Problem as Hypothesis
 from analysis.diagnosis.refit import refit
@@ -19,16 +19,17 @@ from analysis.diagnosis.shortlist import Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import stack_white, starts_of
 from analysis.diagnosis.tuning import REACH, imitation, turned
 from sim_backend.assembly import retuned
-from sim_backend.effects.base import Site
+from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-MATERIAL = 0.003
-"""An effect that explains less than this part of what the others do is not looked for: it may stand for the
-difference between our form of a stronger effect and nature's, or for what a simulation in steps cannot do better."""
+_LAW, _EXACT = 3e-3, 1e-4
+"""Parts of what an effect explains that may be the difference between our form of it and nature's, or what a simulation
+in steps cannot do better: what explains less than that beside it is not looked for. A gain or a delay has no other form
+(`exact`), but is only so linear and so steady: to 1 %."""
 
 _TUNED, _SEARCH = 0.05, 0.85
 """Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
@@ -106,7 +107,8 @@ def score(fit: Fit, known_noise: bool) -> float:
 class Found:
     """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
 
-    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves.
+    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves, `leeway` the
+    part of it that may be wrong because nature's form of the effects is another.
     """
 
     setting: Setting
@@ -116,6 +118,7 @@ class Found:
     first: Screen
     last: Screen
     explained: float
+    leeway: float
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -124,7 +127,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     known = setting.whitener.repeats
     first = last = screen(setting, tuned, rules, scales)
     for depth in range(rules.max_effects):
-        least = MATERIAL * _explained(setting, tuned, best)
+        least = leeway_of(setting, tuned, best)
         stage = _Stage(best, least, _TUNED + _SEARCH * depth / rules.max_effects, _SEARCH / rules.max_effects, progress)
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:
@@ -146,7 +149,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         last = screen(setting, best, rules, scales)
     best, pruned = _pruned(setting, best, first.price)
     explained = _explained(setting, tuned, best)
-    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained)
+    leeway = leeway_of(setting, tuned, best)
+    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway)
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
@@ -196,8 +200,31 @@ def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
     """Return by how much `best` lowers the sum of squares, in units of the present noise."""
     if not best.candidates:
         return 0.0
-    before = Hypothesis(setting, (), []).whiten(tuned.residuals)
-    return max(float(before @ before) - best.misfit, 0.0)
+    return max(_square(setting, tuned.residuals) - best.misfit, 0.0)
+
+
+def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> float:
+    """Return how much of what `best` explains its effects' forms may be wrong by, in units of the noise."""
+    explained = _explained(setting, tuned, best)
+    exact = [e for e in best.effects if e.exact]
+    if len(exact) == len(best.effects):
+        return _EXACT * explained
+    if not exact:
+        return _LAW * explained
+    moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), exact)
+    without = [record.y - m.reading for record, m in zip(setting.data.records, moved, strict=True)]
+    by_law = min(max(_square(setting, without) - best.misfit, 0.0), explained)
+    return _LAW * by_law + _EXACT * (explained - by_law)
+
+
+def form_error(effect: Effect) -> float:
+    """Return the part of what an effect explains that its form may be wrong by."""
+    return _EXACT if effect.exact else _LAW
+
+
+def _square(setting: Setting, residuals: Sequence[Array]) -> float:
+    white = Hypothesis(setting, (), []).whiten(residuals)
+    return float(white @ white)
 
 
 def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:

@@ -15,7 +15,6 @@ from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.lattice import rounded_readings
 from analysis.diagnosis.repeats import lost_samples
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import MATERIAL
 from analysis.diagnosis.shaking import shaking
 from analysis.diagnosis.shortlist import SURE
 from analysis.diagnosis.uneven_noise import uneven_noise
@@ -95,11 +94,11 @@ def _estimates(cause: Chance, model: Model) -> dict[str, Estimate]:
     }
 
 
-def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], explained: float) -> Spread:
+def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], leeway: float) -> Spread:
     """Return the causes of this kind that stand out of what `fit` leaves.
 
-    Of those that are not `searched`, in `fit` already, or immaterial beside what its effects explained (`explained`, in
-    units of the noise), none is among them.
+    Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by (`leeway`,
+    in units of the noise), none is among them.
     """
     tests = KINDS * setting.data.n_outputs
     if setting.whitener.even:  # the spread of a gross error hides that of the noise
@@ -121,6 +120,6 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         and 2.0 * c.evidence > least
         and c.shift**2 > least
         # lost samples are seen on the readings alone, so no error of the model can stand for them
-        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > MATERIAL * explained)
+        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > leeway)
     ]
     return Spread(tuple(kept), tests)

@@ -10,7 +10,7 @@ import numpy as np
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import MATERIAL, Found, score
+from analysis.diagnosis.search import Found, form_error, score
 from analysis.diagnosis.shortlist import IMITATED, SURE
 from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
@@ -119,8 +119,8 @@ def _material(found: Found) -> tuple[int, ...]:
         # where nothing repeats each fit has a noise of its own, and only their evidence can be compared
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
-    strongest = max([x for x in costs if np.isfinite(x)], default=np.inf)
-    return tuple(i for i, cost in enumerate(costs) if not cost < MATERIAL * strongest)
+    leeway = [form_error(e) * cost for e, cost in zip(best.effects, costs, strict=True) if np.isfinite(cost)]
+    return tuple(i for i, cost in enumerate(costs) if not cost < max(leeway, default=0.0))
 
 
 def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ class ActuatorGain(Effect):
     name = "actuator-gain"
     family = "drive"
     site = Site.COMMAND
+    exact = True
     symptom = "is proportional to the response to the command, at every frequency and amplitude"
     step = _step
 

@@ -173,8 +173,8 @@ def _declare(
 class Effect:
     """One physical effect at one place, with its parameters as fields.
 
-    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `aux`, `n_state`, `step`, `guess`, `draw`,
-    `retune`, `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
+    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `aux`, `n_state`, `step`, `exact`, `guess`,
+    `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
     """
 
     where: str
@@ -187,6 +187,7 @@ class Effect:
     aux: ClassVar[Aux] = Aux.NONE
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled
+    exact: ClassVar[bool] = False  # nature leaves its form no freedom: a gain is a gain, a friction only as good a law
 
     def __post_init__(self) -> None:
         for p in self.parameters():

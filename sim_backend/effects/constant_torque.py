@@ -20,6 +20,7 @@ class ConstantTorque(Effect):
     name = "constant-torque"
     family = "surroundings"
     site = Site.STRUCTURE
+    exact = True
     symptom = "is an offset that settles to a constant whatever is played"
     step = _step
 

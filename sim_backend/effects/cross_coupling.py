@@ -23,6 +23,7 @@ class CrossCoupling(Effect):
     name = "cross-coupling"
     family = "structure"
     site = Site.COMMAND
+    exact = True
     symptom = "follows the command of another axis, in proportion"
     aux = Aux.SOURCE_COMMAND
     step = _step

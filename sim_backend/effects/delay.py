@@ -16,6 +16,7 @@ class Delay(Effect):
     name = "delay"
     family = "drive"
     site = Site.MODEL
+    exact = True
     symptom = "leads or lags by a phase proportional to the frequency, at unchanged magnitude"
 
     seconds: float = size("additional delay", s=1, low=-1.0, high=1.0)

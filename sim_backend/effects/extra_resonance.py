@@ -26,6 +26,7 @@ class ExtraResonance(Effect):
     name = "extra-resonance"
     family = "structure"
     site = Site.MODEL
+    exact = True
     symptom = "is a narrow peak at a fixed frequency that grows in proportion to the drive"
 
     participation: float = size("residue relative to that of the dominant mode")

@@ -22,6 +22,7 @@ class InertiaShift(Effect):
     name = "inertia-shift"
     family = "structure"
     site = Site.MODEL
+    exact = True
     symptom = "is proportional to the acceleration: nothing at DC, all above the first resonance"
 
     relative: float = size("relative change of the inertia", low=-0.99)

@@ -19,6 +19,7 @@ class SampleClockError(Effect):
     name = "sample-clock-error"
     family = "surroundings"
     site = Site.RECORD
+    exact = True
     symptom = "is proportional to the rate and grows steadily with time"
 
     relative: float = size("relative error of the sample time", low=-0.1, high=0.1)

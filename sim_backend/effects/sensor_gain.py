@@ -20,6 +20,7 @@ class SensorGain(Effect):
     name = "sensor-gain"
     family = "sensor"
     site = Site.READING
+    exact = True
     symptom = "is proportional to the reading, at every frequency and amplitude"
     step = _step
 

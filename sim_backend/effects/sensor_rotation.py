@@ -20,6 +20,7 @@ class SensorRotation(Effect):
     name = "sensor-rotation"
     family = "sensor"
     site = Site.READING
+    exact = True
     symptom = "follows the motion of another axis, in proportion and without delay"
     aux = Aux.SOURCE_POSITION
     step = _step

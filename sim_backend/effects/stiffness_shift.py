@@ -18,6 +18,7 @@ class StiffnessShift(Effect):
     name = "stiffness-shift"
     family = "structure"
     site = Site.MODEL
+    exact = True
     symptom = "is proportional to the deflection below the first resonance and peaks there, at any amplitude"
 
     relative: float = size("relative change of the stiffness", low=-0.99)
