@@ -101,4 +101,4 @@ def _prior(candidate: Candidate, p: Parameter, unit: float, log: bool) -> tuple[
 
 def difference(x: float) -> float:
     """Return a step for finite differences of a parameter of order one: far above rounding, far below its own size."""
-    return 1e-4 * max(abs(x), 1e-2)
+    return 1e-5 * max(abs(x), 1e-2)

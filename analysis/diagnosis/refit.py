@@ -35,7 +35,9 @@ Array = NDArray[np.float64]
 KNOB_STEP = 0.2
 """Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
 
-_KNOB_DIFFERENCE = 1e-5
+_KNOB_DIFFERENCE = 1e-6
+"""A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
+factor, while rounding leaves 1e-7 of it."""
 
 _STRONG_STEPS = 2
 """Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
@@ -130,6 +132,19 @@ class Problem:
         mean = np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]])
         return mean, np.array([k.sd for k in self.setting.knobs] + [s.sd for s in self.scales])
 
+    def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
+        """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
+        own = i - len(self.setting.knobs)
+        size = difference(x[i]) if own >= 0 else _KNOB_DIFFERENCE
+        ended = own >= 0 and x[i] + size > self.scales[own].bound(self.scales[own].high)
+        for step in (-size, size) if ended else (size, -size):
+            there = x.copy()
+            there[i] += step
+            residuals, _ = self.raw(there)
+            if all(np.isfinite(r).all() for r in residuals):
+                return residuals, step
+        return None
+
     def whiten(self, residuals: Sequence[Array]) -> Array:
         """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""
         s = self.setting
@@ -204,8 +219,7 @@ class _Slopes:
     """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
 
     `approximate` tells whether it makes a difference. Exact knob columns are computed once and kept for the small steps
-    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step, and all
-    differences are taken on one side only, at half the cost.
+    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step.
     """
 
     def __init__(self, problem: Problem, *, exact: bool, strong: bool = False) -> None:
@@ -265,19 +279,15 @@ class _Slopes:
         return columns
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
-        """Return d(stacked)/dx_i by differences of full simulations: central, or on the side where there is a model."""
-        knob = i < len(self._problem.setting.knobs)
-        step = _KNOB_DIFFERENCE if knob else difference(x[i])
-        sides = _beside(x, i, step)
-        there = self._problem.evaluate(sides[0])
-        if self._strong and np.isfinite(there.misfit):
-            return np.asarray((there.stacked - at.stacked) / step)
-        back = self._problem.evaluate(sides[1])
-        if np.isfinite(there.misfit) and np.isfinite(back.misfit):
-            return np.asarray((there.stacked - back.stacked) / (2.0 * step))
-        if np.isfinite(there.misfit):
-            return np.asarray((there.stacked - at.stacked) / step)
-        return np.asarray((at.stacked - back.stacked) / step) if np.isfinite(back.misfit) else np.zeros(at.stacked.size)
+        """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""
+        problem = self._problem
+        column, rows = np.zeros(at.stacked.size), at.stacked.size - x.size
+        found = problem.nearby(x, i)
+        if found is not None:
+            residuals, step = found
+            column[:rows] = problem.whiten([(b - a) / step for b, a in zip(residuals, at.residuals, strict=True)])
+            column[rows + i] = 1.0 / problem.prior()[1][i]
+        return column
 
     def _touched(self, knob: Knob) -> bool:
         """Tell whether an effect acts on, or through, the mode of this knob."""
@@ -292,8 +302,8 @@ class _Slopes:
 def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     """Return, per record, the outputs' change per unit of each knob and each effect parameter, (n, n_y, k).
 
-    By central differences of the full simulation: what is screened beside these columns is compared with noise, and
-    an error of a thousandth in a knob's column can be far above it.
+    By differences of the full simulation: what is screened beside these columns is compared with noise, and an error of
+    a thousandth in a knob's column can be far above it.
     """
     held, sizes = fit.held()
     scales, x = parameters_of(held, sizes)
@@ -306,23 +316,15 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
             for record, states in zip(setting.data.records, setting.states, strict=True)
         )
 
+    here, _ = problem.raw(x)  # the starts may have been found anew since the fit
+
     def column(i: int) -> list[Array]:
-        step = _KNOB_DIFFERENCE if i < fit.change.size else difference(x[i])
-        there, back = (problem.raw(side)[0] for side in _beside(x, i, step))
-        width = 2.0 * step
-        if not all(np.isfinite(b).all() for b in back):
-            back, width = fit.residuals, step
-        elif not all(np.isfinite(t).all() for t in there):
-            there, width = fit.residuals, step
-        return [(b - t) / width for b, t in zip(back, there, strict=True)]
+        found = problem.nearby(x, i)
+        if found is None:
+            return [np.zeros_like(r) for r in here]
+        residuals, step = found
+        return [(a - b) / step for a, b in zip(here, residuals, strict=True)]
 
     with ThreadPoolExecutor(setting.workers) as pool:
         columns = list(pool.map(column, range(x.size)))
     return tuple(np.stack([c[r] for c in columns], axis=2) for r in range(len(setting.data.records)))
-
-
-def _beside(x: Array, i: int, step: float) -> tuple[Array, Array]:
-    """Return `x` with parameter `i` a step further and a step back."""
-    there, back = x.copy(), x.copy()
-    there[i], back[i] = x[i] + step, x[i] - step
-    return there, back

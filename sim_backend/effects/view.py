@@ -15,7 +15,7 @@ _VISIBLE, _FINE, _MOST = 4.0, 0.2, 20_000
 that shift the input by so much of a step; at most so many are tried."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc"})
 def _rounding_scores(u, wanted, steps, scores):  # type: ignore[no-untyped-def]
     """Fill `scores` with the sum of `wanted` times what rounding `u` (both n,) to each of `steps` adds, per step."""
     for i in range(steps.size):
@@ -101,7 +101,9 @@ class RecordView:
         if not steps.size or self.wanted is None:
             return []
         used = self.wanted != 0.0
-        u, wanted = np.ascontiguousarray(self.u[used]), np.ascontiguousarray(self.wanted[used])
+        # commands are held and played again: each level needs to be rounded once
+        u, levels = np.unique(self.u[used], return_inverse=True)
+        wanted = np.bincount(levels, self.wanted[used])
         scores = np.empty(steps.size)
         _rounding_scores(u, wanted, steps, scores)
         found = []

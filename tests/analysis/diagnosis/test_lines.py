@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found
+from analysis.diagnosis.search import Found, leeway_of
 from analysis.diagnosis.shortlist import Screen
 from analysis.diagnosis.starts import starts_of
 from sim_backend.effects.vibration_line import VibrationLine
@@ -35,7 +35,8 @@ def _found(shake: np.ndarray, frequency_hz: float) -> Found:
     best = min(trials, key=lambda fit: fit.objective)
     none = np.zeros(0)
     screen = Screen((), none, none, (), (), none, np.inf)
-    return Found(setting, tuned, best, (tuned, best), screen, screen, tuned.misfit - best.misfit)
+    worth = tuned.misfit - best.misfit
+    return Found(setting, tuned, best, (tuned, best), screen, screen, worth, leeway_of(setting, tuned, best))
 
 
 def test_a_line_stays() -> None:
