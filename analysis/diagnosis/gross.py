@@ -34,7 +34,11 @@ _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
 """Kinds that are fitted, those that explain most to first order: beside a linear model that is wrong by half that says
 little, so they are as many as so many products of rows and re-tuned numbers allow."""
 
-_FIRST_STEPS, _MORE_STEPS = 6, 12
+_STEPS, _ROUNDS = 6, 5
+"""Steps of a fit before it is looked at again, and how often it may go on."""
+
+_SETTLED = 0.01
+"""A fit that gained less than this part in its last steps goes on no more."""
 
 GROSS = 5.0
 """Ratio of a residual to repeating noise beyond which what is left is an error of the model and next to no noise."""
@@ -93,29 +97,41 @@ def still_gross(found: Found) -> bool:
 
 
 def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
-    """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
-
-    The rivals begin with the best fit itself and with where it stood after as many steps as the other kinds have had.
-    """
+    """Return the kind of cause that explains most, itself and the other kinds as rivals, and the screening."""
     progress("screening the kinds of causes", 0.05)
     everything = replace(rules, effects=(*rules.effects, UnlistedForce))
     gram, candidates = gram_beside(setting, tuned, everything, scales)
     first = evidence_of(gram, candidates, rules)
-    fits = []
     kinds = _kinds(gram, candidates, first)
-    for k, kind in enumerate(kinds):
-        effect, places = kind.candidates[0].effect, ", ".join(c.where for c in kind.candidates)
-        progress(f"fitting {effect.name} at {places}", 0.2 + 0.4 * k / len(kinds))
-        start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
-        fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_FIRST_STEPS, strong=True))
-    if not fits:
+    if not kinds:
         return Found(setting, tuned, tuned, (tuned,), first, first, 0.0, 0.0)
-    fits.sort(key=lambda fit: fit.objective)
-    progress(f"fitting {fits[0].effects[0].name} to the end", 0.6)
-    held, sizes = fits[0].held()
-    best = refit(setting, held, sizes, fits[0].change, steps=_MORE_STEPS, strong=True)
-    worth = tuned.misfit - best.misfit
-    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, worth)
+    fits = []
+    for k, kind in enumerate(kinds):
+        progress(f"fitting {_told(kind.candidates)}", 0.2 + 0.3 * k / len(kinds))
+        start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
+        fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_STEPS, strong=True))
+    fits = _raced(setting, tuned, fits, progress)
+    worth = tuned.misfit - fits[0].misfit
+    return Found(setting, tuned, fits[0], (*fits, tuned), first, first, worth, worth)
+
+
+def _raced(setting: Setting, tuned: Fit, fits: Sequence[Fit], progress: Progress) -> list[Fit]:
+    """Return the fits gone on with, best first, until those behind would not come to lead at their last pace."""
+    left = [fit.misfit / tuned.misfit for fit in fits]
+    fits = list(fits)
+    for again in range(_ROUNDS):
+        best = min(fit.misfit for fit in fits)
+        going = [i for i, fit in enumerate(fits) if left[i] < 1.0 - _SETTLED and fit.misfit * left[i] < best]
+        for k, i in enumerate(going):
+            progress(f"going on with {_told(fits[i].candidates)}", 0.5 + 0.3 * (again + k / len(going)) / _ROUNDS)
+            (held, sizes), before = fits[i].held(), fits[i].misfit
+            fits[i] = refit(setting, held, sizes, fits[i].change, steps=_STEPS, strong=True)
+            left[i] = fits[i].misfit / before
+    return sorted(fits, key=lambda fit: fit.objective)
+
+
+def _told(candidates: Sequence[Candidate]) -> str:
+    return f"{candidates[0].effect.name} at {', '.join(c.where for c in candidates)}"
 
 
 def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:
@@ -147,19 +163,18 @@ def remainder(found: Found) -> str:
 
 
 def judge_main(found: Found) -> Judgement:
-    """Return the verdict on a main cause: named where no other kind, fitted with the same effort, comes near it."""
+    """Return the verdict on a main cause: named where no other kind, fitted to its own end, comes near it."""
     best = found.best
     if not best.effects or best.misfit > (1.0 - MOST) * found.tuned.misfit:
         return Judgement("unknown", (), (), 1.0, 1.0, ())
     own = best.effects[0].reported()
-    first = found.rivals[1]
     rows = independent_rows(found.setting, best)
     gaps: dict[str, float] = {}
     for rival in found.rivals:
         name = rival.effects[0].reported() if rival.effects else own
         if name != own:
-            more = len(rival.values) - len(first.values)  # each parameter costs half the logarithm of the rows
-            gap = 0.5 * (rows * np.log(rival.misfit / first.misfit) + more * np.log(rows))
+            more = len(rival.values) - len(best.values)  # each parameter costs half the logarithm of the rows
+            gap = 0.5 * (rows * np.log(rival.misfit / best.misfit) + more * np.log(rows))
             gaps[name] = min(gaps.get(name, np.inf), max(float(gap), 0.0))
     probability = 1.0 / (1.0 + sum(np.exp(-gap) for gap in gaps.values()))
     rivals = tuple(sorted(((name, -gap) for name, gap in gaps.items()), key=lambda pair: -pair[1]))

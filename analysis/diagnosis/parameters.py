@@ -61,7 +61,7 @@ _FAINT = 1e-3
 
 
 def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[Scale], Array]:
-    """Return the scales of all parameters of `candidates`, and where a fit starts on them; `sizes` as in `refit`."""
+    """Return the scales of all parameters of `candidates` that a fit searches, and where it starts; `sizes` as in `refit`."""
     scales: list[Scale] = []
     x: list[float] = []
     at = 0
@@ -71,7 +71,7 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
         start |= {n: sizes[at + k] * unit for k, (n, unit) in enumerate(candidate.unit_sizes.items())}
         at += width
         for p in candidate.effect.parameters():
-            if p.name not in start:
+            if p.name not in start or p.fixed:
                 continue
             if p.log and not p.size and start[p.name] == 0.0:  # a fit ended where a logarithm has no scale
                 start[p.name] = _FAINT * candidate.centres.get(p.name, 0.0)

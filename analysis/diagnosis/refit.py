@@ -33,7 +33,8 @@ from sim_backend.errors import ConfigError
 Array = NDArray[np.float64]
 
 KNOB_STEP = 0.2
-"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
+"""Largest change in one step of a knob that is known better: far beyond any tolerance; the rest is left to the damping.
+One that is known worse may go as far as that."""
 
 _KNOB_DIFFERENCE = 1e-6
 """A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
@@ -101,7 +102,7 @@ class Problem:
     def effects(self, x: Array) -> tuple[Effect, ...]:
         """Return the effects with the parameters in `x`."""
         n_knobs = len(self.setting.knobs)
-        values: list[dict[str, float]] = [{} for _ in self.candidates]
+        values = [dict(c.shapes) for c in self.candidates]  # constants among them: no fit moves those
         for scale, xi in zip(self.scales, x[n_knobs:], strict=True):
             values[scale.effect][scale.name] = scale.back(float(xi))
         return tuple(c.effect(c.where, **v) for c, v in zip(self.candidates, values, strict=True))
@@ -162,7 +163,7 @@ class Problem:
             slopes.normal,
             np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
             np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
-            np.array([KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
+            np.array([max(KNOB_STEP, k.sd) for k in self.setting.knobs] + [s.step() for s in self.scales]),
             self.setting.rows,
         )
         return descent.run(x, steps)

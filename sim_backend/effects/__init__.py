@@ -11,6 +11,7 @@ from sim_backend.effects.amplifier_saturation import AmplifierSaturation
 from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.effects.backlash import Backlash
 from sim_backend.effects.base import Aux, Dimension, Effect, Parameter, Site
+from sim_backend.effects.bouc_wen import BoucWen
 from sim_backend.effects.broadband_vibration import BroadbandVibration
 from sim_backend.effects.coil_heating import CoilHeating
 from sim_backend.effects.command_quantisation import CommandQuantisation
@@ -33,6 +34,7 @@ from sim_backend.effects.magnetic_polynomial import MagneticPolynomial
 from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
 from sim_backend.effects.periodic_torque import PeriodicTorque
 from sim_backend.effects.position_dependent_force_constant import PositionDependentForceConstant
+from sim_backend.effects.presliding_friction import PreslidingFriction
 from sim_backend.effects.sample_clock_error import SampleClockError
 from sim_backend.effects.sensor_drift import SensorDrift
 from sim_backend.effects.sensor_gain import SensorGain
@@ -54,8 +56,10 @@ EFFECTS: tuple[type[Effect], ...] = (
     CubicStiffness,
     Hysteresis,
     JilesAtherton,
+    BoucWen,
     DriveHysteresis,
     CoulombFriction,
+    PreslidingFriction,
     ViscoelasticCreep,
     EndStopContact,
     CrossCoupling,

@@ -138,7 +138,12 @@ def natural_sizes(cls, nominal, share=0.05):
 def test_library_is_the_table():
     table = {slug: family for family, slugs in TABLE.items() for slug in slugs.split()}
     assert {cls.reported() for cls in EFFECTS} == set(table)
-    assert {cls.name for cls in EFFECTS} - set(table) == {"jiles-atherton", "drive-hysteresis"}
+    assert {cls.name for cls in EFFECTS} - set(table) == {
+        "jiles-atherton",
+        "bouc-wen",
+        "drive-hysteresis",
+        "presliding-friction",
+    }
     assert {cls.name: cls.family for cls in EFFECTS if cls.name in table} == table
     assert len({cls.name for cls in ALL}) == len(ALL)
 

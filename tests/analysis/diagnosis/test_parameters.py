@@ -1,0 +1,41 @@
+"""What a fit may move of an effect, and what it believes of that beforehand."""
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.candidates import Scales, enumerate_candidates
+from analysis.diagnosis.parameters import parameters_of
+from sim_backend.assembly import Places
+from sim_backend.effects import EFFECTS, Aux
+from sim_backend.effects.view import RecordView
+
+PLACES = Places(("x",), ("x",), (), (), np.zeros((0, 1)), np.eye(1), np.eye(1))
+SCALES = Scales(np.ones(1), np.ones(1), 0.01, 10.0)
+SEARCHED = [e for e in EFFECTS if e.aux not in (Aux.EXOGENOUS, Aux.SOURCE_COMMAND, Aux.SOURCE_POSITION)]
+
+
+def starts(effect):
+    """Every start in a record that shows all effects: warming up, its residual a line and a ripple."""
+    n, rng = 4000, np.random.default_rng(1)
+    t = np.arange(n) / 2000.0
+    position = np.sin(2 * np.pi * 3.0 * t) + 0.01 * rng.standard_normal(n)
+    residual = np.sin(2 * np.pi * 200.0 * t) + np.sin(40.0 * position) + 0.1 * rng.standard_normal(n)
+    rate = np.gradient(position, t)
+    view = RecordView(2000.0, rng.standard_normal(n), position, rate, residual, 77.0 + t, 20.0)
+    return enumerate_candidates([effect], PLACES, {"x": view}, SCALES)
+
+
+@pytest.mark.parametrize("effect", SEARCHED, ids=lambda e: e.name)
+def test_every_parameter_of_a_fit_has_a_belief_with_a_width(effect):
+    for candidate in starts(effect):
+        scales, x = parameters_of([candidate], np.ones(max(len(candidate.unit_sizes), 1)))
+        assert all(0.0 < s.sd < np.inf and np.isfinite(s.mean) for s in scales), effect.name
+        assert np.all(np.isfinite(x))
+
+
+@pytest.mark.parametrize("effect", SEARCHED, ids=lambda e: e.name)
+def test_constants_of_a_description_are_not_fitted(effect):
+    fixed = {p.name for p in effect.parameters() if p.fixed}
+    for candidate in starts(effect):
+        scales, _ = parameters_of([candidate], np.ones(max(len(candidate.unit_sizes), 1)))
+        assert not fixed & {s.name for s in scales}
