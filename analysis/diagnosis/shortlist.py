@@ -132,7 +132,7 @@ def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> d
     joined = (
         None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
     )
-    wanted, seen = wanted_inputs(setting, linear, [m.residual for m in motions])
+    wanted, answers = wanted_inputs(setting, linear, [m.residual for m in motions])
     for name in dict.fromkeys((*places.inputs, *places.outputs)):
         i = places.inputs.index(name) if name in places.inputs else 0
         own = name in places.outputs
@@ -146,7 +146,7 @@ def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> d
             joined,
             lowest,
             wanted[i],
-            seen[i],
+            answers[i],
         )
     return views
 
