@@ -37,20 +37,26 @@ def gain_of(
     """Return the gain on all held-out windows; None when nothing is held out.
 
     `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
-    relative to its own rms about its mean on those rows. Where a record is held out as a whole, no fit knows the state
-    it started in, so that what a start can add under `nominal` and `extended` is taken out of it first.
+    relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
+    noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. Where a record
+    is held out as a whole, no fit knows the state it started in, so that what a start can add under `nominal` and
+    `extended` is taken out of it first.
     """
     windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
     if not windows:
         return None
+    # what a start adds dies away within the first period, and would pass for noise that differs between periods
+    started = [_without_start(r, e, nominal, data.rate_hz) for r, e in zip(data.records, before, strict=True)]
+    noise = _noise_rms(data, started, whitener, windows)
     size = _output_size(data, windows)
+    moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
+    size = np.where(moved | ~np.any(moved), size, np.inf)
     first = _squares(data, before, nominal, windows, size)
     second = _squares(data, after, extended, windows, size)
     rms_before, rms_after = (float(np.sqrt(np.concatenate(x).mean())) for x in (first, second))
     draws = _bootstrap(first, second, _block(data, nominal), np.random.default_rng(seed))
-    # what a start adds dies away within the first period, and would pass for noise that differs between periods
-    started = [_without_start(r, e, nominal, data.rate_hz) for r, e in zip(data.records, before, strict=True)]
-    floor = np.sqrt(np.mean((_noise_rms(data, started, whitener, windows) / size) ** 2))
+    counted = np.isfinite(size)
+    floor = np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))
     return Gain(
         held_out=tuple(f"{data.records[i].name}#{w.label}" for i, w in windows),
         rms_before=rms_before,
@@ -65,6 +71,12 @@ def _output_size(data: Dataset, windows: Sequence[tuple[int, Window]]) -> Array:
     y = np.concatenate([data.records[i].y[w.start : w.stop] for i, w in windows])
     size = np.std(y, axis=0)
     return np.asarray(np.where(size > 0.0, size, np.inf), dtype=float)
+
+
+def _simulated_size(data: Dataset, residuals: Sequence[Array], windows: Sequence[tuple[int, Window]]) -> Array:
+    """Return the rms about its mean of each simulated output on the held-out rows, (n_y,)."""
+    rows = [(data.records[i].y - residuals[i])[w.start : w.stop] for i, w in windows]
+    return np.asarray(np.std(np.concatenate(rows), axis=0), dtype=float)
 
 
 def _squares(

@@ -24,11 +24,11 @@ _LONGEST = 20_000
 """Samples after which the response to one sample is taken to be over."""
 
 
-def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Array]) -> tuple[list[Array], list[float]]:
-    """Return per input the gradient of the log-likelihood by its samples, all records joined, and one sample's effect.
+def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Array]) -> tuple[list[Array], list[Array]]:
+    """Return per input the gradient of the log-likelihood by its samples, all records joined, and one sample's answer.
 
-    `residuals` are one (n, n_y) per record. The gradient is zero outside the rows that are fitted; the effect is by how
-    many standard deviations of the noise one unit at one sample moves all readings.
+    `residuals` are one (n, n_y) per record. The gradient is zero outside the rows that are fitted; the answer (rows,
+    n_y) is what one unit at one sample makes of the readings, whitened.
     """
     model = discretise(linear, setting.data.rate_hz)
     whitener = setting.whitener
@@ -44,7 +44,7 @@ def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Arra
                 total += response(model, back, j, through_delay=True)[::-1, o]
             parts.append(np.where(fitted, total, 0.0))
         wanted.append(np.concatenate(parts))
-    return wanted, [_effect(setting, linear, j) for j in range(linear.n_inputs)]
+    return wanted, [_answer(setting, linear, j) for j in range(linear.n_inputs)]
 
 
 def _levelled(whitener: Whitener, white: Array, mask: Mask, output: int) -> Array:
@@ -59,9 +59,8 @@ def _levelled(whitener: Whitener, white: Array, mask: Mask, output: int) -> Arra
     return out
 
 
-def _effect(setting: Setting, linear: ModalModel, j: int) -> float:
+def _answer(setting: Setting, linear: ModalModel, j: int) -> Array:
     pulse = np.zeros(min(max(r.n for r in setting.data.records), _LONGEST))
     pulse[0] = 1.0
     moved = response(discretise(linear, setting.data.rate_hz), pulse, j)
-    white = [setting.whitener.apply(moved[:, o, None], o) for o in setting.whitener.outputs]
-    return float(np.sqrt(sum(float(np.sum(w**2)) for w in white)))
+    return np.hstack([setting.whitener.apply(moved[:, o, None], o) for o in setting.whitener.outputs])

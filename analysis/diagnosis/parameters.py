@@ -61,7 +61,7 @@ _FAINT = 1e-3
 
 
 def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[Scale], Array]:
-    """Return the scales of all parameters of `candidates` that a fit searches, and where it starts; `sizes` as in `refit`."""
+    """Return the scales of the parameters of `candidates` that a fit searches, and its start; `sizes` as in `refit`."""
     scales: list[Scale] = []
     x: list[float] = []
     at = 0

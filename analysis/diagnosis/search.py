@@ -15,7 +15,7 @@ from analysis.diagnosis.fit import Fit, Setting, linear_of, simulated
 from analysis.diagnosis.noise import even_weights, whitener_from
 from analysis.diagnosis.refit import Problem as Hypothesis
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.shortlist import Rules, Screen, screen, shortlist
+from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import stack_white, starts_of
 from analysis.diagnosis.tuning import REACH, imitation, turned
 from sim_backend.assembly import retuned
@@ -126,9 +126,12 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, rivals = tuned, [tuned]
     known = setting.whitener.repeats
     first = last = screen(setting, tuned, rules, scales)
-    for depth in range(rules.max_effects):
+    for depth in range(MOST):
         least = leeway_of(setting, tuned, best)
-        stage = _Stage(best, least, _TUNED + _SEARCH * depth / rules.max_effects, _SEARCH / rules.max_effects, progress)
+        # most searches end early: each further effect gets half of what is left of the time to be told
+        share = 0.5 ** (depth + 1)
+        allowed = rules.beside([c.effect for c in best.candidates])
+        stage = _Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:
             # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
@@ -166,17 +169,18 @@ def _colour(setting: Setting, fit: Fit) -> float:
 
 @dataclass(frozen=True)
 class _Stage:
-    """One more effect beside those of `best`: which to try, and where in the whole search that is."""
+    """One more of the `allowed` effects beside those of `best`, and where in the whole search that is."""
 
     best: Fit
     least: float
+    allowed: Container[type[Effect]]
     done: float
     share: float
     progress: Progress
 
     def trials(self, setting: Setting, found: Screen, seen: Container[tuple[str, str]] = ()) -> list[Fit]:
         """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial."""
-        picks = [i for i in shortlist(found) if found.candidates[i].key not in seen]
+        picks = [i for i in shortlist(found, self.allowed) if found.candidates[i].key not in seen]
         if not picks or max(found.drops[i] for i in picks) < self.least:
             return []
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,9 @@ SURE = 0.99
 IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
+MOST = 6
+"""Effects at most, however many a place has of one kind."""
+
 _SHORTLIST = 5
 _NEAR = 0.3
 """Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
@@ -38,6 +41,7 @@ class Rules:
     """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
 
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
+    `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
     """
 
     effects: tuple[type[Effect], ...]
@@ -45,6 +49,15 @@ class Rules:
     max_effects: int
     substeps: int
     seed: int
+
+    def beside(self, found: Sequence[type[Effect]]) -> tuple[type[Effect], ...]:
+        """Return the effects that may be added to those `found`."""
+        once = sum(not effect.several for effect in found) + len({effect for effect in found if effect.several})
+        if len(found) >= MOST or once > self.max_effects:
+            return ()
+        if once < self.max_effects:
+            return self.effects
+        return tuple(effect for effect in self.effects if effect.several and effect in found)
 
 
 @dataclass(frozen=True)
@@ -88,7 +101,7 @@ def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tup
         for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
     ]
     views = _views(setting, motions, linear)
-    taken = {c.key for c in fit.candidates}
+    taken = {c.key for c in fit.candidates if not c.effect.several}
     candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
     exact = exact_sensitivities(setting, fit)
     data, places = setting.data, setting.places
@@ -119,7 +132,7 @@ def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> d
     joined = (
         None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
     )
-    wanted, seen = wanted_inputs(setting, linear, [m.residual for m in motions])
+    wanted, answers = wanted_inputs(setting, linear, [m.residual for m in motions])
     for name in dict.fromkeys((*places.inputs, *places.outputs)):
         i = places.inputs.index(name) if name in places.inputs else 0
         own = name in places.outputs
@@ -133,14 +146,14 @@ def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> d
             joined,
             lowest,
             wanted[i],
-            seen[i],
+            answers[i],
         )
     return views
 
 
-def shortlist(found: Screen) -> list[int]:
-    """Return the numbers of the candidates that are worth a refit, best first."""
-    order = found.best_per_key()
+def shortlist(found: Screen, allowed: Container[type[Effect]]) -> list[int]:
+    """Return the numbers of the candidates of `allowed` effects that are worth a refit, best first."""
+    order = [i for i in found.best_per_key() if found.candidates[i].effect in allowed]
     significant = [i for i in order if found.gains[i] > found.threshold]
     if not significant:
         return []

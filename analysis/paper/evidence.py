@@ -3,98 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from analysis.loop_fit import magnetisation
-from analysis.paper.loop_shape import loop_margins_of
+from analysis.paper.high_mode import high_mode
 from analysis.paper.measured import RATE_HZ
 from analysis.paper.numbers import paper_tables
-from analysis.paper.table_6_4 import MOVE_SAMPLES, step_settling
+from analysis.paper.pieces import Evidence, shown
+from analysis.paper.table_6_4 import MOVE_SAMPLES
 from analysis.recorded.loop_fit import HELD
 from campaigns.design import Design
 from sim_backend.control.blocks import DiscreteFilter, filter_from_tf
 from sim_backend.control.feedback import closed_loop_poles, theta_controller
 from sim_backend.control.repetitive import learning_filter
 from sim_backend.kinematics import dof_from_points
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import discretise
 from sim_backend.model import load_model, number
-from sim_backend.polynomial import modal_from_zpk
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """One contradiction: what stands against what, numbers as text cells under `heads`, and what follows."""
-
-    title: str
-    question: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    conclusion: str
-
-
-def high_mode() -> Evidence:
-    """1440 Hz in the text and Table 6.1, 2000 Hz in the polynomial of Table 6.2."""
-    move = Design.load("table-6.4-30", RATE_HZ).unit_step("theta_x", MOVE_SAMPLES)
-    plants = {"1440 Hz": Design.load("design", RATE_HZ), "as printed": Design.load("printed", RATE_HZ)}
-    table, text = paper_tables()["6.4"], paper_tables()["text"]
-    rows = [
-        (
-            "highest pole (Hz)",
-            "1440 (text), 1405 and 1470 (Table 6.1)",
-            *(f"{_highest_hz(p):.1f}" for p in plants.values()),
-        )
-    ]
-    settled = [step_settling(p.axis("theta_x"), move) for p in plants.values()]
-    rows.append(
-        ("overshoot, complete plant (µrad)", _shown(table.number("complete overshoot").value))
-        + tuple(f"{1e6 * s.overshoot[0]:.1f}" for s in settled)
-    )
-    rows.append(
-        ("settling, complete plant (ms)", _shown(table.number("complete settling").value))
-        + tuple(f"{1e3 * s.time_s[0]:.1f}" for s in settled)
-    )
-    two = [step_settling(_with_high_mode(p), move) for p in plants.values()]
-    for label, key, values in (
-        ("overshoot, 30 + high mode (µrad)", "30+1500 overshoot", [1e6 * s.overshoot[0] for s in two]),
-        ("settling, 30 + high mode (ms)", "30+1500 settling", [1e3 * s.time_s[0] for s in two]),
-    ):
-        rows.append((label, _shown(table.number(key).value), *(f"{v:.1f}" for v in values)))
-    margins = [loop_margins_of(p.axis("theta_x")) for p in plants.values()]
-    rows.append(
-        ("gain margin (dB)", _shown(text.number("gain margin").value), *(f"{m.gain_margin_db:.2f}" for m in margins))
-    )
-    rows.append(
-        ("peak of |S| (dB)", _shown(text.number("sensitivity peak").value))
-        + tuple(f"{m.sensitivity_peak_db:.2f}" for m in margins)
-    )
-    return Evidence(
-        "The highest mode of θx: 1440 or 2000 Hz",
-        "Table 6.1 and the text put it near 1440 Hz, the denominator printed in Table 6.2 at 2000 Hz.",
-        ("quantity", "paper", "mode at 1440 Hz", "polynomial as printed"),
-        tuple(rows),
-        "The measured resonances, the complete plant's overshoot, the gain margin and the settling of the 30+1500 row "
-        "speak for 1440 Hz; that row's overshoot and the peak of |S| for 2000 Hz. The bench uses 1440 Hz.",
-    )
-
-
-def _highest_hz(design: Design) -> float:
-    return float(design.axis("theta_x").omega_rad_s.max() / (2.0 * np.pi))
-
-
-def _with_high_mode(design: Design) -> ModalModel:
-    """The 29.6 Hz mode in series with the highest one, of the same gain at rest: two poles each and no zeros."""
-    model = design.axis("theta_x")
-    order = np.argsort(model.omega_rad_s)[[0, -1]]
-    omega, sigma = model.omega_rad_s[order], model.sigma_1_s[order]
-    static = float(model.frequency_response(np.array([0.0]))[0, 0, 0].real)
-    roots = -sigma + 1j * np.sqrt(omega**2 - sigma**2)
-    return modal_from_zpk([], np.concatenate([roots, roots.conj()]), static * float(np.prod(omega**2)))
 
 
 PRINTED_L = (0.048, 6.253e-5, -0.096, -2.939e-5, 0.048)
@@ -222,14 +151,14 @@ def forces_and_radii() -> Evidence:
         (
             (
                 "peak force at 9 A (N)",
-                f"printed {_shown(paper_tables()['text'].number('peak force').value)}",
+                f"printed {shown(paper_tables()['text'].number('peak force').value)}",
                 f"5.7 N/A times 9 A: {force:.1f}",
             ),
             (
                 "actuators' radius (mm)",
-                f"from {_shown(table.number('peak current').value)} A: "
+                f"from {shown(table.number('peak current').value)} A: "
                 f"{1e3 * number(bench.hardware.actuators.radius_m):.1f}",
-                f"from {_shown(table.number('power').value)} W: {1e3 * _radius_from_power():.1f}",
+                f"from {shown(table.number('power').value)} W: {1e3 * _radius_from_power():.1f}",
             ),
         ),
         "The radius is not printed; the bench takes the one from the peak current, and its power is then a prediction.",
@@ -247,10 +176,6 @@ def _radius_from_power() -> float:
     force = torque[:, None] * dof_from_points(1.0)[0]
     watts = float(np.mean(np.sum((force / number(bench.hardware.actuator_steepness_n_sqrt_w)) ** 2, axis=1)))
     return float(np.sqrt(watts / paper_tables()["6.6"].value("power")))
-
-
-def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:g}"
 
 
 EVIDENCE: tuple[Callable[[], Evidence], ...] = (

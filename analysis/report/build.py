@@ -10,9 +10,10 @@ from typing import Any
 
 from analysis.design.stages import stages_csv
 from analysis.paper.canvas import Canvas
-from analysis.paper.evidence import EVIDENCE, Evidence
+from analysis.paper.evidence import EVIDENCE
 from analysis.paper.figures import FIGURES, make_figure
 from analysis.paper.measured import Measured
+from analysis.paper.pieces import Evidence
 from analysis.paper.rows import Row, Table
 from analysis.paper.tables import TABLES, make_table
 from analysis.report.explore import make_explorers

@@ -13,7 +13,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
-from analysis.paper.evidence import Evidence
+from analysis.paper.pieces import Evidence
 from analysis.paper.rows import Row, Table, label_counts
 from analysis.report.explore.view import Explorer
 from analysis.report.formats import exact, shown

@@ -173,8 +173,8 @@ def _declare(
 class Effect:
     """One physical effect at one place, with its parameters as fields.
 
-    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `aux`, `n_state`, `step`, `exact`, `guess`,
-    `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
+    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `several`, `aux`, `n_state`, `step`,
+    `guess`, `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
     """
 
     where: str
@@ -184,6 +184,9 @@ class Effect:
     site: ClassVar[Site]
     cause: ClassVar[str] = ""  # the name it is reported by, where several models share one cause; else `name`
     symptom: ClassVar[str]  # what a person sees in the residual; ends the sentence "the residual …"
+    several: ClassVar[bool] = (
+        False  # one place may have several of it, told apart by their shapes, as modes by frequency
+    )
     aux: ClassVar[Aux] = Aux.NONE
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled

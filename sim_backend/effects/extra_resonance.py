@@ -28,6 +28,7 @@ class ExtraResonance(Effect):
     site = Site.MODEL
     exact = True
     symptom = "is a narrow peak at a fixed frequency that grows in proportion to the drive"
+    several = True
 
     participation: float = size("residue relative to that of the dominant mode")
     frequency_hz: float = shape("undamped natural frequency", 100.0, s=-1, low=1e-6)

@@ -32,8 +32,9 @@ class PeriodicTorque(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return the distances at which the residual repeats most."""
-        return [{"period": max(distance, 1e-12)} for distance in view.residual_periods(4)]
+        """Return the distances at which a force is most likely to repeat, or else those at which the residual does."""
+        distances = view.force_periods(4) or view.residual_periods(4)
+        return [{"period": max(distance, 1e-12)} for distance in distances]
 
     @classmethod
     def choices(cls, view: RecordView) -> int:

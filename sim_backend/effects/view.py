@@ -49,8 +49,8 @@ class RecordView:
 
     `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first
     resonance of the nominal model at this place (0 for a rigid body). `wanted` (n,), where known, is by how much the
-    likelihood would rise per unit of a small change of each sample of the input, and `seen` by how many standard
-    deviations of noise a change by one unit of a single sample moves the readings.
+    likelihood would rise per unit of a small change of each sample of the input, and `answer` (rows, n_y) what a change
+    by one unit of a single sample makes of the readings, in standard deviations of their noise.
     """
 
     rate_hz: float
@@ -61,7 +61,12 @@ class RecordView:
     temperature_k: Array | None
     lowest_mode_hz: float
     wanted: Array | None = None
-    seen: float = 0.0
+    answer: Array | None = None
+
+    @property
+    def seen(self) -> float:
+        """By how many standard deviations of noise a change by one unit of a single sample moves all readings."""
+        return 0.0 if self.answer is None else float(np.linalg.norm(self.answer))
 
     @property
     def u_peak(self) -> float:
@@ -161,6 +166,35 @@ class RecordView:
             if all(abs(f / g - 1.0) > 4.0 * max(damping, z) for g, z in modes):
                 modes.append((f, damping))
         return modes
+
+    def force_periods(self, n: int) -> list[float]:
+        """Return the `n` distances (output unit) after which a force that repeats over the position is most likely to.
+
+        Each is a matched filter: the gain of a small force is its inner product with `wanted`, squared, over the energy
+        that it leaves in the readings. The plant stands between force and residual, so that in fast motion the residual
+        itself does not repeat. Found are distances from half the range of positions to a 1024th of it, the best of
+        every half octave.
+        """
+        width = float(np.ptp(self.position)) if self.position.size else 0.0
+        if self.wanted is None or self.answer is None or not np.any(self.wanted) or not width > 0.0:
+            return []
+        bins = np.minimum(((self.position - np.min(self.position)) / width * 4096).astype(np.int64), 4095)
+        agreed = np.abs(np.fft.rfft(np.bincount(bins, weights=self.wanted, minlength=4096), 4 * 4096))[: 4 * 1024]
+        edges = np.unique(np.geomspace(8, agreed.size, 15).astype(int))
+        distances = [
+            width * 4.0 / (a + int(np.argmax(agreed[a:b]))) for a, b in zip(edges[:-1], edges[1:], strict=True)
+        ]
+        power = np.sum(np.abs(np.fft.rfft(self.answer, self.wanted.size, axis=0)) ** 2, axis=1) / self.wanted.size
+        scores = []
+        for distance in distances:
+            angle = 2.0 * np.pi / distance * self.position
+            waves = np.stack([np.cos(angle), np.sin(angle)]) * (self.wanted != 0.0)
+            lines = np.fft.rfft(waves, axis=1)
+            product = waves @ self.wanted
+            # a spectrum's positive half holds half of the energy
+            energy = 2.0 * (lines * power @ lines.conj().T).real
+            scores.append(float(product @ np.linalg.lstsq(energy, product, rcond=1e-9)[0]))
+        return [distances[k] for k in np.argsort(scores)[::-1][:n]]
 
     def residual_periods(self, n: int) -> list[float]:
         """Return the `n` distances (output unit) after which the residual repeats most over the position.

@@ -101,3 +101,20 @@ def test_the_unknown_start_of_a_record_held_out_as_a_whole_is_no_error(oscillato
     assert found is not None
     # two states are fitted to 3000 rows
     assert found.rms_after == pytest.approx(np.sqrt(np.mean(noise**2)) / np.std(y), rel=2e-3)
+
+
+def test_an_output_that_nothing_moves_does_not_water_the_gain_down(oscillator):
+    rng = np.random.default_rng(3)
+    motion, noise = 10.0 * rng.standard_normal((4000, 1)), rng.standard_normal((4000, 2))
+    error = np.hstack([3.0 * rng.standard_normal((4000, 1)), np.zeros((4000, 1))])
+    y = np.hstack([motion, np.zeros((4000, 1))]) + noise
+    data = Dataset(RATE_HZ, (Record("run", motion, y, (Window("held-out", 0, 4000, held_out=True),)),))
+    linear = oscillator.linear()
+    two = linear.with_(c=np.vstack([linear.c] * 2), c_rate=np.vstack([linear.c_rate] * 2), d=np.vstack([linear.d] * 2))
+    white = Whitener(np.array([[1.0], [1.0]]), repeats=False)
+    found = gain_of(data, [noise + error], [noise], white, two, two)
+    assert found is not None
+    # of the first output alone: sqrt(1 + 9) and 1 over its size; the second is noise before and after
+    assert found.rms_after == pytest.approx(1.0 / np.std(y[:, 0]), rel=0.03)
+    assert found.rms_before == pytest.approx(np.sqrt(10.0) * found.rms_after, rel=0.03)
+    assert found.noise_floor == pytest.approx(found.rms_after, rel=0.03)

@@ -23,21 +23,21 @@ def test_it_is_the_gradient_of_the_log_likelihood() -> None:
     rng = np.random.default_rng(1)
     force, residual, noise = _force(rng), 0.01 * rng.standard_normal(N), 0.01
     setting, _ = setting_of(force, moved(force) + residual, residual, noise)
-    (wanted,), (seen,) = wanted_inputs(setting, MODEL.linear(), [residual[:, None]])
+    (wanted,), (answer,) = wanted_inputs(setting, MODEL.linear(), [residual[:, None]])
     change = rng.standard_normal(N)
     # the likelihood is quadratic, so a central difference is exact
     by_hand = [-0.5 * float(np.sum(((residual - s * moved(change)) / noise) ** 2)) for s in (1.0, -1.0)]
     assert wanted @ change == pytest.approx(0.5 * (by_hand[0] - by_hand[1]), rel=1e-6)
     pulse = np.zeros(N)
     pulse[0] = 1.0
-    assert seen == pytest.approx(float(np.linalg.norm(moved(pulse) / noise)), rel=1e-6)
+    assert np.linalg.norm(answer) == pytest.approx(float(np.linalg.norm(moved(pulse) / noise)), rel=1e-6)
 
 
 def _view(force: np.ndarray, residual: np.ndarray, noise: float) -> RecordView:
     setting, _ = setting_of(force, moved(force) + residual, residual, noise)
-    (wanted,), (seen,) = wanted_inputs(setting, MODEL.linear(), [residual[:, None]])
+    (wanted,), (answer,) = wanted_inputs(setting, MODEL.linear(), [residual[:, None]])
     none = np.zeros(N)
-    return RecordView(RATE_HZ, force, none, none, none, None, 20.0, wanted, seen)
+    return RecordView(RATE_HZ, force, none, none, none, None, 20.0, wanted, answer)
 
 
 @pytest.mark.parametrize("step", [0.0113, 0.047, 0.31])
