@@ -25,6 +25,7 @@ from analysis.inverse_dynamics import Balance, balance_of
 from analysis.modal_parameters import Structure
 from analysis.rational import fit_rational
 from analysis.recorded.folded import averaged_response, folded, together, too_long
+from analysis.recorded.settled import settling_periods
 from analysis.recorded.sweep import Sweep, sweep_of
 from analysis.response_curves import curve_of_sweep, curves_of_periods
 from analysis.response_fit import RationalFit
@@ -165,9 +166,12 @@ def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
     if len(periods) != 1 or 0 in periods or len(parts) < n_u or any("frequency_hz" in s.settings for _, s in parts):
         return None
     period = periods.pop()
-    skip = max(int(s.settings.get("transient_periods", 0)) for _, s in parts)
-    count = min(s.rows // period for _, s in parts) - skip
-    if count <= 0:
+    count = min(s.rows // period for _, s in parts)
+    skip = settling_periods(parts, period, count)
+    stated = any("transient_periods" in s.settings for _, s in parts)
+    count -= skip
+    # a start that rings on into the last period but one leaves nothing that repeats: the records tell more in time
+    if count <= 0 or (count == 1 and skip and not stated):
         return None
     group, settled = together(parts, period, count), [(r, replace(s, start=s.start + skip * period)) for r, s in parts]
     blocks = [np.stack([folded(r, s, role, period, count, group) for r, s in settled]) for role in ROLES]

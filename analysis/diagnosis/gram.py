@@ -17,6 +17,9 @@ from scipy.optimize import nnls
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_ROUNDING = 1e-14
+"""Relative rounding of an inner product after projection: some tens of operations on numbers of 1e-16."""
+
 
 @dataclass(frozen=True)
 class Gram:
@@ -77,7 +80,7 @@ class Gram:
         if not live.size:
             return 0.0, sizes
         scale = np.sqrt(left[live])
-        basis = own[np.ix_(live, live)] / np.outer(scale, scale) + 1e-9 * np.eye(live.size)
+        basis = own[np.ix_(live, live)] / np.outer(scale, scale) + self._ridge(reduced, columns[live])
         r = reduced[columns[live], 0] / scale
         if all(self.one_sided[i] for i in together):
             root = np.linalg.cholesky(basis)
@@ -91,6 +94,14 @@ class Gram:
         """Return those of `columns` of which more than rounding is left after projection."""
         before = np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny)
         return columns[np.diag(reduced)[columns] > 1e-11 * before]
+
+    def _ridge(self, reduced: Array, columns: Ints) -> Array:
+        """Return what is added to the normalised products of `columns` (n, n) so that rounding leaves them positive.
+
+        What is left after projection carries the rounding of what was there before.
+        """
+        left = np.diag(reduced)[columns] / np.diag(self.products)[columns]
+        return np.asarray(np.diag(1e-9 + _ROUNDING / left))
 
     def knobs_beside(self, together: Sequence[int], sizes: Array) -> Array:
         """Return the change (n_knobs,) that goes with these candidates at `sizes`: with them there, what knobs do."""
@@ -125,7 +136,7 @@ class Gram:
         top = np.zeros(draws)
         for columns in groups:
             rows = [position[int(c)] for c in columns]
-            inner = correlation[np.ix_(rows, rows)] + 1e-9 * np.eye(len(rows))
+            inner = correlation[np.ix_(rows, rows)] + self._ridge(reduced, columns)
             part = z[rows]
             top = np.maximum(top, np.einsum("id,id->d", part, np.linalg.solve(inner, part)))
         return top

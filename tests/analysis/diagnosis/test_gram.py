@@ -1,0 +1,33 @@
+"""Inner products instead of columns: what rounding leaves of columns that are all but the same must do no harm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.gram import Gram
+
+
+def gram_of(columns: np.ndarray, one_sided: bool) -> Gram:
+    """A residual, one knob, and one candidate of all further columns."""
+    group = np.arange(2, columns.shape[1])
+    return Gram(columns.T @ columns, 1, (group,), (one_sided,), columns.shape[0], True)
+
+
+def test_columns_that_differ_by_rounding_count_once() -> None:
+    """A saturation looks alike at two limits beside a command that knows two values, and a knob does nearly the same.
+
+    What is beside the knob is 1e-5 of the columns, so its square is known to 1e-16 / 1e-10, a millionth; the ridge
+    against that rounding (1e-14 / 1e-10) takes a ten-thousandth, and twice that of two columns.
+    """
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        knob, beside, noise = rng.standard_normal((3, 5000))
+        beside -= knob * (knob @ beside) / (knob @ knob)
+        residual = noise + 0.2 * beside
+        twins = [knob + 1e-5 * beside * (1.0 + d) for d in (0.0, 1e-12 * seed)]
+        truth = (residual @ beside) ** 2 / (beside @ beside)
+        for one_sided in (False, True):
+            gram = gram_of(np.column_stack([residual, knob, *twins]), one_sided)
+            drop, sizes = gram.solve(gram.without(gram.knob_columns()), [0])
+            assert abs(drop / truth - 1.0) < 1e-3
+            assert np.isfinite(sizes).all()
