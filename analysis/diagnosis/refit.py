@@ -40,6 +40,8 @@ _KNOB_DIFFERENCE = 1e-6
 """A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
 factor, while rounding leaves 1e-7 of it."""
 
+_HALVINGS = 4
+
 _STRONG_STEPS = 2
 """Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
 
@@ -58,7 +60,8 @@ def refit(
 
     `sizes` are in units of each candidate's columns. A hypothesis that cannot be simulated ends with an infinite
     misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
-    motion, slopes with torques held lead astray: differences of full simulations are taken from the start, and anew.
+    motion, slopes with torques held lead astray: differences of full simulations are taken from the start, and anew;
+    the screened start goes too far there, and is shortened until it is better than nothing.
     """
     scales, start = parameters_of(candidates, sizes)
     problem = Problem(setting, tuple(candidates), scales)
@@ -67,6 +70,8 @@ def refit(
     if not np.isfinite(problem.evaluate(x).misfit):
         # screening asked for what cannot be: begin where the effect adds nothing
         x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
+    elif strong:
+        x = problem.shortened(x)
     slopes = _Slopes(problem, exact=strong, strong=strong)
     x, found = problem.descend(slopes, x, steps)
     if exact and slopes.approximate:
@@ -154,6 +159,16 @@ class Problem:
             return start.project(stack_white(s.whitener, record, values.reshape(record.n, values.shape[1], -1)))
 
         return np.concatenate(s.each(white, s.data.records, residuals, s.starts)).squeeze()
+
+    def shortened(self, x: Array) -> Array:
+        """Return `x` with knobs and sizes halved until it fits better than the model as it is, at most four times."""
+        some = np.array([True] * len(self.setting.knobs) + [s.size for s in self.scales])
+        without = self.evaluate(np.where(some, 0.0, x)).misfit
+        for _ in range(_HALVINGS):
+            if self.evaluate(x).misfit < without:
+                break
+            x = np.where(some, 0.5 * x, x)
+        return x
 
     def descend(self, slopes: _Slopes, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point from `x` along `slopes`, and its simulation."""

@@ -148,12 +148,14 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
         top = float(np.max(found.first.gains, initial=0.0))
+        # what the parameters of the best cost is known from its fit, those of the others are taken as well determined
+        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - found.tuned.penalty)
         for i in found.first.best_per_key():
             candidate = found.first.candidates[i]
             label = (candidate.effect.reported(),)
             if candidate.key in refitted or label == own or found.first.gains[i] <= 0.0:
                 continue
-            extra = 0.5 * (len(candidate.effect.parameters()) - found.best.values.size) * np.log(found.best.rows)
+            extra = 0.5 * len(candidate.effect.parameters()) * np.log(found.best.rows) - paid
             gap = max(0.5 * (top - float(found.first.gains[i])) / inflation + extra, 0.0)
             gaps[label] = min(gaps.get(label, np.inf), gap)
     return sorted(gaps.items(), key=lambda pair: pair[1])

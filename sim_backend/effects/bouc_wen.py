@@ -52,7 +52,7 @@ class BoucWen(Effect):
     stiffness: float = size("slope right after a reversal at z = 0", u=1, y=-1, low=0.0)
     reach: float = shape("deflection at which the loop has bent away from that slope", 1e-3, y=1, low=1e-15, spread=1.0)
     gamma_over_beta: float = shape("above -1 loops soften, below they stiffen", 0.0, low=-3.0, high=3.0, log=False)
-    exponent: float = shape("how suddenly a loop bends", 1.0, low=0.5, high=8.0, spread=0.5)
+    exponent: float = shape("how suddenly a loop bends", 1.0, low=1.0, high=8.0, spread=0.5)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

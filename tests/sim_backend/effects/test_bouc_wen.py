@@ -43,7 +43,6 @@ SHAPES = {
     "dahl": {},
     "straight back": {"gamma_over_beta": 1.0},
     "bends late": {"gamma_over_beta": 0.3, "exponent": 3.0},
-    "bends at once": {"gamma_over_beta": 0.5, "exponent": 0.7},
     "neither softens nor stiffens": {"gamma_over_beta": -1.0},
     "stiffens": {"gamma_over_beta": -1.4},
 }
