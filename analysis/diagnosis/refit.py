@@ -23,7 +23,7 @@ from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.dataset import Record
 from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.fit import Fit, Setting, simulated
-from analysis.diagnosis.parameters import Scale, difference, parameters_of
+from analysis.diagnosis.parameters import Scale, parameters_of
 from analysis.diagnosis.starts import Start, stack_white
 from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
 from sim_backend.assembly import retuned
@@ -124,6 +124,11 @@ class Problem:
         prior = (x - mean) / sd
         stacked = np.concatenate([white, prior])
         return Point(stacked, residuals, torques, misfit if np.isfinite(misfit) else np.inf, float(prior @ prior))
+
+    def difference(self, x: Array, i: int) -> float:
+        """Return by how much parameter `i` is moved for a finite difference."""
+        own = i - len(self.setting.knobs)
+        return _KNOB_DIFFERENCE if own < 0 else self.scales[own].difference(float(x[i]))
 
     def prior(self) -> tuple[Array, Array]:
         """Return means and standard deviations of all parameters before the data speak."""
@@ -266,8 +271,7 @@ class _Slopes:
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
         """Return d(stacked)/dx_i by differences of full simulations: central, or on the side where there is a model."""
-        knob = i < len(self._problem.setting.knobs)
-        step = _KNOB_DIFFERENCE if knob else difference(x[i])
+        step = self._problem.difference(x, i)
         sides = _beside(x, i, step)
         there = self._problem.evaluate(sides[0])
         if self._strong and np.isfinite(there.misfit):
@@ -307,7 +311,7 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
         )
 
     def column(i: int) -> list[Array]:
-        step = _KNOB_DIFFERENCE if i < fit.change.size else difference(x[i])
+        step = problem.difference(x, i)
         there, back = (problem.raw(side)[0] for side in _beside(x, i, step))
         width = 2.0 * step
         if not all(np.isfinite(b).all() for b in back):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +66,11 @@ class Screen:
     def price(self) -> float:
         """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
         return 2.0 * float(np.log(SURE / (1.0 - SURE)) + np.log(max(len({c.key for c in self.candidates}), 1)))
+
+    @property
+    def top(self) -> float:
+        """Evidence of the candidate that stands out most."""
+        return float(np.max(self.gains, initial=0.0))
 
     def best_per_key(self) -> list[int]:
         """Return the index of the best start of each (effect, place), best first."""
@@ -138,9 +143,9 @@ def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> d
     return views
 
 
-def shortlist(found: Screen) -> list[int]:
-    """Return the numbers of the candidates that are worth a refit, best first."""
-    order = found.best_per_key()
+def shortlist(found: Screen, seen: Container[tuple[str, str]] = ()) -> list[int]:
+    """Return the numbers of the candidates that are worth a refit, but for those `seen`, best first."""
+    order = [i for i in found.best_per_key() if found.candidates[i].key not in seen]
     significant = [i for i in order if found.gains[i] > found.threshold]
     if not significant:
         return []
