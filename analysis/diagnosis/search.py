@@ -136,9 +136,10 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, found, _keys(trials))]
         if known and (flat := _flat(setting, best, last.price)):
             found = _unmasked(flat, best, rules, scales, last.price)
-            trials += [_again(settle(flat, f), f) for f in stage.trials(flat, found, _keys(trials))]
-            if not depth and found.top > first.top:
+            upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
+            if not depth and _lowest(upheld) < _lowest(trials):
                 first = found  # causes are compared where they stand out
+            trials += upheld
         if not trials:
             break
         top = min(trials, key=lambda f: score(f, known))
@@ -153,6 +154,11 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, pruned = _pruned(setting, best, first.price)
     explained = _explained(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained)
+
+
+def _lowest(fits: Sequence[Fit]) -> float:
+    """Return the best score where the noise is known, infinite of none."""
+    return min((score(f, True) for f in fits), default=np.inf)
 
 
 def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
@@ -181,6 +187,20 @@ def _unmasked(flat: Setting, fit: Fit, rules: Rules, scales: Scales, price: floa
     rows, before = unseen(flat.whitener, flat.data, fit.residuals)
     gains = rows * -np.log1p(-np.minimum(found.drops / before, max(1.0 - rows / before, 0.0)))
     return replace(found, gains=np.asarray(gains, dtype=float), threshold=price)
+
+
+def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
+    """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
+
+    What takes a little of the noise away is worth something under either's own noise, but not under the same.
+    """
+    upheld = []
+    for trial in trials:
+        own = settle(flat, trial)
+        again = _again(own, trial)
+        if score(again, True) + price < score(_again(own, best), True):
+            upheld.append(again)
+    return upheld
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
