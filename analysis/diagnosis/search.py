@@ -134,12 +134,11 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             plain = settle(setting, best, order=0)
             found = screen(plain, best, rules, scales)
             trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, found, _keys(trials))]
-        if known and (flat := _flat(setting, best, last.price)):
+        if known and _lowest(trials) + last.price >= score(best, True) and (flat := _flat(setting, best, last.price)):
             found = _unmasked(flat, best, rules, scales, last.price)
             upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
-            if not depth and _lowest(upheld) < _lowest(trials):
-                first = found  # causes are compared where they stand out
             trials += upheld
+            first = found if upheld and not depth else first  # causes are compared where they stand out
         if not trials:
             break
         top = min(trials, key=lambda f: score(f, known))
