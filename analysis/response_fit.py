@@ -12,7 +12,7 @@ from analysis.modal_form import canonical
 from analysis.modal_parameters import Layout, Structure, determined, layout_of, pack, participation, step_limit, unpack
 from analysis.normal_equations import Normal, covariance, minimise
 from sim_backend.errors import ConfigError, DataError
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array, ModalModel, delay_taps
 
 ComplexArray = NDArray[np.complex128]
 
@@ -177,12 +177,13 @@ def _delay_factor(model: ModalModel, target: Target) -> tuple[ComplexArray, Comp
     if target.hold_rate_hz is None:
         factor = np.exp(-s * model.delay_s)
         return factor, -s * factor
-    # between two held samples the delayed input is a straight line, as sim_backend.linear plays it
-    samples = model.delay_s * target.hold_rate_hz
-    whole = np.floor(samples)
-    back = np.exp(-s / target.hold_rate_hz)
-    shift = back**whole
-    return shift * (1.0 + (samples - whole) * (back - 1.0)), shift * (back - 1.0) * target.hold_rate_hz
+    factor, slope = np.empty((2, s.size, model.delay_s.size), dtype=complex)
+    back = np.exp(-s[:, 0] / target.hold_rate_hz)
+    for u, delay_s in enumerate(model.delay_s):
+        taps = delay_taps(float(delay_s * target.hold_rate_hz))
+        factor[:, u] = back**taps.first * np.polyval(taps.weights[::-1], back)
+        slope[:, u] = target.hold_rate_hz * back**taps.first * np.polyval(taps.slopes[::-1], back)
+    return factor, slope
 
 
 def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Normal:

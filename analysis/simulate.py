@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from sim_backend.errors import ConfigError
-from sim_backend.linear import Array, DiscreteModel
+from sim_backend.linear import Array, DiscreteModel, delay_taps
 
 # a pass takes so many stretches of so many samples: what it needs of them stays in the processor's cache
 _LANES, _STRETCH = 64, 128
@@ -34,19 +34,23 @@ def recur(a: Array, drive: Array, x: Array) -> None:
         x[i, 0], x[i, 1] = q, v
 
 
-def delayed(u: Array, delay_samples: Array) -> Array:
-    """Return the input (n, n_u) later by `delay_samples` (n_u,), zero before its start.
+def weighted(u: Array, first: int, weights: Array) -> Array:
+    """Return the sum of `weights` times the input (n,) of `first` samples ago and of the samples before that."""
+    out = np.zeros(u.size)
+    for late, weight in enumerate(weights, start=first):
+        if late < u.size:
+            out[late:] += weight * u[: u.size - late]
+    return out
 
-    A fraction of a sample is a straight line between two held samples, as in sim_backend.linear.
-    """
+
+def delayed(u: Array, delay_samples: Array) -> Array:
+    """Return the input (n, n_u) later by `delay_samples` (n_u,), zero before its start: see linear.delay_taps."""
     if not np.any(delay_samples):
         return u
     out = np.zeros_like(u)
     for j, delay in enumerate(delay_samples):
-        whole = min(int(np.floor(delay)), u.shape[0])
-        part = delay - whole
-        out[whole:, j] = (1.0 - part) * u[: u.shape[0] - whole, j]
-        out[whole + 1 :, j] += part * u[: max(u.shape[0] - whole - 1, 0), j]
+        taps = delay_taps(float(delay))
+        out[:, j] = weighted(u[:, j], taps.first, taps.weights)
     return out
 
 

@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 from analysis.block_basis import block_matrices
 from analysis.modal_parameters import Layout, participation, unpack
 from analysis.normal_equations import Normal
-from analysis.simulate import delayed, simulate_linear
-from sim_backend.linear import Array, ModalModel, discretise
+from analysis.simulate import delayed, simulate_linear, weighted
+from sim_backend.linear import Array, ModalModel, delay_taps, discretise
 
 # samples per pass: the Jacobian of one output over this many samples stays small enough for the cache
 _CHUNK = 4096
@@ -154,13 +154,11 @@ def _delay_slopes(target: TimeTarget, record: int, model: ModalModel, layout: La
     slopes = np.zeros((n_u, n_y, n))
     free = layout.free[layout.index("delay_s")]
     if np.any(free):
-        whole = np.floor(model.delay_s * target.rate_hz)
-        early = delayed(target.inputs[record], whole)
-        change = (delayed(target.inputs[record], whole + 1.0) - early) * target.rate_hz
         bare = discretise(model.with_(delay_s=np.zeros(n_u)), target.rate_hz)
         for j in np.flatnonzero(free):
-            only = np.zeros_like(change)
-            only[:, j] = change[:, j]
+            taps = delay_taps(float(model.delay_s[j] * target.rate_hz))
+            only = np.zeros((n, n_u))
+            only[:, j] = target.rate_hz * weighted(target.inputs[record][:, j], taps.first, taps.slopes)
             slopes[j] = simulate_linear(bare, only).T
     return slopes.reshape(n_u * n_y, n)
 

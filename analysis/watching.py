@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from analysis.simulate import delayed, recur
 from campaigns.log import Run, read_run
 from sim_backend.errors import ConfigError
-from sim_backend.linear import DiscreteModel, discretise
+from sim_backend.linear import DiscreteModel, delay_taps, discretise
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
@@ -130,8 +130,8 @@ class _Follower:
         self.plant: DiscreteModel = discretise(model.linear(), run.sample_rate_hz)
         self.row = 0
         self._state = np.zeros((self.plant.a.shape[0], 2))
-        # a delayed input needs the samples before the block, one more for the fraction of a sample
-        reach = int(np.ceil(self.plant.delay_samples.max(initial=0.0))) + 1
+        # a delayed input needs the samples before the block
+        reach = max(delay_taps(float(delay)).reach for delay in self.plant.delay_samples)
         self._past = np.zeros((reach, len(model.inputs)))
         self._window = max(window, 1)
         self.simulated = np.zeros((0, len(model.outputs)))

@@ -13,7 +13,7 @@ from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.compiled import WIRES, reads
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel, delay_taps, discretise
 from sim_backend.model import Hardware, Model, number
 from sim_backend.stages import STAGES
 
@@ -115,6 +115,7 @@ def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
     mode, by = np.nonzero(np.any(fine.b != 0.0, axis=1))
     gains = np.concatenate([fine.c, fine.rate_c], axis=2)
     output, seen = np.nonzero(np.any(gains != 0.0, axis=2))
+    late = [delay_taps(float(seconds * rate_hz)) for seconds in linear.delay_s]
     return layout.Plant(
         a=fine.a,
         driven=np.searchsorted(mode, np.arange(linear.n_blocks + 1)),
@@ -125,7 +126,8 @@ def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
         c=np.ascontiguousarray(gains[output, seen]),
         d=fine.d,
         rate_d=fine.rate_d,
-        delay=linear.delay_s * rate_hz,
+        delay_first=np.array([taps.first for taps in late], dtype=np.int64),
+        delay_taps=np.stack([taps.weights for taps in late]),
         dt_s=1.0 / rate_hz,
         substeps=substeps,
         feedthrough=int(np.any(linear.d != 0.0)),

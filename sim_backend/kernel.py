@@ -32,7 +32,8 @@ _COMMAND, _CURRENT, _DRIVE, _STRUCTURE = (
     int(Site.STRUCTURE),
 )
 _HEAD, _READING = int(Site.HEAD), int(Site.READING)
-_NO_DELAY = 2  # columns of a queue in which nothing waits
+NO_DELAY = 0
+"""Columns of a queue in which nothing waits."""
 
 # Nothing here allocates, so reference counting is switched off: counting the references of some sixty arrays at every
 # call took nine tenths of the time. Inlining is forced for the same reason, the arguments are tuples of many arrays.
@@ -170,19 +171,20 @@ def _gate(ctl, wave, mem, k, event):  # type: ignore[no-untyped-def]
 
 @_inlined
 def _delay(plant, mem, bus):  # type: ignore[no-untyped-def]
-    """Fill `delayed` with the command `plant.delay` samples ago, on a straight line between samples."""
+    """Fill `delayed` with the commands of each input's past that stand for the delayed one, weighted."""
     depth = mem.queue.shape[1]
-    if depth == _NO_DELAY:
+    if depth == NO_DELAY:
         _put(bus.driven, bus.delayed, 0, bus.inputs)
         return
     head = mem.samples[0] % depth
     for j in range(len(bus.inputs)):
         mem.queue[j, head] = bus.driven[j]
-        whole = int(plant.delay[j])
-        part = plant.delay[j] - whole
-        newer = head - whole if head >= whole else head - whole + depth
-        older = newer - 1 if newer > 0 else depth - 1
-        bus.delayed[j] = (1.0 - part) * mem.queue[j, newer] + part * mem.queue[j, older]
+        bus.delayed[j] = 0.0
+        at = head - plant.delay_first[j]
+        for i in range(plant.delay_taps.shape[1]):
+            at += depth if at < 0 else 0
+            bus.delayed[j] += plant.delay_taps[j, i] * mem.queue[j, at]
+            at -= 1
 
 
 @_inlined

@@ -20,7 +20,8 @@ class Plant(NamedTuple):
     Most modes belong to one axis, so only what is not zero is kept: mode m is driven by the inputs `driven_by` with
     gains `b` (.., 2), both from `driven[m]` to `driven[m + 1]`; output i sees the modes `seen_mode` with `c` (.., 4),
     the gains of (q, v) in the position and in the rate, from `seen[i]` to `seen[i + 1]`.
-    `delay` (n_u,) in samples of the bench's clock; `dt_s` the bench's sample time; `substeps` steps per sample;
+    `delay_first` (n_u,) and `delay_taps` (n_u, 4) are those of `sim_backend.linear.delay_taps`; `dt_s` the bench's
+    sample time; `substeps` steps per sample;
     `feedthrough` is 1 when d is not zero: readings then wait for the torque of their own sample.
     """
 
@@ -33,7 +34,8 @@ class Plant(NamedTuple):
     c: Array
     d: Array
     rate_d: Array
-    delay: Array
+    delay_first: Ints
+    delay_taps: Array
     dt_s: float
     substeps: int
     feedthrough: int

@@ -157,10 +157,42 @@ class DiscreteModel:
             b0, b1 = self.b[:, 0, u], self.b[:, 1, u]
             out[:, :, u] += (per * (second * b0 + upper * b1)) @ self.c[:, :, 0].T
             out[:, :, u] += (per * (lower * b0 + first * b1)) @ self.c[:, :, 1].T
-        # a fractional delay is a straight line between two held samples, exactly as the simulation plays it
-        whole = np.floor(self.delay_samples)
-        part = self.delay_samples - whole
-        return out * ((1.0 - part) + part / z[:, None, None]) * z[:, None, None] ** -whole
+        for u, late in enumerate(self.delay_samples):
+            taps = delay_taps(float(late))
+            out[:, :, u] *= (np.polyval(taps.weights[::-1], 1.0 / z) * z**-taps.first)[:, None]
+        return out
+
+
+_CUBIC = np.array([[-1.0, 6.0, -11.0, 6.0], [3.0, -15.0, 18.0, 0.0], [-3.0, 12.0, -9.0, 0.0], [1.0, -3.0, 2.0, 0.0]])
+"""Six times the weights of samples 0, 1, 2 and 3 in the cubic through them, by falling powers of where it is read."""
+
+
+@dataclass(frozen=True)
+class Taps:
+    """Weights (4,) of held samples, the `first` of them so many samples ago; `slopes` (4,) per sample of delay."""
+
+    first: int
+    weights: Array
+    slopes: Array
+
+    @property
+    def reach(self) -> int:
+        """How many samples ago the last one was."""
+        return self.first + self.weights.size - 1
+
+
+def delay_taps(delay_samples: float) -> Taps:
+    """Return the held samples that together act as the input `delay_samples` ago (not necessarily whole) does.
+
+    A held input that arrives between two samples is no sequence of held samples. A plant answers to it as to the cubic
+    through the nearest four that have been, to third order in the angle per sample (Lagrange's interpolation). On a
+    straight line between two, at a part f of a sample, what is fast would lose f (1 - f)/2 of the squared angle: more
+    than a first-order lag of half a sample differs from a delay.
+    """
+    first = max(int(delay_samples) - 1, 0)
+    x = delay_samples - first
+    weights, slopes = _CUBIC @ [x**3, x**2, x, 1.0] / 6.0, _CUBIC @ [3.0 * x**2, 2.0 * x, 1.0, 0.0] / 6.0
+    return Taps(first, weights, slopes)
 
 
 def discretise(model: ModalModel, rate_hz: float) -> DiscreteModel:

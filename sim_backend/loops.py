@@ -9,6 +9,7 @@ from sim_backend import layout
 from sim_backend.bench import MAX_TAPS, Learning, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.errors import ConfigError
+from sim_backend.kernel import NO_DELAY
 
 Array = NDArray[np.float64]
 
@@ -79,8 +80,9 @@ def events_of(segment: Segment) -> Array:
 
 def fresh_memory(plant: layout.Plant, n_axes: int, temperature_k: float) -> layout.Memory:
     """Return the memory of a bench at rest, loops open, at `temperature_k`."""
-    n_u = plant.delay.size
-    depth = int(np.max(np.ceil(plant.delay), initial=0.0)) + 2
+    n_u = plant.delay_first.size
+    late = bool(np.any(plant.delay_first) or np.any(plant.delay_taps[:, 1:]))
+    depth = int(np.max(plant.delay_first)) + plant.delay_taps.shape[1] if late else NO_DELAY
     return layout.Memory(
         x=np.zeros((plant.a.shape[0], 2)),
         past=np.zeros(n_u),

@@ -9,7 +9,7 @@ random walk of rigid axes alike into independent numbers of unit variance, so th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
@@ -41,9 +41,10 @@ class Whitener:
 
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
     apart from any error of the model. `edges` (k + 1,) in cycles per sample and `levels` (n_y, k) say how much stronger
-    than white the filtered noise still is in the bands that the filter is too short for. With
-    `even` above zero every row and frequency of an output weighs alike, in units of the residual itself: the error, not
-    the noise, is then what is weighed, and `even` is the noise in that unit.
+    than white the filtered noise still is in the bands that the filter is too short for. The lowest `guessed` of them
+    lie below what differences of periods show: their levels hold whatever the residual does there. With `even` above
+    zero every row and frequency of an output weighs alike, in units of the residual itself: the error, not the noise,
+    is then what is weighed, and `even` is the noise in that unit.
     """
 
     taps: Array
@@ -51,6 +52,13 @@ class Whitener:
     edges: Array = field(default_factory=lambda: np.zeros(1))
     levels: Array = field(default_factory=lambda: np.zeros((0, 0)))
     even: float = 0.0
+    guessed: int = 0
+
+    def flat(self) -> Whitener:
+        """Return the whitener of a noise that rises no further where nothing but the residual tells that it does."""
+        levels = self.levels.copy()
+        levels[:, : self.guessed] = levels[:, [self.guessed]] if self.guessed else 0.0
+        return replace(self, levels=levels)
 
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.
@@ -247,7 +255,23 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     more, upper = _repeated_levels([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest)
     if edges.size < 2:
         edges, levels = np.array([highest]), np.ones((len(repeated), 0))
-    return Whitener(plain.taps, True, np.concatenate([edges, more]), np.concatenate([levels, upper], axis=1))
+    joined = np.concatenate([levels, upper], axis=1)
+    return Whitener(plain.taps, True, np.concatenate([edges, more]), joined, guessed=levels.shape[1])
+
+
+def unseen(whitener: Whitener, data: Dataset, residuals: Sequence[Array]) -> tuple[int, float]:
+    """Return how many rows of `residuals` lie where levels are guessed, and their whitened sum of squares."""
+    rows, total = 0, 0.0
+    if not whitener.guessed:
+        return rows, total
+    for o in whitener.outputs:
+        parts = [(r[:, o], record.fitted()) for r, record in zip(residuals, data.records, strict=True)]
+        frequency, power = _powers(whitener, parts, o)
+        band = np.searchsorted(whitener.edges, frequency, side="right") - 1
+        low = band < whitener.guessed
+        rows += int(low.sum())
+        total += float(np.sum(power[low] / whitener.levels[o][band[low]]))
+    return rows, total
 
 
 def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tuple[Array, Array]:

@@ -33,6 +33,7 @@ class Scale:
     high: float
     mean: float
     sd: float
+    grain: float
 
     def bound(self, value: float) -> float:
         """Return a bound on this scale; minus sixty stands for a logarithm of nothing."""
@@ -41,6 +42,13 @@ class Scale:
         if self.log and value <= 0.0:
             return -60.0
         return self.forth(value)
+
+    def difference(self, x: float) -> float:
+        """Return a step for finite differences at `x` of order one: far above rounding, far below its own size.
+
+        Where the contribution changes in jumps, as far as it takes to change at all.
+        """
+        return max(1e-5 * max(abs(x), 1e-2), self.grain)
 
     def step(self) -> float:
         """Return how far one step may go: a factor of two on a logarithmic scale, anywhere on a linear one."""
@@ -82,7 +90,7 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
                 else (start[p.name] if log else max(abs(start[p.name]), 1e-12))
             )
             mean, sd = _prior(candidate, p, unit, log)
-            scale = Scale(i, p.name, unit, log, p.size, p.low, p.high, mean, sd)
+            scale = Scale(i, p.name, unit, log, p.size, p.low, p.high, mean, sd, p.grain)
             value = float(np.clip(start[p.name], p.low, p.high))
             scales.append(scale)
             x.append(scale.forth(value))
@@ -97,8 +105,3 @@ def _prior(candidate: Candidate, p: Parameter, unit: float, log: bool) -> tuple[
     if log:
         return float(np.log(max(centre, 1e-300) / unit)), p.spread
     return centre / unit, p.spread * max(abs(centre) / unit, 1.0)
-
-
-def difference(x: float) -> float:
-    """Return a step for finite differences of a parameter of order one: far above rounding, far below its own size."""
-    return 1e-5 * max(abs(x), 1e-2)

@@ -23,7 +23,7 @@ from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.dataset import Record
 from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.fit import Fit, Setting, simulated
-from analysis.diagnosis.parameters import Scale, difference, parameters_of
+from analysis.diagnosis.parameters import Scale, parameters_of
 from analysis.diagnosis.starts import Start, stack_white
 from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
 from sim_backend.assembly import retuned
@@ -141,7 +141,7 @@ class Problem:
     def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
         """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
         own = i - len(self.setting.knobs)
-        size = difference(x[i]) if own >= 0 else _KNOB_DIFFERENCE
+        size = self.scales[own].difference(float(x[i])) if own >= 0 else _KNOB_DIFFERENCE
         ended = own >= 0 and x[i] + size > self.scales[own].bound(self.scales[own].high)
         for step in (-size, size) if ended else (size, -size):
             there = x.copy()

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from analysis.simulate import delayed
 from sim_backend.linear import DiscreteModel
 
 Array = NDArray[np.float64]
@@ -41,22 +42,12 @@ def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
             x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
 
 
-def delayed(u: Array, delay_samples: float) -> Array:
-    """Return `u` (n,) late by a number of samples that need not be whole, on a straight line, zero before the start."""
-    if delay_samples == 0.0:
-        return u
-    whole = int(delay_samples)
-    part = delay_samples - whole
-    padded = np.concatenate([np.zeros(whole + 1), u])
-    return (1.0 - part) * padded[1 : u.size + 1] + part * padded[: u.size]
-
-
 def response(model: DiscreteModel, force: Array, input_index: int, *, through_delay: bool = False) -> Array:
     """Return the outputs (n, n_y) to `force` (n,) at one input, from rest.
 
     A force on the structure does not pass the input's delay; a command does (`through_delay`).
     """
-    f = delayed(force, float(model.delay_samples[input_index])) if through_delay else force
+    f = delayed(force[:, None], model.delay_samples[[input_index]])[:, 0] if through_delay else force
     out = np.zeros((force.size, model.c.shape[0]))
     b, d = np.ascontiguousarray(model.b[:, :, input_index]), np.ascontiguousarray(model.d[:, input_index])
     _propagate(model.a, b, model.c, d, np.ascontiguousarray(f), out)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
 from analysis.diagnosis.fit import Fit, Setting, linear_of, simulated
-from analysis.diagnosis.noise import even_weights, whitener_from
+from analysis.diagnosis.noise import even_weights, unseen, whitener_from
 from analysis.diagnosis.refit import Problem as Hypothesis
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
@@ -95,10 +95,11 @@ def score(fit: Fit, known_noise: bool) -> float:
 
     The price of a parameter is what the data narrowed it by: one that they do not determine costs nothing, and one
     that has to be far from where it is plausible pays for the distance in the fit's penalty. Where nothing repeats,
-    colour and level of the noise are part of a hypothesis, and the likelihood is that of its innovations.
+    colour and level of the noise are part of a hypothesis, and the likelihood is that of its innovations; where periods
+    repeat, its levels at the lowest frequencies may be.
     """
     if known_noise:
-        return float(fit.objective + 2.0 * fit.occam)
+        return float(fit.objective + fit.log_variance + 2.0 * fit.occam)
     level = fit.rows * (1.0 + np.log(max(fit.objective, 1e-300) / fit.rows))
     return float(level + fit.log_variance + 2.0 * fit.occam)
 
@@ -137,8 +138,13 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
             # white noise cannot, so the shapes that stand out against white noise are tried as well
             plain = settle(setting, best, order=0)
-            seen = {c.key for f in trials for c in f.candidates}
-            trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, screen(plain, best, rules, scales), seen)]
+            found = screen(plain, best, rules, scales)
+            trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, found, _keys(trials))]
+        if known and _lowest(trials) + last.price >= score(best, True) and (flat := _flat(setting, best, last.price)):
+            found = _unmasked(flat, best, rules, scales, last.price)
+            upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
+            trials += upheld
+            first = found if upheld and not depth else first  # causes are compared where they stand out
         if not trials:
             break
         top = min(trials, key=lambda f: score(f, known))
@@ -154,6 +160,53 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     explained = _explained(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway)
+
+
+def _lowest(fits: Sequence[Fit]) -> float:
+    """Return the best score where the noise is known, infinite of none."""
+    return min((score(f, True) for f in fits), default=np.inf)
+
+
+def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
+    return {c.key for f in fits for c in f.candidates}
+
+
+def _flat(setting: Setting, fit: Fit, price: float) -> Setting | None:
+    """Return the setting with noise that does not rise below what periods show, if that rise may hide an effect.
+
+    Down there the noise is what a fit leaves. A slow effect that is not yet in it (a drift) makes noise of itself, and
+    is hidden by it: it can win in evidence no more than the rise cost.
+    """
+    flat = setting.whitener.flat()
+    masks = [record.fitted() for record in setting.data.records]
+    if sum(setting.whitener.log_variance(m) - flat.log_variance(m) for m in masks) < price:
+        return None
+    return replace(setting, whitener=flat, starts=starts_of(setting.data, linear_of(setting, fit), flat))
+
+
+def _unmasked(flat: Setting, fit: Fit, rules: Rules, scales: Scales, price: float) -> Screen:
+    """Return a screening against flat noise, by the evidence that is left when the noise falls to what then remains.
+
+    It falls no lower than where it is flat, and what lowers the misfit elsewhere needs no such screening.
+    """
+    found = screen(flat, fit, rules, scales)
+    rows, before = unseen(flat.whitener, flat.data, fit.residuals)
+    gains = rows * -np.log1p(-np.minimum(found.drops / before, max(1.0 - rows / before, 0.0)))
+    return replace(found, gains=np.asarray(gains, dtype=float), threshold=price)
+
+
+def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
+    """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
+
+    What takes a little of the noise away is worth something under either's own noise, but not under the same.
+    """
+    upheld = []
+    for trial in trials:
+        own = settle(flat, trial)
+        again = _again(own, trial)
+        if score(again, True) + price < score(_again(own, best), True):
+            upheld.append(again)
+    return upheld
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
@@ -173,14 +226,24 @@ class _Stage:
 
     best: Fit
     least: float
-    allowed: Container[type[Effect]]
+    allowed: Collection[type[Effect]]
     done: float
     share: float
     progress: Progress
 
-    def trials(self, setting: Setting, found: Screen, seen: Container[tuple[str, str]] = ()) -> list[Fit]:
-        """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial."""
-        picks = [i for i in shortlist(found, self.allowed) if found.candidates[i].key not in seen]
+    def trials(self, setting: Setting, found: Screen, seen: Collection[tuple[str, str]] = ()) -> list[Fit]:
+        """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial.
+
+        Where none of those that stand out most is any better than no effect (an awkward shape may stand out by chance
+        and then fit nowhere), the next ones are tried as well.
+        """
+        fits = self._fitted(setting, found, shortlist(found, self.allowed, seen))
+        known = setting.whitener.repeats
+        if fits and min(score(f, known) for f in fits) + found.price >= score(self.best, known):
+            fits += self._fitted(setting, found, shortlist(found, self.allowed, {*seen, *_keys(fits)}))
+        return fits
+
+    def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
         if not picks or max(found.drops[i] for i in picks) < self.least:
             return []
 

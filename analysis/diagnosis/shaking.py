@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.chance import Chance
 from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.starts import without_starts
 from analysis.diagnosis.whittle import Band, Start, Whittle, series_of, spectrum_of
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.broadband_vibration import BroadbandVibration
@@ -70,9 +71,12 @@ def noise_evidence(setting: Setting, fit: Fit) -> float:
 
 
 def _series(setting: Setting, fit: Fit) -> list[tuple[Array, Array]]:
+    # a start rings in the modes, as a random torque does, but once
+    linear = linear_of(setting, fit)
+    rest = without_starts(setting.data, linear, setting.whitener, setting.starts, fit.residuals)
     return [
         part
-        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
+        for record, residual in zip(setting.data.records, rest, strict=True)
         for part in series_of(setting, record, _white(setting, residual))
     ]
 

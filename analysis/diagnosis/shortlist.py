@@ -80,6 +80,11 @@ class Screen:
         """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
         return 2.0 * float(np.log(SURE / (1.0 - SURE)) + np.log(max(len({c.key for c in self.candidates}), 1)))
 
+    @property
+    def top(self) -> float:
+        """Evidence of the candidate that stands out most."""
+        return float(np.max(self.gains, initial=0.0))
+
     def best_per_key(self) -> list[int]:
         """Return the index of the best start of each (effect, place), best first."""
         seen: dict[tuple[str, str], int] = {}
@@ -151,9 +156,10 @@ def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> d
     return views
 
 
-def shortlist(found: Screen, allowed: Container[type[Effect]]) -> list[int]:
-    """Return the numbers of the candidates of `allowed` effects that are worth a refit, best first."""
+def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[tuple[str, str]] = ()) -> list[int]:
+    """Return the numbers of the candidates that are worth a refit, of `allowed` effects and not `seen`, best first."""
     order = [i for i in found.best_per_key() if found.candidates[i].effect in allowed]
+    order = [i for i in order if found.candidates[i].key not in seen]
     significant = [i for i in order if found.gains[i] > found.threshold]
     if not significant:
         return []

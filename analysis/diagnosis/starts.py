@@ -6,6 +6,7 @@ effect is large does the start have to be known in the simulation itself, and th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.noise import Whitener
-from analysis.diagnosis.responses import free_responses
+from analysis.diagnosis.responses import coasting, free_responses
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -53,6 +54,19 @@ def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: fl
     keep = size > _NEGLIGIBLE * np.max(size, initial=1e-300)
     back = (right[keep].T / size[keep]) / scale[:, None]
     return Start(left[:, keep], back)
+
+
+def without_starts(
+    data: Dataset, linear: ModalModel, whitener: Whitener, starts: Sequence[Start], residuals: Sequence[Array]
+) -> tuple[Array, ...]:
+    """Return `residuals`, (n, n_y) per record, less what the starts explain of them."""
+    model = discretise(linear, data.rate_hz)
+
+    def rest(record: Record, start: Start, residual: Array) -> Array:
+        states = start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
+        return residual - coasting(model, states, record.n)
+
+    return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
 
 
 def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:

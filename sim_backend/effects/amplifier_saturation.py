@@ -29,5 +29,5 @@ class AmplifierSaturation(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return limits below the largest command of the record."""
-        return [{"limit": view.u_peak * part} for part in (0.95, 0.85, 0.7, 0.5)]
+        """Return limits below the largest command of the record, by what they cut off: a 500th to half of it."""
+        return [{"limit": view.u_peak * (1.0 - 0.5 / 3.0**k)} for k in range(6)]

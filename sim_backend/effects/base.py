@@ -88,7 +88,8 @@ class Parameter:
     An effect without sizes is neutral at its shapes' neutral values (a limit at infinity, say).
     Bounds are absolute; `log` says that the parameter is searched on a logarithmic scale. A `fixed` parameter is a
     constant of the description that no data can tell from another parameter; a fit leaves it where it is. `spread` is
-    how far a shape may plausibly lie from where `guess` looks for it, as a standard deviation of its logarithm.
+    how far a shape may plausibly lie from where `guess` looks for it, as a standard deviation of its logarithm. `grain`
+    is by which part of itself a shape has to change for the contribution to change at all, where it does so in jumps.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Parameter:
     log: bool
     fixed: bool
     spread: float
+    grain: float
     about: str
 
 
@@ -129,9 +131,10 @@ def shape(
     high: float = math.inf,
     log: bool = True,
     spread: float = 2.0,
+    grain: float = 0.0,
 ) -> Any:
     """Declare a shape parameter (the contribution depends on it nonlinearly) as a dataclass field."""
-    return _declare(neutral, Dimension(u, y, s, k), low, high, log=log, spread=spread, about=about)
+    return _declare(neutral, Dimension(u, y, s, k), low, high, log=log, spread=spread, grain=grain, about=about)
 
 
 def constant(
@@ -163,9 +166,10 @@ def _declare(
     log: bool = False,
     fixed: bool = False,
     spread: float = 0.0,
+    grain: float = 0.0,
 ) -> Any:
     meta = {"dimension": dim, "low": low, "high": high, "size": size, "log": log, "fixed": fixed, "spread": spread}
-    meta["about"] = about
+    meta |= {"grain": grain, "about": about}
     return field(default=neutral, metadata=meta)
 
 

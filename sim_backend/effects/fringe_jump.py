@@ -8,6 +8,9 @@ from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
+_PITCH = 0.05
+"""Relative distance of the limits that are tried."""
+
 
 @compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
@@ -36,9 +39,14 @@ class FringeJump(Effect):
     step = _step
 
     fringe: float = size("reading of one fringe", y=1)
-    rate_limit: float = shape("rate beyond which a fringe is missed", 1.0, y=1, s=-1, low=1e-12, spread=0.4)
+    rate_limit: float = shape(
+        "rate beyond which a fringe is missed", 1.0, y=1, s=-1, low=1e-12, spread=0.4, grain=_PITCH / 2.0
+    )
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return limits below the fastest motion of the record."""
-        return [{"rate_limit": max(view.rate_peak * part, 1e-12)} for part in (0.95, 0.8, 0.6, 0.4)]
+        """Return limits below the fastest motion of the record, down to a third of it.
+
+        Which motions are too fast changes with every few per cent of the limit, and no descent finds its way between.
+        """
+        return [{"rate_limit": max(view.rate_peak * (1.0 - _PITCH) ** (k + 0.5), 1e-12)} for k in range(20)]

@@ -28,10 +28,15 @@ def test_steady_state_of_a_periodic_input_with_fractional_delay(rng, plant):
     assert np.allclose(long, steady, atol=1e-11 * np.std(steady))
 
 
-def test_delay_is_whole_samples_and_a_straight_line_between():
-    u = np.arange(1.0, 6.0)[:, None]
-    assert np.allclose(delayed(u, np.array([1.25]))[:, 0], [0.0, 0.75, 1.75, 2.75, 3.75])
-    assert np.allclose(delayed(u, np.array([9.5])), 0.0)
+@pytest.mark.parametrize("samples", [0.0, 0.3, 1.0, 1.25, 3.75])
+def test_delayed_input_is_the_cubic_through_its_samples(samples):
+    t = np.arange(12.0)
+    u = np.stack([t**3 - 4.0 * t**2 + 1.0, 5.0 - t], axis=1)
+    late = t - samples
+    want = np.stack([late**3 - 4.0 * late**2 + 1.0, 5.0 - late], axis=1)
+    # beyond the reach of the four samples a cubic is its own interpolation
+    np.testing.assert_allclose(delayed(u, np.full(2, samples))[7:], want[7:], rtol=1e-12, atol=1e-11)
+    assert np.array_equal(delayed(u[:, :1], np.array([13.5])), np.zeros((12, 1)))
 
 
 def test_wrong_shapes_are_refused(rng, plant):

@@ -9,6 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.noise import Whitener
+from analysis.diagnosis.starts import starts_of
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.model import Mode, Model, Port
 
@@ -46,15 +47,16 @@ def setting_of(force: Array, reading: Array, residual: Array, noise_std: float, 
     n = force.size
     record = Record("run", force[:, None], reading[:, None], (Window("all", 0, n, False, period),))
     whitener = Whitener(np.array([[1.0 / noise_std]]), bool(period))
+    data = Dataset(RATE_HZ, (record,))
     setting = Setting(
-        Dataset(RATE_HZ, (record,)),
+        data,
         MODEL.linear(),
         (),
         places_of(MODEL),
         transducers_of(MODEL),
         [],
         whitener,
-        (),
+        starts_of(data, MODEL.linear(), whitener),
         (),
         1,
     )

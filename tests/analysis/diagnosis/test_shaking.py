@@ -60,6 +60,18 @@ def test_none_is_found_in_coloured_noise_alone() -> None:
     assert np.sum(np.array(values) < 0.002) <= 1
 
 
+def test_the_ring_of_a_start_is_no_vibration() -> None:
+    """Bare of its start, the residual of a record that begins in swing is noise."""
+    for seed in range(5):
+        rng = np.random.default_rng(700 + seed)
+        force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
+        ring = moved(np.where(np.arange(N) < 7, 30.0, 0.0))
+        assert np.max(np.abs(ring)) > 100.0 * 0.01  # far above the noise
+        residual = _noise(rng) + np.append(ring[7:], np.zeros(7))
+        found = shaking(*setting_of(force, moved(force) + residual, residual, 0.01))
+        assert all(c.p_value > 0.002 for c in found)
+
+
 def test_a_torque_of_all_frequencies_is_never_sure_to_be_a_band() -> None:
     """Amplifier noise, a very wide band and a rounded command look alike: they are tied, or nothing is said."""
     for seed in range(5):
