@@ -37,7 +37,7 @@ little, so they are as many as so many products of rows and re-tuned numbers all
 _STEPS, _ROUNDS = 6, 5
 """Steps of a fit before it is looked at again, and how often it may go on."""
 
-_SETTLED = 0.01
+_SETTLED = 0.05
 """A fit that gained less than this part in its last steps goes on no more."""
 
 GROSS = 5.0

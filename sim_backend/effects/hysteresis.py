@@ -47,5 +47,9 @@ class Hysteresis(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return reaches from a tenth of the swing to twice it, where the last spring never slips."""
-        return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.1, 0.4, 1.0, 2.0)]
+        """Return reaches in each quarter of the rung below the swing, and one for small loops.
+
+        A third of a reach is nearly the same ladder again, and a spring that reaches beyond the swing never slips;
+        between them a fit has several places to settle in.
+        """
+        return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.1, 0.38, 0.50, 0.66, 0.87)]
