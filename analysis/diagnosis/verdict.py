@@ -147,7 +147,8 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         gaps[label] = min(gaps.get(label, np.inf), gap)
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
-        top = float(np.max(found.first.gains, initial=0.0))
+        # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
+        top = max(float(np.max(found.first.gains, initial=0.0)), found.explained if known else 0.0)
         # what the parameters of the best cost is known from its fit, those of the others are taken as well determined
         paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - found.tuned.penalty)
         for i in found.first.best_per_key():

@@ -87,22 +87,22 @@ def test_a_hidden_cause_is_named_and_adding_it_pays(slug: str, seed: int, tmp_pa
     said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape)
     (hidden,) = said.judged.case.effects
     assert hidden.effect == slug and hidden.size >= 2.0 * hidden.naming_limit
-    assert said.judged.right, said
+    assert said.judged.right, str(said)
     gain, floor = said.content["gain"], said.judged.case.held_out_floor
-    assert gain["rms_after"] <= OF_TRUTH * floor, said
+    assert gain["rms_after"] <= OF_TRUTH * floor, str(said)
     if gain["rms_before"] > OF_TRUTH * floor:
         # re-tuning the nominal model alone left something to gain on these rows: it was gained, beyond chance
-        assert gain["ci95"][0] > 0.0, said
+        assert gain["ci95"][0] > 0.0, str(said)
 
 
 @pytest.mark.parametrize("seed", NULL_SEEDS)
 def test_nothing_hidden_is_consistent(seed: int, tmp_path: Path) -> None:
     said = diagnosed(tmp_path, seed, "--one", "0", "--none", "1", "--shape", "short")
-    assert said.judged.verdict == "consistent", said
+    assert said.judged.verdict == "consistent", str(said)
 
 
 @pytest.mark.parametrize(("slug", "seed"), OUTSIDE.items())
 def test_a_cause_that_is_left_out_of_the_search_is_unknown(slug: str, seed: int, tmp_path: Path) -> None:
     what = ("--family", slug, "--one", "0", "--none", "0", "--outside", "1", "--shape", "short")
     said = diagnosed(tmp_path, seed, *what)
-    assert said.judged.verdict == "unknown", said
+    assert said.judged.verdict == "unknown", str(said)

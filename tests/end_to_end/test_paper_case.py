@@ -39,7 +39,7 @@ def loops(folder: Path, axis: str, seed: int) -> str:
 
 
 def multisine(folder: Path, axis: str, seed: int) -> str:
-    """Record a multisine of 1 mrad, the range of the paper's own identification; return the log's name."""
+    """Record a multisine of 0.8 mrad, about the range of the paper's identification; return the log's name."""
     log = f"multisine-{axis}.h5"
     settings = {"axes": f'["{axis}"]', "torque_rms_nm": 0.005, "realisations": 1, "period_s": 0.25, "start_hz": 4.0}
     options = [word for name, value in settings.items() for word in ("--set", f"{name}={value}")]
