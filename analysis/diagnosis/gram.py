@@ -26,7 +26,8 @@ class Gram:
     """Inner products of whitened columns: residual first, then `n_knobs` knobs, then the candidates' columns.
 
     `products` (1 + n_knobs + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells
-    which can only be positive; `rows` counts the samples.
+    which can only be positive; `rows` counts the samples. Candidates that are `whole` are there as they are or not at
+    all.
     """
 
     products: Array
@@ -35,6 +36,7 @@ class Gram:
     one_sided: tuple[bool, ...]
     rows: int
     known_noise: bool
+    whole: tuple[bool, ...] = ()
 
     def without(self, columns: Ints) -> Array:
         """Return the products of what is left after the given columns are projected out (Schur complement)."""
@@ -73,6 +75,9 @@ class Gram:
         projection are rounding and count as nothing.
         """
         columns = np.concatenate([self.groups[i] for i in together])
+        if self.whole and len(together) == 1 and self.whole[together[0]]:
+            drop = float(2.0 * reduced[columns[0], 0] - reduced[columns[0], columns[0]])
+            return (drop, np.ones(1)) if drop > 0.0 else (0.0, np.zeros(1))
         own = reduced[np.ix_(columns, columns)]
         left = np.maximum(np.diag(own), 0.0)
         live = np.flatnonzero(np.isin(columns, self._live(reduced, columns)))

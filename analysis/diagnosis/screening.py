@@ -72,7 +72,8 @@ def gram_of(
     total[0, at] -= precision * problem.change
     total[at, 0] -= precision * problem.change
     total[0, 0] += float(precision @ problem.change**2)
-    return Gram(total, len(problem.knobs) + n_extra, groups, tuple(map(_one_sided, candidates)), rows, whitener.repeats)
+    one_sided, whole = tuple(map(_one_sided, candidates)), tuple(c.effect.whole for c in candidates)
+    return Gram(total, len(problem.knobs) + n_extra, groups, one_sided, rows, whitener.repeats, whole)
 
 
 def _one_sided(candidate: Candidate) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +109,8 @@ class Found:
     """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
 
     `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves, `leeway` the
-    part of it that may be wrong because nature's form of the effects is another.
+    part of it that may be wrong because nature's form of the effects is another. `passed` says of each single effect
+    that was fitted first, by what and where, by which logarithm of the evidence it trailed the best of them.
     """
 
     setting: Setting
@@ -120,6 +121,7 @@ class Found:
     last: Screen
     explained: float
     leeway: float
+    passed: dict[tuple[str, str], float] = field(default_factory=dict)
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -127,6 +129,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, rivals = tuned, [tuned]
     known = setting.whitener.repeats
     first = last = screen(setting, tuned, rules, scales)
+    passed: dict[tuple[str, str], float] = {}
     for depth in range(MOST):
         least = leeway_of(setting, tuned, best)
         # most searches end early: each further effect gets half of what is left of the time to be told
@@ -144,7 +147,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             found = _unmasked(flat, best, rules, scales, last.price)
             upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
             trials += upheld
-            first = found if upheld and not depth else first  # causes are compared where they stand out
+            if upheld and not depth:  # causes are compared where they stand out
+                first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         if not trials:
             break
         top = min(trials, key=lambda f: score(f, known))
@@ -152,6 +156,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             rivals += trials
             break
         chosen = sorted(trials, key=lambda f: score(f, known))[:3]
+        if not depth:
+            passed = {f.candidates[0].key: 0.5 * (score(f, known) - score(top, known)) for f in trials}
         setting, trials, before = _settled(replace(setting, substeps=rules.substeps), chosen, rivals[0])
         best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
         rivals = [*trials, before]
@@ -159,7 +165,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, pruned = _pruned(setting, best, first.price)
     explained = _explained(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
-    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway)
+    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
 
 
 def _lowest(fits: Sequence[Fit]) -> float:

@@ -57,7 +57,9 @@ def judge(found: Found, allowed: float = 0.0) -> Judgement:
     if probability >= SURE:
         return Judgement("named", named, (), probability, inflation, rivals)
     own = set(_label(best, named))
-    close = [set(label) for label, gap in gaps if gap < np.log(SURE / (1.0 - SURE))]
+    # the fewest rivals without which it would be sure
+    beyond = weights.sum() - np.cumsum(weights)
+    close = [set(label) for label, _ in gaps[: 1 + int(np.sum(beyond > (1.0 - SURE) / SURE))]]
     shared = own.intersection(*close)
     tied = [tuple(sorted(own - shared)), *(tuple(sorted(c - shared)) for c in close)]
     flat = tuple(sorted({name for group in tied for name in group}))
@@ -157,7 +159,9 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
             if candidate.key in refitted or label == own or found.first.gains[i] <= 0.0:
                 continue
             extra = 0.5 * len(candidate.effect.parameters()) * np.log(found.best.rows) - paid
-            gap = max(0.5 * (top - float(found.first.gains[i])) / inflation + extra, 0.0)
+            screened = max(0.5 * (top - float(found.first.gains[i])) / inflation + extra, 0.0)
+            # what it was worth when it was fitted is known better than what it promised
+            gap = found.passed[candidate.key] / inflation if candidate.key in found.passed else screened
             gaps[label] = min(gaps.get(label, np.inf), gap)
     return sorted(gaps.items(), key=lambda pair: pair[1])
 

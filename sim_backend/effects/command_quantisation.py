@@ -27,6 +27,7 @@ class CommandQuantisation(Effect):
     site = Site.COMMAND
     symptom = "is a sawtooth over the command, bounded however large it is"
     step = _step
+    whole = True
 
     step_size: float = shape("smallest change of the output", 0.0, u=1)
 

@@ -29,6 +29,7 @@ class SensorQuantisation(Effect):
     site = Site.READING
     symptom = "is a sawtooth over the reading, bounded however far it moves"
     step = _step
+    whole = True
 
     step_size: float = shape("smallest change of the reading", 0.0, y=1)
 

@@ -31,3 +31,16 @@ def test_columns_that_differ_by_rounding_count_once() -> None:
             drop, sizes = gram.solve(gram.without(gram.knob_columns()), [0])
             assert abs(drop / truth - 1.0) < 1e-3
             assert np.isfinite(sizes).all()
+
+
+def test_a_whole_candidate_counts_as_it_is() -> None:
+    """A rounding explains what it adds or nothing: a hundredth of it is no rounding of another step."""
+    rng = np.random.default_rng(7)
+    noise, pattern = rng.standard_normal((2, 5000))
+    for share, explained in ((1.0, True), (0.4, False)):
+        columns = np.column_stack([noise + share * pattern, rng.standard_normal(5000), pattern])
+        free = gram_of(columns, True)
+        whole = Gram(free.products, 1, free.groups, (True,), free.rows, True, (True,))
+        drop, sizes = whole.solve(whole.without(whole.knob_columns()), [0])
+        assert free.solve(free.without(free.knob_columns()), [0])[0] > 500.0
+        assert (drop > 4000.0, sizes[0]) == (explained, float(explained))
