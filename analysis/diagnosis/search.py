@@ -106,7 +106,8 @@ def score(fit: Fit, known_noise: bool) -> float:
 class Found:
     """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
 
-    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves.
+    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves, `strangers`
+    by how much its evidence leads (natural logarithm) that of a force at a place which is no listed cause.
     """
 
     setting: Setting
@@ -116,6 +117,7 @@ class Found:
     first: Screen
     last: Screen
     explained: float
+    strangers: tuple[tuple[str, float], ...] = ()
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -132,7 +134,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             # white noise cannot, so the shapes that stand out against white noise are tried as well
             plain = settle(setting, best, order=0)
             seen = {c.key for f in trials for c in f.candidates}
-            trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, screen(plain, best, rules, scales), seen)]
+            trials += [lined_up(plain, f)[1] for f in stage.trials(plain, screen(plain, best, rules, scales), seen)]
         if not trials:
             break
         top = min(trials, key=lambda f: score(f, known))
@@ -178,7 +180,7 @@ class _Stage:
 
         def trial(k: int) -> Fit:
             candidate = found.candidates[picks[k]]
-            return _extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
+            return extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
 
         fits: list[Fit] = []
         with ThreadPoolExecutor(setting.workers) as pool:
@@ -200,7 +202,8 @@ def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
     return max(float(before @ before) - best.misfit, 0.0)
 
 
-def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
+def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
+    """Return `fit` with one more effect, refitted from its screened `sizes` and the `knobs`' change beside it."""
     before, held = fit.held()
     sd = np.array([k.sd for k in setting.knobs])
     # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
@@ -225,25 +228,25 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     """
     if setting.whitener.repeats:
         setting = settle(setting, min(trials, key=lambda f: score(f, True)))
-        return setting, [_again(setting, f) for f in trials], _again(setting, before)
-    own = [_lined_up(setting, f) for f in trials]
+        return setting, [again(setting, f) for f in trials], again(setting, before)
+    own = [lined_up(setting, f) for f in trials]
     own.sort(key=lambda pair: score(pair[1], False))
     if _colour(*own[0]) > _DRIFTING:
         # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
         # White noise cannot, so the best is tried from there as well
         plain = settle(setting, own[0][1], order=0)
-        other = _lined_up(plain, _again(plain, own[0][1], steps=_LONG))
+        other = lined_up(plain, again(plain, own[0][1], steps=_LONG))
         if score(other[1], False) < score(own[0][1], False):
             own[0] = other
     return own[0][0], [fit for _, fit in own], before
 
 
-def _lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
+def lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
     """Return the setting and the fit in which the noise is what the fit leaves."""
     best = settle(setting, fit), fit
     for _ in range(_ROUNDS):
         setting = settle(setting, fit)
-        fit = _again(setting, fit)
+        fit = again(setting, fit)
         gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
         if gained > 0.0:
             best = setting, fit
@@ -252,7 +255,7 @@ def _lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
     return best
 
 
-def _again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
+def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
     """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
     candidates, sizes = fit.held(keep)
     return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
@@ -266,7 +269,7 @@ def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
         smaller = []
         for i in range(len(best.candidates)):
             keep = [k for k in range(len(best.candidates)) if k != i]
-            smaller.append(_again(setting, best, keep=keep))
+            smaller.append(again(setting, best, keep=keep))
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
         if score(least, known) > score(best, known) + price:
