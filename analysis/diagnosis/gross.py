@@ -180,7 +180,9 @@ def judge_main(found: Found) -> Judgement:
     rivals = tuple(sorted(((name, -gap) for name, gap in gaps.items()), key=lambda pair: -pair[1]))
     inflation = float(found.setting.rows / rows)
     if own == UnlistedForce.name:
-        return Judgement("unknown", (), (), probability, inflation, rivals)
+        places = ", ".join(c.where for c in best.candidates)
+        against = f"a smooth force of position and rate at {places} that is no listed cause explains most of it"
+        return Judgement("unknown", (), (), probability, inflation, rivals, against)
     if probability >= SURE:
         return Judgement("named", tuple(range(len(best.effects))), (), probability, inflation, rivals)
     if rivals[0][0] == UnlistedForce.name:

@@ -14,6 +14,7 @@ from analysis.diagnosis.evidence import evidence
 from analysis.diagnosis.fit import Setting, residuals_on
 from analysis.diagnosis.gain import gain_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
+from analysis.diagnosis.leftover import leftovers
 from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.next_experiment import choose
 from analysis.diagnosis.noise import whitener_from
@@ -24,6 +25,7 @@ from analysis.diagnosis.sentence import sentence
 from analysis.diagnosis.shortlist import Rules
 from analysis.diagnosis.spread import spread_causes
 from analysis.diagnosis.starts import starts_of
+from analysis.diagnosis.stranger import beside_strangers
 from analysis.diagnosis.testimony import Testimony, hear
 from analysis.diagnosis.tuning import OWN_TOLERANCE, knobs_of, turned
 from analysis.diagnosis.verdict import causes_of, judge
@@ -110,7 +112,7 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    return search(setting, tuned, rules, scales, progress)
+    return beside_strangers(search(setting, tuned, rules, scales, progress), rules, scales, progress)
 
 
 def fitted_here(model: Model, data: Dataset) -> bool:
@@ -168,7 +170,10 @@ def diagnose(
     searched = searched_effects(options)
     spread = spread_causes(found.setting, found.best, searched, found.leeway)
     even = bool(found.setting.whitener.even)
-    judgement = judge_main(found) if even else judge(found, spread.allowed)
+    if even:
+        judgement = judge_main(found)
+    else:
+        judgement = judge(found, spread.allowed, leftovers(found.setting, found.best), spread.worth)
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
@@ -195,5 +200,9 @@ def diagnose(
         before=before,
         after=after,
         considered=judgement.rivals,
-        notes=tuple(filter(None, (remark, choice.reason if choice else "", remainder(found) if even else ""))),
+        notes=tuple(
+            filter(
+                None, (judgement.objection, remark, choice.reason if choice else "", remainder(found) if even else "")
+            )
+        ),
     )

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, signature
 from analysis.diagnosis.dataset import Dataset, Record
-from analysis.diagnosis.gram import Gram, Ints
+from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob
@@ -47,24 +47,41 @@ def gram_of(
     *,
     workers: int = 2,
 ) -> Gram:
-    """Return the inner products of residual, knobs and all candidates over the rows that may be fitted.
+    """Return the inner products of residual, knobs and all candidates over the rows that may be fitted."""
 
-    Records and outputs are taken one after another, so that memory holds one record's columns only.
+    def columns(r: int) -> list[Array]:
+        def column(candidate: Candidate) -> Array:
+            states, rate_hz = problem.states[r], problem.data.rate_hz
+            return signature(candidate, problem.linear, problem.places, motions[r], rate_hz, states)
+
+        with ThreadPoolExecutor(workers) as pool:
+            return list(pool.map(column, candidates))
+
+    gram = gathered(problem, motions, whitener, columns, tuple(map(_one_sided, candidates)))
+    return replace(gram, whole=tuple(c.effect.whole for c in candidates))
+
+
+def gathered(
+    problem: Problem,
+    motions: Sequence[Motion],
+    whitener: Whitener,
+    columns: Callable[[int], Sequence[Array]],
+    one_sided: tuple[bool, ...],
+) -> Gram:
+    """Return the inner products of residual, knobs and `columns` over the rows that may be fitted.
+
+    `columns` gives those of a record by its number, one (n, n_y, k) for each group; `one_sided` tells which groups can
+    only be positive. Records and outputs are taken one after another, so that memory holds one record's columns only.
     """
-    n_extra = problem.exact[0].shape[2] - len(problem.knobs)
-    groups, n_columns = _number(candidates, 1 + len(problem.knobs) + n_extra)
-    total = np.zeros((n_columns, n_columns))
+    total: Array = np.zeros((0, 0))
+    widths: list[int] = []
     rows = 0
     for r, (record, motion, start) in enumerate(zip(problem.data.records, motions, problem.starts, strict=True)):
         rows += int(record.fitted().sum()) * problem.data.n_outputs
-
-        def column(candidate: Candidate, motion: Motion = motion, states: Array = problem.states[r]) -> Array:
-            return signature(candidate, problem.linear, problem.places, motion, problem.data.rate_hz, states)
-
-        with ThreadPoolExecutor(workers) as pool:
-            found = list(pool.map(column, candidates))
-        parts = [motion.residual[:, :, None], problem.exact[r], *found]
-        total += _products(parts, record, whitener, start)
+        found = columns(r)
+        widths = [c.shape[2] for c in found]
+        products = _products([motion.residual[:, :, None], problem.exact[r], *found], record, whitener, start)
+        total = products if r == 0 else total + products
     # prior: the total change of each knob from the nominal model is normal with its sd
     precision = np.array([1.0 / k.sd**2 for k in problem.knobs])
     at = np.arange(1, 1 + len(problem.knobs))
@@ -72,22 +89,15 @@ def gram_of(
     total[0, at] -= precision * problem.change
     total[at, 0] -= precision * problem.change
     total[0, 0] += float(precision @ problem.change**2)
-    one_sided, whole = tuple(map(_one_sided, candidates)), tuple(c.effect.whole for c in candidates)
-    return Gram(total, len(problem.knobs) + n_extra, groups, one_sided, rows, whitener.repeats, whole)
+    n_before = problem.exact[0].shape[2]
+    ends = 1 + n_before + np.cumsum(widths, dtype=np.int64)
+    groups = tuple(np.arange(end - width, end) for end, width in zip(ends, widths, strict=True))
+    return Gram(total, n_before, groups, one_sided, rows, whitener.repeats)
 
 
 def _one_sided(candidate: Candidate) -> bool:
     """Tell whether the candidate's columns can only be positive: sizes that cannot be negative, or a whole effect."""
     return all(p.low >= 0.0 for p in candidate.effect.parameters() if p.size)
-
-
-def _number(candidates: Sequence[Candidate], first: int) -> tuple[tuple[Ints, ...], int]:
-    groups, at = [], first
-    for c in candidates:
-        width = max(len(c.unit_sizes), 1)
-        groups.append(np.arange(at, at + width))
-        at += width
-    return tuple(groups), at
 
 
 def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start: Start) -> Array:

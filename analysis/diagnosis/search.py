@@ -110,7 +110,8 @@ class Found:
 
     `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves, `leeway` the
     part of it that may be wrong because nature's form of the effects is another. `passed` says of each single effect
-    that was fitted first, by what and where, by which logarithm of the evidence it trailed the best of them.
+    that was fitted first, by what and where, by which logarithm of the evidence it trailed the best of them,
+    `strangers` by how much the best leads that of a force at a place which is no listed cause.
     """
 
     setting: Setting
@@ -122,6 +123,7 @@ class Found:
     explained: float
     leeway: float
     passed: dict[tuple[str, str], float] = field(default_factory=dict)
+    strangers: tuple[tuple[str, float], ...] = ()
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -142,7 +144,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             # white noise cannot, so the shapes that stand out against white noise are tried as well
             plain = settle(setting, best, order=0)
             found = screen(plain, best, rules, scales)
-            trials += [_lined_up(plain, f)[1] for f in stage.trials(plain, found, _keys(trials))]
+            trials += [lined_up(plain, f)[1] for f in stage.trials(plain, found, _keys(trials))]
         if known and _lowest(trials) + last.price >= score(best, True) and (flat := _flat(setting, best, last.price)):
             found = _unmasked(flat, best, rules, scales, last.price)
             upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
@@ -209,9 +211,9 @@ def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> li
     upheld = []
     for trial in trials:
         own = settle(flat, trial)
-        again = _again(own, trial)
-        if score(again, True) + price < score(_again(own, best), True):
-            upheld.append(again)
+        refitted = again(own, trial)
+        if score(refitted, True) + price < score(again(own, best), True):
+            upheld.append(refitted)
     return upheld
 
 
@@ -255,7 +257,7 @@ class _Stage:
 
         def trial(k: int) -> Fit:
             candidate = found.candidates[picks[k]]
-            return _extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
+            return extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
 
         fits: list[Fit] = []
         with ThreadPoolExecutor(setting.workers) as pool:
@@ -300,7 +302,8 @@ def _square(setting: Setting, residuals: Sequence[Array]) -> float:
     return float(white @ white)
 
 
-def _extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
+def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
+    """Return `fit` with one more effect, refitted from its screened `sizes` and the `knobs`' change beside it."""
     before, held = fit.held()
     sd = np.array([k.sd for k in setting.knobs])
     # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
@@ -325,25 +328,25 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     """
     if setting.whitener.repeats:
         setting = settle(setting, min(trials, key=lambda f: score(f, True)))
-        return setting, [_again(setting, f) for f in trials], _again(setting, before)
-    own = [_lined_up(setting, f) for f in trials]
+        return setting, [again(setting, f) for f in trials], again(setting, before)
+    own = [lined_up(setting, f) for f in trials]
     own.sort(key=lambda pair: score(pair[1], False))
     if _colour(*own[0]) > _DRIFTING:
         # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
         # White noise cannot, so the best is tried from there as well
         plain = settle(setting, own[0][1], order=0)
-        other = _lined_up(plain, _again(plain, own[0][1], steps=_LONG))
+        other = lined_up(plain, again(plain, own[0][1], steps=_LONG))
         if score(other[1], False) < score(own[0][1], False):
             own[0] = other
     return own[0][0], [fit for _, fit in own], before
 
 
-def _lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
+def lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
     """Return the setting and the fit in which the noise is what the fit leaves."""
     best = settle(setting, fit), fit
     for _ in range(_ROUNDS):
         setting = settle(setting, fit)
-        fit = _again(setting, fit)
+        fit = again(setting, fit)
         gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
         if gained > 0.0:
             best = setting, fit
@@ -352,7 +355,7 @@ def _lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
     return best
 
 
-def _again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
+def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
     """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
     candidates, sizes = fit.held(keep)
     return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
@@ -366,7 +369,7 @@ def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
         smaller = []
         for i in range(len(best.candidates)):
             keep = [k for k in range(len(best.candidates)) if k != i]
-            smaller.append(_again(setting, best, keep=keep))
+            smaller.append(again(setting, best, keep=keep))
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
         if score(least, known) > score(best, known) + price:

@@ -100,18 +100,23 @@ def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
 
 def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tuple[Gram, list[Candidate]]:
     """Return the inner products of everything that could be added to `fit`, and the candidates they are of."""
+    problem, motions = beside(setting, fit)
+    views = _views(setting, motions, problem.linear)
+    taken = {c.key for c in fit.candidates if not c.effect.several}
+    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
+    return gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers), candidates
+
+
+def beside(setting: Setting, fit: Fit) -> tuple[Problem, list[Motion]]:
+    """Return what a screening of anything that could be added to `fit` starts from: problem and motions."""
     linear = linear_of(setting, fit)
     motions = [
         measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
         for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
     ]
-    views = _views(setting, motions, linear)
-    taken = {c.key for c in fit.candidates if not c.effect.several}
-    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
     exact = exact_sensitivities(setting, fit)
     data, places = setting.data, setting.places
-    problem = Problem(data, linear, places, setting.knobs, fit.change, setting.starts, exact, setting.states)
-    return gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers), candidates
+    return Problem(data, linear, places, setting.knobs, fit.change, setting.starts, exact, setting.states), motions
 
 
 def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:

@@ -40,6 +40,11 @@ class Spread:
         return sum(c.allowed for c in self.causes)
 
     @property
+    def worth(self) -> float:
+        """Twice the logarithm of their evidence: as much of a residual, gathered in a few columns, may be theirs."""
+        return 2.0 * sum(c.evidence for c in self.causes)
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects that are sure."""
         return tuple(c.effect for c in self.causes if self.probability(c) >= SURE)

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
+from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search import Found, form_error, score
 from analysis.diagnosis.shortlist import IMITATED, SURE
@@ -27,7 +29,10 @@ friction's)."""
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict with the effects that it names, the tied sets, the posterior of the best and the noise inflation."""
+    """The verdict with the effects that it names, the tied sets, the posterior of the best and the noise inflation.
+
+    `objection` says what of the best model is left, or wrong, that makes its verdict *unknown*.
+    """
 
     verdict: Verdict
     named: tuple[int, ...]
@@ -35,25 +40,30 @@ class Judgement:
     probability: float
     inflation: float
     rivals: tuple[tuple[str, float], ...]
+    objection: str = ""
 
 
-def judge(found: Found, allowed: float = 0.0) -> Judgement:
+def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), random: float = 0.0) -> Judgement:
     """Return the verdict on the outcome of a search.
 
-    `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see.
+    `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
+    `left` what the best model leaves along general ways, least likely first, `random` how much of each of these
+    (twice a log-likelihood) those causes may be.
     """
     known = found.setting.whitener.repeats
     best = found.best
     inflation = max(1.0, best.misfit / best.rows) if known else 1.0
+    against = objection(found, left, random)
     if not best.candidates:
-        return Judgement(_without_cause(found, allowed), (), (), 1.0, inflation, ())
+        verdict: Verdict = "unknown" if against else _without_cause(found, allowed)
+        return Judgement(verdict, (), (), 1.0, inflation, (), against)
     named = _material(found)
     gaps = _gaps(found, named, inflation)
     weights = np.exp(-np.array([gap for _, gap in gaps]))
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
-    if not adequate(found, allowed):
-        return Judgement("unknown", (), (), probability, inflation, rivals)
+    if against or not adequate(found, allowed):
+        return Judgement("unknown", (), (), probability, inflation, rivals, against)
     if probability >= SURE:
         return Judgement("named", named, (), probability, inflation, rivals)
     own = set(_label(best, named))
@@ -65,6 +75,29 @@ def judge(found: Found, allowed: float = 0.0) -> Judgement:
     flat = tuple(sorted({name for group in tied for name in group}))
     sure = tuple(i for i in named if best.effects[i].reported() in shared)
     return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
+
+
+def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
+    """Return why the best model cannot be the whole truth, in words; nothing where it can.
+
+    What it leaves along a general way is no noise and a material part of what it explains, a force that is no listed
+    cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
+    """
+    least = (1.0 - EXPLAINED) * found.explained
+    telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > least]
+    if telling:
+        return f"what the best model leaves holds {telling[0].words()}"
+    equal = [where for where, lead in found.strangers if lead < np.log(SURE / (1.0 - SURE))]
+    if equal:
+        return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
+    deviations = found.best.change / np.array([k.sd for k in found.setting.knobs])
+    strain = float(deviations @ deviations)
+    if deviations.size and chi2.sf(strain, deviations.size) < ONE_IN_A_MILLION:
+        return (
+            f"the best model needs nominal numbers that are off by {np.sqrt(strain / deviations.size):.2g} times their "
+            f"tolerance (rms of {deviations.size})"
+        )
+    return ""
 
 
 def adequate(found: Found, allowed: float = 0.0) -> bool:

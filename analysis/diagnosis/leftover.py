@@ -1,0 +1,73 @@
+"""What a fitted hypothesis leaves, asked in general terms: does it follow any way in which a bench can be wrong?
+
+A total of squares over 10⁵ rows cannot show what a hundredth of a thousandth of them hold, and a cause of a hundred
+squared standard deviations is no more than that. A few columns that anything of its kind resembles can: along each way
+of `unlisted`, at each place, the residual's part is compared with what noise has there, everything fitted being
+re-tuned beside it. The name of a neighbour leaves a part, the right one does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.screening import gathered
+from analysis.diagnosis.shortlist import beside
+from analysis.diagnosis.unlisted import READINGS, TORQUES, columns_at, scenes_of
+from sim_backend.linear import discretise
+
+ONE_IN_A_MILLION = 1e-6
+"""Chance of as much along one way at one place below which it is no noise. Some hundred are looked at; the rest of the
+margin is for small modes below any limit, and for a noise that is known from few periods."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """The part of a residual along one way, `what`, at one place.
+
+    `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
+    columns did it.
+    """
+
+    what: str
+    where: str
+    drop: float
+    gain: float
+    columns: int
+
+    def p_value(self, allowed: float = 0.0) -> float:
+        """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
+        return float(chi2.sf(self.gain - allowed, self.columns))
+
+    def words(self) -> str:
+        """Return what it is, where, and how sure."""
+        return f"{self.what} at {self.where} (chance of as much in noise: {max(self.p_value(), 1e-300):.1g})"
+
+
+def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
+    """Return what is left of the residual of `fit` along every way at every place, least likely first."""
+    problem, motions = beside(setting, fit)
+    scenes, plant = scenes_of(motions, setting.places), discretise(problem.linear, setting.data.rate_hz)
+    ways = [(what, False, i) for i in range(len(setting.places.inputs)) for what in TORQUES]
+    ways += [(what, True, o) for o in range(len(setting.places.outputs)) for what in READINGS]
+
+    def columns(r: int) -> Sequence[np.ndarray]:
+        with ThreadPoolExecutor(setting.workers) as pool:
+            return list(pool.map(lambda way: columns_at(scenes[r], plant, *way), ways))
+
+    gram = gathered(problem, motions, setting.whitener, columns, tuple(False for _ in ways))
+    reduced = gram.without(gram.knob_columns())
+    gains = gram.gains(reduced, float(reduced[0, 0]))
+    found = []
+    for i, (what, output, at) in enumerate(ways):
+        live = gram.live(reduced, gram.groups[i]).size
+        if live:
+            place = (setting.places.outputs if output else setting.places.inputs)[at]
+            kind = "an error of the reading that follows" if output else "a torque that follows"
+            found.append(Leftover(f"{kind} {what}", place, gram.solve(reduced, [i])[0], float(gains[i]), live))
+    return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
