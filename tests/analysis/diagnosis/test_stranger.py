@@ -30,7 +30,7 @@ def _found(change: float = 0.0, explained: float = 0.0, strangers: tuple[tuple[s
     turned[0] = change * 0.02
     fit: Fit = replace(fit, change=turned)
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.inf)
-    return Found(setting, fit, fit, (fit,), nothing, nothing, explained, strangers)
+    return Found(setting, fit, fit, (fit,), nothing, nothing, explained, 0.0, strangers=strangers)
 
 
 def _left(gain: float) -> tuple[Leftover, ...]:
