@@ -42,6 +42,7 @@ from sim_backend.effects.sensor_noise import SensorNoise
 from sim_backend.effects.sensor_offset import SensorOffset
 from sim_backend.effects.sensor_quantisation import SensorQuantisation
 from sim_backend.effects.sensor_rotation import SensorRotation
+from sim_backend.effects.soft_saturation import SoftSaturation
 from sim_backend.effects.stiffness_shift import StiffnessShift
 from sim_backend.effects.thermal_stiffness_drift import ThermalStiffnessDrift
 from sim_backend.effects.vibration_line import VibrationLine
@@ -68,6 +69,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     ActuatorGain,
     PositionDependentForceConstant,
     AmplifierSaturation,
+    SoftSaturation,
     AmplifierLag,
     Delay,
     DeadZone,

@@ -143,6 +143,7 @@ def test_library_is_the_table():
         "bouc-wen",
         "drive-hysteresis",
         "presliding-friction",
+        "soft-saturation",
     }
     assert {cls.name: cls.family for cls in EFFECTS if cls.name in table} == table
     assert len({cls.name for cls in ALL}) == len(ALL)
