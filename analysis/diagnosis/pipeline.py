@@ -173,7 +173,7 @@ def diagnose(
     if even:
         judgement = judge_main(found)
     else:
-        judgement = judge(found, spread.allowed, leftovers(found.setting, found.best), spread.worth)
+        judgement = judge(found, spread.allowed, leftovers(found.setting, found.best), spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])

@@ -39,10 +39,12 @@ class Spread:
         """By how much, at most, they raise the mean square of the whitened residual."""
         return sum(c.allowed for c in self.causes)
 
-    @property
-    def worth(self) -> float:
-        """Twice the logarithm of their evidence: as much of a residual, gathered in a few columns, may be theirs."""
-        return 2.0 * sum(c.evidence for c in self.causes)
+    def share(self, rows: int) -> float:
+        """Return how much of a sum of squares over `rows`, gathered in a few columns, may be theirs.
+
+        As much in a few columns is evidence of them, half of it in logarithms; and no more than they add in all.
+        """
+        return sum(min(2.0 * c.evidence, c.allowed * rows) for c in self.causes)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -80,11 +80,10 @@ def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), ran
 def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
-    What it leaves along a general way is no noise and a material part of what it explains, a force that is no listed
-    cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
+    What it leaves along a general way is no noise and more than the form of its effects may be wrong by, a force that
+    is no listed cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
     """
-    least = (1.0 - EXPLAINED) * found.explained
-    telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > least]
+    telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > found.leeway]
     if telling:
         return f"what the best model leaves holds {telling[0].words()}"
     equal = [where for where, lead in found.strangers if lead < np.log(SURE / (1.0 - SURE))]

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-RATE_HZ, PERIOD, PERIODS, FINER = 1000.0, 2000, 4, 4
+RATE_HZ, PERIOD, PERIODS, FINER = 1000.0, 1000, 3, 4
 LEVELS = (0.4, 1.0, 0.7)
 """Sizes of the three multisines; the last one is held out."""
 FREQUENCY_HZ, DECAY_1_S, FAST = 24.0, 7.0, 120.0
@@ -24,7 +24,7 @@ def play(strength: float, seed: int = 8) -> tuple[np.ndarray, np.ndarray]:
     parts = []
     for level in LEVELS:
         spectrum = np.zeros(PERIOD // 2 + 1, dtype=complex)
-        spectrum[1:160] = np.exp(2j * math.pi * rng.random(159))
+        spectrum[1:80] = np.exp(2j * math.pi * rng.random(79))
         wave = np.fft.irfft(spectrum, PERIOD)
         parts.append(np.tile(0.6 * level * wave / wave.std(), PERIODS))
     u = np.concatenate(parts)

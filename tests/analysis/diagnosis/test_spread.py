@@ -32,6 +32,8 @@ def test_a_sure_cause_names_itself_and_joins_others() -> None:
     assert lost.parameters["fraction"].std == 1e-3
     assert [type(e) for e in spread.effects] == [ApexNoise, DroppedSamples]
     assert spread.allowed == pytest.approx(0.3)
+    # of 1000 rows they add 200 and 100 in all; their evidence alone would allow 100 and 180
+    assert spread.share(1000) == pytest.approx(100.0 + 100.0)
 
 
 def test_a_close_rival_makes_it_ambiguous() -> None:
