@@ -36,7 +36,7 @@ def test_the_level_of_the_lowest_rows_scatters_no_more_than_bands_of_a_dozen_row
         whitener = whitener_from(Dataset(RATE_HZ, (Record("made", drive, reading, windows),)), [reading])
         filtered = np.abs(freqz(whitener.taps[0], [1.0], worN=2.0 * np.pi * lowest)[1]) ** 2 * spectrum(lowest)
         errors.append(np.log(whitener.band_levels(ROWS, 0)[1] / filtered[0]))
-    # The median of 12 squares knows the logarithm of a level to 0.67, the mean of 24 to 0.29. A line through bands about
+    # The median of 12 squares knows the logarithm of a level to 0.67, the mean of 24 to 0.29. A line through bands near
     # rows 6, 18, 36 and 60 has a slope known to 0.32 then, and the lowest row lies ln 6 below the first: 1.2 with the
     # level itself, which errs the same way. Two bands would give 2.1. Thirty draws know it to 13 %, taken twice.
     assert np.std(errors) < 1.2 * 1.26
