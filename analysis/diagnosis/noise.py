@@ -29,6 +29,9 @@ _KNOWN_ROWS = 24
 _STEEPEST = 2.0
 """Steepest rise of noise towards low frequencies that is thought possible: a random walk's power."""
 
+_SLOPE_BANDS = 4
+"""Bands that tell how noise rises below the lowest: of a dozen rows, one knows its level to a factor of two."""
+
 _GROWTH = 1.5
 """Ratio of a band's edges: spectra of noise are smooth on a logarithmic scale, and high bands hold rows enough."""
 _MEDIAN_OF_SQUARE = 0.4549
@@ -63,7 +66,7 @@ class Whitener:
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.
 
-        Below the middle of the lowest band the noise goes on rising as it did from the second to it: noise that is
+        Below the middle of the lowest band the noise goes on rising as it did over the lowest few: noise that is
         coloured down there is strongest where one can see least of it, and an offset would be taken for physics.
         Where nothing repeats, the levels hold what an effect leaves as well, and their slope says nothing of the noise.
         """
@@ -73,9 +76,9 @@ class Whitener:
         levels = self.levels[output][band[:count]]
         if self.levels.shape[1] < 2 or not self.repeats:
             return levels
-        first, second = 0.5 * (self.edges[:2] + self.edges[1:3])
-        ratio = max(float(self.levels[output, 0] / self.levels[output, 1]), 1e-300)
-        slope = float(np.clip(np.log(ratio) / np.log(second / first), 0.0, _STEEPEST))
+        centres = 0.5 * (self.edges[:-1] + self.edges[1:])[:_SLOPE_BANDS]
+        first, heights = centres[0], np.log(self.levels[output, : centres.size])
+        slope = float(np.clip(-np.polyfit(np.log(centres), heights, 1)[0], 0.0, _STEEPEST))
         below = frequency[:count] < first
         return np.asarray(levels * np.where(below, first / np.maximum(frequency[:count], 0.25 / n), 1.0) ** slope)
 

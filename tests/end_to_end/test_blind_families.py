@@ -31,7 +31,9 @@ FULL = {
 }
 """Families that are played in a full campaign (136 000 rows); all others in a short one (13 200), to save time."""
 
-NOT_YET: dict[str, str] = {}
+NOT_YET = {
+    "command-quantisation": "consistent: at 2.2 times a limit that knows the step, not worth the 20 000 steps tried",
+}
 """Families that are not named in their case yet, and what is said instead; docs/diagnosis.md lists them."""
 
 OF_TRUTH = 1.1
@@ -40,6 +42,12 @@ OF_TRUTH = 1.1
 NULL_SEEDS = (340, 341, 342)
 OUTSIDE = {"coulomb-friction": 350, "periodic-torque": 351, "sensor-drift": 352}
 """Families whose cause is left out of the search; each shows itself in another way: by motion, position, time."""
+
+OUTSIDE_NOT_YET = {
+    "coulomb-friction": "named hysteresis, of which friction is the case with one spring",
+    "sensor-drift": "named fringe-jump, whose steps climb with time as well",
+}
+"""Families for which something else is named when they are left out; docs/diagnosis.md lists them."""
 
 
 @dataclass(frozen=True)
@@ -73,15 +81,13 @@ def diagnosed(folder: Path, seed: int, *what: str) -> Said:
     return Said(judged, json.loads((result / "diagnosis.json").read_text(encoding="utf-8")))
 
 
-def families() -> list[object]:
-    """Every family with its seed; those that are not named yet must fail, so that none is repaired unnoticed."""
-    return [
-        pytest.param(slug, seed, id=slug, marks=[pytest.mark.xfail(reason=NOT_YET[slug])] if slug in NOT_YET else [])
-        for slug, seed in FAMILIES.items()
-    ]
+def families(seeds: dict[str, int], not_yet: dict[str, str]) -> list[object]:
+    """Every family with its seed; those that do not come out yet must fail, so that none is repaired unnoticed."""
+    marks = {slug: [pytest.mark.xfail(reason=reason, strict=True)] for slug, reason in not_yet.items()}
+    return [pytest.param(slug, seed, id=slug, marks=marks.get(slug, [])) for slug, seed in seeds.items()]
 
 
-@pytest.mark.parametrize(("slug", "seed"), families())
+@pytest.mark.parametrize(("slug", "seed"), families(FAMILIES, NOT_YET))
 def test_a_hidden_cause_is_named_and_adding_it_pays(slug: str, seed: int, tmp_path: Path) -> None:
     shape = "full" if slug in FULL else "short"
     said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape)
@@ -101,7 +107,7 @@ def test_nothing_hidden_is_consistent(seed: int, tmp_path: Path) -> None:
     assert said.judged.verdict == "consistent", str(said)
 
 
-@pytest.mark.parametrize(("slug", "seed"), OUTSIDE.items())
+@pytest.mark.parametrize(("slug", "seed"), families(OUTSIDE, OUTSIDE_NOT_YET))
 def test_a_cause_that_is_left_out_of_the_search_is_unknown(slug: str, seed: int, tmp_path: Path) -> None:
     what = ("--family", slug, "--one", "0", "--none", "0", "--outside", "1", "--shape", "short")
     said = diagnosed(tmp_path, seed, *what)
