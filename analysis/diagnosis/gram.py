@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from sim_backend.effects.view import LEAST_PART
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -26,8 +28,8 @@ class Gram:
     """Inner products of whitened columns: residual first, then `n_knobs` knobs, then the candidates' columns.
 
     `products` (1 + n_knobs + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells
-    which can only be positive; `rows` counts the samples. Candidates that are `whole` are there as they are or not at
-    all.
+    which can only be positive; `rows` counts the samples. Of candidates that are `whole` a small part is nothing of
+    the kind.
     """
 
     products: Array
@@ -76,8 +78,10 @@ class Gram:
         """
         columns = np.concatenate([self.groups[i] for i in together])
         if self.whole and len(together) == 1 and self.whole[together[0]]:
-            drop = float(2.0 * reduced[columns[0], 0] - reduced[columns[0], columns[0]])
-            return (drop, np.ones(1)) if drop > 0.0 else (0.0, np.zeros(1))
+            seen, energy = float(reduced[columns[0], 0]), max(float(reduced[columns[0], columns[0]]), 1e-300)
+            part = min(max(seen / energy, LEAST_PART), 1.0)
+            drop = part * (2.0 * seen - part * energy)
+            return (drop, np.full(1, part)) if drop > 0.0 else (0.0, np.zeros(1))
         own = reduced[np.ix_(columns, columns)]
         left = np.maximum(np.diag(own), 0.0)
         live = np.flatnonzero(np.isin(columns, self.live(reduced, columns)))
@@ -122,15 +126,15 @@ class Gram:
         before, left = np.diag(self.products), np.diag(reduced)
         return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
 
-    def null_maxima(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
-        """Return the largest ratio over all candidates in `draws` simulated noise-only data sets, shape (draws,).
+    def null_ratios(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
+        """Return every candidate's ratio in `draws` simulated noise-only data sets, shape (n_candidates, draws).
 
         Columns of which nothing but rounding is left take no part, as in `solve`.
         """
         groups = [self.live(reduced, columns) for columns in self.groups]
-        groups = [g for g in groups if g.size]
-        if not groups:
-            return np.zeros(draws)
+        ratios = np.zeros((len(groups), draws))
+        if not any(g.size for g in groups):
+            return ratios
         used = np.unique(np.concatenate(groups))
         scale = np.sqrt(np.diag(reduced)[used])
         correlation = reduced[np.ix_(used, used)] / np.outer(scale, scale)
@@ -138,10 +142,11 @@ class Gram:
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         z = root @ rng.standard_normal((used.size, draws))
         position = {int(c): i for i, c in enumerate(used)}
-        top = np.zeros(draws)
-        for columns in groups:
+        for i, columns in enumerate(groups):
+            if not columns.size:
+                continue
             rows = [position[int(c)] for c in columns]
             inner = correlation[np.ix_(rows, rows)] + self._ridge(reduced, columns)
             part = z[rows]
-            top = np.maximum(top, np.einsum("id,id->d", part, np.linalg.solve(inner, part)))
-        return top
+            ratios[i] = np.einsum("id,id->d", part, np.linalg.solve(inner, part))
+        return ratios

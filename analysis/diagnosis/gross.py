@@ -139,7 +139,7 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
     reduced = gram.without(gram.knob_columns())
     per_kind: dict[str, list[int]] = {}
     for i in screen.best_per_key():
-        if screen.gains[i] > screen.threshold:
+        if screen.gains[i] > screen.threshold[i]:
             per_kind.setdefault(candidates[i].effect.name, []).append(i)
     kinds = []
     for found in per_kind.values():

@@ -105,10 +105,10 @@ def tied_hypotheses(found: Found, judgement: Judgement) -> list[Hypothesis]:
 
 
 def _suspect(found: Found) -> Hypothesis | None:
-    """Return the candidate that came closest to the threshold without reaching it, if it came close."""
+    """Return the candidate that came closest to its threshold without reaching it, if it came close."""
     screen = found.first
     for i in screen.best_per_key()[:1]:
-        if screen.gains[i] >= SUSPECT * screen.threshold:
+        if screen.gains[i] >= SUSPECT * screen.threshold[i]:
             candidate = screen.candidates[i]
             fit = refit(found.setting, (candidate,), screen.sizes[i], found.tuned.change)
             if math.isfinite(fit.misfit):

@@ -200,7 +200,7 @@ def _unmasked(flat: Setting, fit: Fit, rules: Rules, scales: Scales, price: floa
     found = screen(flat, fit, rules, scales)
     rows, before = unseen(flat.whitener, flat.data, fit.residuals)
     gains = rows * -np.log1p(-np.minimum(found.drops / before, max(1.0 - rows / before, 0.0)))
-    return replace(found, gains=np.asarray(gains, dtype=float), threshold=price)
+    return replace(found, gains=np.asarray(gains, dtype=float), threshold=np.full(gains.size, price))
 
 
 def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
 from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
@@ -30,7 +31,13 @@ IMITATED = 1e-4
 MOST = 6
 """Effects at most, however many a place has of one kind."""
 
+_RARE = 0.01
+"""How often the best of a cause's starts is larger by chance than what its threshold is set by."""
+
 _SHORTLIST = 5
+_ALIKE = 3
+"""So many of those that the knobs imitate are refitted at most."""
+
 _NEAR = 0.3
 """Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
 shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
@@ -62,7 +69,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Screen:
-    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and the threshold.
+    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and their thresholds.
 
     `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it.
     """
@@ -73,7 +80,7 @@ class Screen:
     sizes: tuple[Array, ...]
     knobs: tuple[Array, ...]
     freshness: Array
-    threshold: float
+    threshold: Array
 
     @property
     def price(self) -> float:
@@ -120,18 +127,34 @@ def beside(setting: Setting, fit: Fit) -> tuple[Problem, list[Motion]]:
 
 
 def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
-    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the threshold of chance."""
+    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the thresholds of chance."""
     reduced = gram.without(gram.knob_columns())
     solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them
     chosen = 2.0 * np.log([max(c.choices, 1) for c in candidates])
     gains = np.maximum(gram.gains(reduced, float(reduced[0, 0])) - chosen, 0.0)
-    maxima = gram.null_maxima(reduced, np.random.default_rng(rules.seed), 2000)
-    threshold = float(np.quantile(maxima, 1.0 - rules.false_alarm)) if candidates else np.inf
+    ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)
+    threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
     sizes = tuple(s for _, s in solved)
     knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
     drops = np.array([drop for drop, _ in solved])
     return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
+
+
+def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: float) -> Array:
+    """Return the evidence that each candidate must exceed so that noise alone brings any above its own so often.
+
+    `ratios` (n_candidates, draws) are those of noise alone. What is tried in many shapes, or has many sizes, stands out
+    by chance more often: each cause at each place has to exceed the common limit by as much as its own best is larger,
+    once in a hundred times, than that of a single known signature, so that it does not raise the limit of the others.
+    """
+    own = {key: np.max(ratios[[i for i, k in enumerate(keys) if k == key]], axis=0) for key in dict.fromkeys(keys)}
+    usual = float(chi2.isf(_RARE, 1))
+    larger = {key: max(float(np.quantile(best, 1.0 - _RARE)) - usual, 0.0) for key, best in own.items()}
+    if not own:
+        return np.zeros(0)
+    limit = np.quantile(np.max([best - larger[key] for key, best in own.items()], axis=0), 1.0 - false_alarm)
+    return np.array([float(limit) + larger[key] for key in keys])
 
 
 def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
@@ -165,11 +188,13 @@ def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[t
     """Return the numbers of the candidates that are worth a refit, of `allowed` effects and not `seen`, best first."""
     order = [i for i in found.best_per_key() if found.candidates[i].effect in allowed]
     order = [i for i in order if found.candidates[i].key not in seen]
-    significant = [i for i in order if found.gains[i] > found.threshold]
+    significant = [i for i in order if found.gains[i] > found.threshold[i]]
     if not significant:
         return []
-    # what the knobs can imitate gains by tiny differences, which a refit rarely confirms: one of its kind is enough
+    # what the knobs can imitate gains by what it spares them, and by tiny differences that a refit rarely confirms:
+    # which of the kind it is, an inertia or a damping, only a fit can tell
     fresh = [i for i in significant if found.freshness[i] > IMITATED]
     limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
-    imitated = [i for i in significant if i not in fresh][:1]
+    imitated = [i for i in significant if i not in fresh]
+    imitated = [i for i in imitated if found.gains[i] >= _NEAR * found.gains[imitated[0]]][:_ALIKE]
     return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated

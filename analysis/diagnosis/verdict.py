@@ -123,7 +123,7 @@ def _without_cause(found: Found, allowed: float) -> Verdict:
     trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
     for i in np.flatnonzero(trusted & (last.gains > last.threshold)):
         if (
-            last.gains[i] > _OVERWHELMING * last.threshold
+            last.gains[i] > _OVERWHELMING * last.threshold[i]
             or _realised(found, last.candidates[i]) > 0.25 * last.gains[i]
         ):
             return "unknown"
@@ -183,8 +183,10 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         refitted = {c.key for r in found.rivals for c in r.candidates}
         # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
         top = max(float(np.max(found.first.gains, initial=0.0)), found.explained if known else 0.0)
-        # what the parameters of the best cost is known from its fit, those of the others are taken as well determined
-        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - found.tuned.penalty)
+        # what the parameters of the best cost is known from its fit, those of the others are taken as well determined;
+        # what the knobs cost less beside it is part of what stands out
+        knobs = sum((x / k.sd) ** 2 for x, k in zip(found.best.change, found.setting.knobs, strict=True))
+        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - float(knobs))
         for i in found.first.best_per_key():
             candidate = found.first.candidates[i]
             label = (candidate.effect.reported(),)

@@ -192,7 +192,7 @@ class Effect:
         False  # one place may have several of it, told apart by their shapes, as modes by frequency
     )
     aux: ClassVar[Aux] = Aux.NONE
-    whole: ClassVar[bool] = False  # a part of what it adds is not nearly what it adds at any other shape
+    whole: ClassVar[bool] = False  # a small part of what it adds is not what it adds at any other shape
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled
     exact: ClassVar[bool] = False  # nature leaves its form no freedom: a gain is a gain, a friction only as good a law

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_VISIBLE, _FINE, _MOST = 4.0, 0.2, 20_000
+_VISIBLE, _FINE, _MOST = 4.0, 0.2, 60_000
 """Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
 that shift the input by so much of a step; at most so many are tried."""
+
+
+LEAST_PART = 0.25
+"""A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
@@ -109,8 +113,12 @@ class RecordView:
         # commands are held and played again: each level needs to be rounded once
         u, levels = np.unique(self.u[used], return_inverse=True)
         wanted = np.bincount(levels, self.wanted[used])
-        scores = np.empty(steps.size)
-        _rounding_scores(u, wanted, steps, scores)
+        agreed = np.empty(steps.size)
+        _rounding_scores(u, wanted, steps, agreed)
+        # what a rounding moves: q²/12 of each sample, if its errors do not depend on each other
+        energy = self.seen**2 * np.count_nonzero(used) * steps**2 / 12.0
+        part = np.clip(agreed / energy, LEAST_PART, 1.0)
+        scores = part * (2.0 * agreed - part * energy)
         found = []
         for _ in range(min(n, steps.size)):
             i = int(np.argmax(scores))

@@ -11,6 +11,7 @@ from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import Whitener, fit_ar, whitener_from
 from analysis.diagnosis.responses import free_responses, simulate
+from analysis.diagnosis.shortlist import thresholds
 from analysis.diagnosis.starts import stack_white, start_of
 from analysis.diagnosis.tuning import knobs_of, sensitivities, turned
 from sim_backend.assembly import places_of, transducers_of
@@ -172,7 +173,7 @@ def test_false_alarms_come_as_often_as_the_threshold_says() -> None:
     trials = 400
     table = np.column_stack([np.zeros(n), columns])
     gram = Gram(table.T @ table, 0, index, (False,) * groups, n, True)
-    threshold = np.quantile(gram.null_maxima(gram.products, np.random.default_rng(6), 4000), 0.95)
+    threshold = np.quantile(gram.null_ratios(gram.products, np.random.default_rng(6), 4000).max(axis=0), 0.95)
     for _ in range(trials):
         noise = np.column_stack([rng.standard_normal(n), columns])
         products = noise.T @ noise
@@ -180,6 +181,25 @@ def test_false_alarms_come_as_often_as_the_threshold_says() -> None:
         alarms += bool(np.max(trial.gains(products, products[0, 0])) > threshold)
     # 5 % of 400: binomial standard deviation 4.4, so 5 to 36 is four of them with the threshold's own error
     assert 4 <= alarms <= 38
+
+
+def test_each_cause_has_its_own_threshold_and_all_share_one_rate() -> None:
+    # a cause of thirty shapes, one of four sizes and six plain ones; ratios of noise alone are chi-squared
+    rng = np.random.default_rng(11)
+    keys = [("shapes", "x")] * 30 + [("sizes", "x")] + [(f"plain {i}", "x") for i in range(6)]
+
+    def drawn(draws: int) -> np.ndarray:
+        freedoms = np.array([1] * 30 + [4] + [1] * 6)
+        return rng.chisquare(freedoms[:, None], (37, draws))
+
+    limits = thresholds(keys, drawn(4000), 0.02)
+    alarms = np.mean(np.any(drawn(40_000) > limits[:, None], axis=0))
+    # the limit is a quantile of 4000 draws: 80 of them beyond, known to 11 %, and the offsets to as much
+    assert alarms == pytest.approx(0.02, rel=0.4)
+    # of eight causes each is allowed a part in four hundred: chi-squared of one degree of freedom beyond 9.14
+    assert limits[-1] == pytest.approx(9.14, abs=0.7)
+    assert limits[0] > limits[-1] + 4.0
+    assert limits[30] > limits[-1] + 4.0
 
 
 def test_signature_is_the_first_order_of_the_simulation() -> None:
@@ -241,6 +261,6 @@ def test_a_column_that_the_knobs_span_leaves_the_threshold_alone() -> None:
     spanned = 2.0 * knob + 1e-8 * rng.standard_normal(400)  # 1e-16 of its energy is left: rounding
     columns = np.stack([residual, knob, free, spanned], axis=1)
     gram = Gram(columns.T @ columns, 1, (np.array([2]), np.array([3])), (False, False), 400, True)
-    maxima = gram.null_maxima(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000)
+    maxima = gram.null_ratios(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000).max(axis=0)
     # one live column: chi-squared with one degree of freedom, 99 % below 6.63; 4000 draws know that to 0.35
     assert np.quantile(maxima, 0.99) == pytest.approx(6.635, abs=1.1)

@@ -64,7 +64,11 @@ def consistent_with(tied, gain):
     found, judgement = tied
     candidates, sizes = found.best.held()
     screen = SimpleNamespace(
-        candidates=candidates, gains=np.array([gain]), sizes=(sizes,), threshold=22.0, best_per_key=lambda: [0]
+        candidates=candidates,
+        gains=np.array([gain]),
+        sizes=(sizes,),
+        threshold=np.array([22.0]),
+        best_per_key=lambda: [0],
     )
     none = replace(found.best, candidates=(), effects=(), names=(), values=np.zeros(0), std=np.zeros(0))
     whole = SimpleNamespace(**{**vars(found), "tuned": none, "first": screen})
