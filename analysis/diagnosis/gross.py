@@ -120,14 +120,27 @@ def _raced(setting: Setting, tuned: Fit, fits: Sequence[Fit], progress: Progress
     left = [fit.misfit / tuned.misfit for fit in fits]
     fits = list(fits)
     for again in range(_ROUNDS):
-        best = min(fit.misfit for fit in fits)
-        going = [i for i, fit in enumerate(fits) if left[i] < 1.0 - _SETTLED and fit.misfit * left[i] < best]
+        rows = independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
+        # the first pace is that from no cause at all and says little: then everyone goes on who may come to lead
+        costs = [_cost(fit, rows, pace if again else 1.0) for fit, pace in zip(fits, left, strict=True)]
+        next_costs = [_cost(fit, rows, pace) for fit, pace in zip(fits, left, strict=True)]
+        going = [i for i, cost in enumerate(next_costs) if left[i] < 1.0 - _SETTLED and cost <= min(costs)]
         for k, i in enumerate(going):
             progress(f"going on with {_told(fits[i].candidates)}", 0.5 + 0.3 * (again + k / len(going)) / _ROUNDS)
             (held, sizes), before = fits[i].held(), fits[i].misfit
             fits[i] = refit(setting, held, sizes, fits[i].change, steps=_STEPS, strong=True)
             left[i] = fits[i].misfit / before
-    return sorted(fits, key=lambda fit: fit.objective)
+    rows = independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
+    return sorted(fits, key=lambda fit: _cost(fit, rows))
+
+
+def _cost(fit: Fit, rows: float, pace: float = 1.0) -> float:
+    """Return twice the negative logarithm of the evidence of a fit to so many independent rows, up to a constant.
+
+    The level of what is left is part of the hypothesis, and each parameter costs half the logarithm of the rows. The
+    misfit is taken as `pace` times what it is.
+    """
+    return float(rows * np.log(fit.misfit * pace) + len(fit.values) * np.log(rows))
 
 
 def _told(candidates: Sequence[Candidate]) -> str:
@@ -173,9 +186,8 @@ def judge_main(found: Found) -> Judgement:
     for rival in found.rivals:
         name = rival.effects[0].reported() if rival.effects else own
         if name != own:
-            more = len(rival.values) - len(best.values)  # each parameter costs half the logarithm of the rows
-            gap = 0.5 * (rows * np.log(rival.misfit / best.misfit) + more * np.log(rows))
-            gaps[name] = min(gaps.get(name, np.inf), max(float(gap), 0.0))
+            gap = 0.5 * (_cost(rival, rows) - _cost(best, rows))
+            gaps[name] = min(gaps.get(name, np.inf), max(gap, 0.0))
     probability = 1.0 / (1.0 + sum(np.exp(-gap) for gap in gaps.values()))
     rivals = tuple(sorted(((name, -gap) for name, gap in gaps.items()), key=lambda pair: -pair[1]))
     inflation = float(found.setting.rows / rows)

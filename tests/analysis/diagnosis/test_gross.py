@@ -12,10 +12,11 @@ from analysis.diagnosis.refit import Problem
 class Kind:
     """A fit whose misfit falls along a given course, a round at a time; `asked` counts the rounds."""
 
-    def __init__(self, name, *course, asked=None):
+    def __init__(self, name, *course, asked=None, values=None):
         self.name, self.course, self.asked = name, course, asked if asked is not None else []
         self.misfit = self.objective = course[0]
         self.change = np.zeros(0)
+        self.values = np.zeros(4) if values is None else values
         self.candidates = (SimpleNamespace(effect=SimpleNamespace(name=name), where="x"),)
 
     def held(self):
@@ -23,12 +24,13 @@ class Kind:
 
     def further(self):
         self.asked.append(self.misfit)
-        return Kind(self.name, *(self.course[1:] or self.course), asked=self.asked)
+        return Kind(self.name, *(self.course[1:] or self.course), asked=self.asked, values=self.values)
 
 
 @pytest.fixture
 def race(monkeypatch):
     monkeypatch.setattr(gross, "refit", lambda setting, held, *_, **__: held[0].further())
+    monkeypatch.setattr(gross, "independent_rows", lambda *_: 200.0)
     return lambda *fits: gross._raced(None, SimpleNamespace(misfit=1000.0), fits, lambda *_: None)  # noqa: SLF001
 
 
@@ -50,6 +52,13 @@ def test_who_falls_too_slowly_to_lead_is_left_alone(race):
 def test_a_race_without_an_end_ends(race):
     runner = Kind("runner", *(0.5**k for k in range(50)))
     assert len(race(runner)) == 1 and 0 < len(runner.asked) < 50
+
+
+def test_of_two_that_leave_the_same_the_one_with_fewer_numbers_leads(race):
+    rich, poor = Kind("rich", 100.0), Kind("poor", 101.0)
+    rich.values = np.zeros(8)
+    # a hundredth more is worth 200 · 0.01 = 2 beside 4 log 200 = 21
+    assert [f.name for f in race(rich, poor)] == ["poor", "rich"]
 
 
 class Valley(Problem):
