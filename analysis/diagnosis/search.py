@@ -17,8 +17,8 @@ from analysis.diagnosis.refit import Problem as Hypothesis
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import stack_white, starts_of
-from analysis.diagnosis.tuning import REACH, imitation, turned
-from sim_backend.assembly import retuned
+from analysis.diagnosis.takeover import part_to_take, taken_over
+from analysis.diagnosis.tuning import REACH, turned
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
@@ -309,14 +309,11 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kno
     # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
     start = np.clip(fit.change + knobs[: fit.change.size], -_TRUSTED * sd, _TRUSTED * sd)
     if candidate.effect.site is Site.MODEL:
-        linear = turned(setting.nominal, setting.knobs, fit.change)
-        units = candidate.unit_sizes
-        effect = candidate.made(dict(zip(units, sizes * np.array(list(units.values())), strict=True)))
         # the effect takes over what the knobs did in its place, at any size; one that cannot be (a delay below zero)
         # is left to the fit
         with suppress(ConfigError):
-            taken = imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
-            start = np.clip(fit.change - taken, -REACH, REACH)
+            sizes = sizes * part_to_take(setting, fit, candidate, sizes)
+            start = np.clip(taken_over(setting, fit, candidate, sizes)[0], -REACH, REACH)
     return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
 
 

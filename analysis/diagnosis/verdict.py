@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
+from analysis.diagnosis.noise import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search import Found, form_error, score
 from analysis.diagnosis.shortlist import IMITATED, SURE
@@ -106,11 +107,19 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
         fresh = found.last.freshness > IMITATED
         significant = fresh & (found.last.gains > found.last.threshold)
         return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - EXPLAINED) * found.explained)
-    # the noise level itself is known from as many numbers again: twice the variance of a mean square
-    spread = 5.0 * np.sqrt(4.0 / best.rows) + 0.002
+    spread = _uncertainty(found) + 0.002
     excess = best.misfit / best.rows - 1.0 - allowed
     explained = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
     return bool(excess <= spread or explained >= EXPLAINED)
+
+
+def _uncertainty(found: Found) -> float:
+    """Return by how much noise alone may miss its own level, a mean square of one: four standard deviations.
+
+    Both are known from so many numbers: what is left from all rows, the level from what differs between periods.
+    """
+    seen = max(rows_of_noise(found.setting.data), 1)
+    return float(4.0 * np.sqrt(2.0 / found.tuned.rows + 2.0 / seen))
 
 
 def _without_cause(found: Found, allowed: float) -> Verdict:
@@ -118,7 +127,7 @@ def _without_cause(found: Found, allowed: float) -> Verdict:
     tuned, last = found.tuned, found.last
     if found.setting.whitener.repeats:
         excess = tuned.misfit / tuned.rows - 1.0 - allowed
-        if excess > 5.0 * np.sqrt(4.0 / tuned.rows) + 0.01:
+        if excess > _uncertainty(found) + 0.01:
             return "unknown"
     trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
     for i in np.flatnonzero(trusted & (last.gains > last.threshold)):

@@ -246,6 +246,14 @@ class Effect:
         return [{}]
 
     @classmethod
+    def highest(cls, view: RecordView) -> dict[str, float]:
+        """Return the largest values of shapes at which `view` could still show the effect for what it is.
+
+        Beyond them it could stand for anything: what does not repeat within the motion is not periodic.
+        """
+        return {}
+
+    @classmethod
     def choices(cls, view: RecordView) -> int:
         """Return among how many independent shapes `guess` chose by looking at the residual; 1 when it did not look.
 

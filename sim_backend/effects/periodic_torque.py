@@ -37,6 +37,11 @@ class PeriodicTorque(Effect):
         return [{"period": max(distance, 1e-12)} for distance in distances]
 
     @classmethod
+    def highest(cls, view: RecordView) -> dict[str, float]:
+        """Return the distance within which the position mostly is: what seldom comes again is not seen to repeat."""
+        return {"period": max(view.position_spread, 1e-12)}
+
+    @classmethod
     def choices(cls, view: RecordView) -> int:
         """Return the number of lines that are compared: every distance of the residual's spectrum over the position."""
         return 1024

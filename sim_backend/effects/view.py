@@ -83,6 +83,16 @@ class RecordView:
         return float(np.max(np.abs(self.position), initial=0.0))
 
     @property
+    def position_range(self) -> float:
+        """Distance between the outermost positions."""
+        return float(np.ptp(self.position)) if self.position.size else 0.0
+
+    @property
+    def position_spread(self) -> float:
+        """Distance within which the position is for nine tenths of the time."""
+        return float(np.ptp(np.quantile(self.position, [0.05, 0.95]))) if self.position.size else 0.0
+
+    @property
     def rate_peak(self) -> float:
         """Largest magnitude of the rate."""
         return float(np.max(np.abs(self.rate), initial=0.0))
@@ -183,7 +193,7 @@ class RecordView:
         itself does not repeat. Found are distances from half the range of positions to a 1024th of it, the best of
         every half octave.
         """
-        width = float(np.ptp(self.position)) if self.position.size else 0.0
+        width = self.position_range
         if self.wanted is None or self.answer is None or not np.any(self.wanted) or not width > 0.0:
             return []
         bins = np.minimum(((self.position - np.min(self.position)) / width * 4096).astype(np.int64), 4095)
@@ -210,7 +220,7 @@ class RecordView:
         The residual is averaged in 4096 bins over the range of positions; found are distances from half that range to
         a 1024th of it. Empty when the position does not move.
         """
-        width = float(np.ptp(self.position)) if self.position.size else 0.0
+        width = self.position_range
         if not width > 0.0:
             return []
         low = float(np.min(self.position))

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from analysis.diagnosis.candidates import Scales, enumerate_candidates
+from analysis.diagnosis.candidates import Candidate, Scales, enumerate_candidates
 from analysis.diagnosis.parameters import parameters_of
 from sim_backend.assembly import Places
 from sim_backend.effects import EFFECTS, Aux
+from sim_backend.effects.periodic_torque import PeriodicTorque
 from sim_backend.effects.view import RecordView
 
 PLACES = Places(("x",), ("x",), (), (), np.zeros((0, 1)), np.eye(1), np.eye(1))
@@ -39,3 +40,20 @@ def test_constants_of_a_description_are_not_fitted(effect):
     for candidate in starts(effect):
         scales, _ = parameters_of([candidate], np.ones(max(len(candidate.unit_sizes), 1)))
         assert not fixed & {s.name for s in scales}
+
+
+def test_a_period_stays_within_what_the_motion_repeats():
+    """A pattern that would come again only beyond the motion is none: a fit must not end there, nor begin."""
+    position = np.sin(np.linspace(0.0, 20.0 * np.pi, 4000))
+    zero = np.zeros(position.size)
+    view = RecordView(1000.0, zero, position, zero, zero, None, 10.0)
+    highest = PeriodicTorque.highest(view)
+    # a sine is within cos(π/20) of its swing for nine tenths of the time
+    assert abs(highest["period"] - 2.0 * np.cos(np.pi / 20.0)) < 1e-2
+    unit, middle = {"cosine": 1.0, "sine": 1.0}, {"period": 0.5}
+    for start, expected in ((0.5, 0.5), (40.0, highest["period"])):
+        candidate = Candidate(PeriodicTorque, "x", {"period": start}, unit, middle, 1, highest)
+        scales, x = parameters_of([candidate], np.ones(2))
+        (period,) = [(s, v) for s, v in zip(scales, x, strict=True) if s.name == "period"]
+        assert abs(period[0].back(period[1]) - expected) < 1e-12
+        assert period[0].back(100.0) == highest["period"]
