@@ -52,8 +52,10 @@ def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:
     for name, values in channels.items():
-        if math.isfinite(np.dot(values, values)):  # the quickest answer; a no tells nothing, squares may overflow
-            continue
+        with np.errstate(over="ignore", invalid="ignore"):
+            # the quickest way to a yes; a no says nothing, for squares may overflow
+            if math.isfinite(np.dot(values, values)):
+                continue
         finite = np.isfinite(values)
         if not finite.all():
             raise ConfigError(
