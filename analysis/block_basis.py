@@ -95,17 +95,56 @@ def _product(first: Array, second: Array) -> Array:
 
 def block_spectra(matrices: BlockMatrices, point: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """Return (q, v), (2, m, n_f), and derivatives to ln(omega), ln(sigma), (2, 2, m, n_f), at lambda = `point`."""
-    state = _resolve(matrices.a, point, matrices.b[:, 0, None], matrices.b[:, 1, None])
-    slopes = np.empty((2, *state.shape), dtype=complex)
-    for k in range(2):
-        drive = np.einsum("mij,jmf->imf", matrices.da[k], state) + matrices.db[k].T[:, :, None]
-        slopes[k] = _resolve(matrices.a, point, drive[0], drive[1])
+    return _resolved(matrices.a, matrices.b, matrices.da, matrices.db, point)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _resolved(a: Array, b: Array, da: Array, db: Array, point: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return x = (lambda I - A)^-1 b and its slopes (lambda I - A)^-1 (dA x + db), by Cramer's rule for each block."""
+    m, n = a.shape[0], point.size
+    state, slopes = np.empty((2, m, n), dtype=np.complex128), np.empty((2, 2, m, n), dtype=np.complex128)
+    for i in range(m):
+        (a00, a01), (a10, a11) = a[i]
+        for f in range(n):
+            top, bottom = point[f] - a00, point[f] - a11
+            determinant = top * bottom - a01 * a10
+            shrink = 1.0 / (determinant.real * determinant.real + determinant.imag * determinant.imag)
+            inverse = complex(determinant.real * shrink, -determinant.imag * shrink)
+            q, v = (bottom * b[i, 0] + a01 * b[i, 1]) * inverse, (a10 * b[i, 0] + top * b[i, 1]) * inverse
+            state[0, i, f], state[1, i, f] = q, v
+            for k in range(2):
+                e = da[k, i]
+                first, second = e[0, 0] * q + e[0, 1] * v + db[k, i, 0], e[1, 0] * q + e[1, 1] * v + db[k, i, 1]
+                slopes[k, 0, i, f] = (bottom * first + a01 * second) * inverse
+                slopes[k, 1, i, f] = (a10 * first + top * second) * inverse
     return state, slopes
 
 
-def _resolve(a: Array, point: ComplexArray, first: Array | ComplexArray, second: Array | ComplexArray) -> ComplexArray:
-    """Return (lambda I - A)^-1 [first, second], shape (2, m, n_f), by Cramer's rule for the 2 × 2 block."""
-    e = a[:, :, :, None]
-    top, bottom = point - e[:, 0, 0], point - e[:, 1, 1]
-    determinant = top * bottom - e[:, 0, 1] * e[:, 1, 0]
-    return np.stack([bottom * first + e[:, 0, 1] * second, e[:, 1, 0] * first + top * second]) / determinant
+@njit(cache=True, nogil=True)
+def entry_jacobian(
+    state: ComplexArray, slopes: ComplexArray, weights: Array, d: float, factor: ComplexArray, delayed: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the response (n_f,) of one entry and its derivatives (6 m + 2, n_f).
+
+    `state` and `slopes` are those of `block_spectra`. `weights` (11, m) are n0, n1, their derivatives n0_log_omega and
+    n0_log_sigma, c, c_rate, b_direct, b, force, 2 sigma and omega² of every block for this entry; `factor` (n_f,) is
+    the delay's and `delayed` its derivative. The derivatives are those to ln(omega), ln(sigma), b, b_direct, c, c_rate
+    of every block, to D and to the delay.
+    """
+    m, n = state.shape[1:]
+    response, columns = np.full(n, d + 0j), np.empty((6 * m + 2, n), dtype=np.complex128)
+    for i in range(m):
+        n0, n1, by_omega, by_sigma, c, rate, direct, b, force, sigma2, omega2 = weights[:, i]
+        for f in range(n):
+            q, v, g = state[0, i, f], state[1, i, f], factor[f]
+            response[f] += n0 * q + n1 * v
+            columns[i, f] = g * (n0 * slopes[0, 0, i, f] + n1 * slopes[0, 1, i, f] + by_omega * q)
+            columns[m + i, f] = g * (n0 * slopes[1, 0, i, f] + n1 * slopes[1, 1, i, f] + by_sigma * q)
+            columns[2 * m + i, f] = g * (c * q + rate * v)
+            columns[3 * m + i, f] = g * (c * (sigma2 * q + v) - omega2 * rate * q)
+            columns[4 * m + i, f] = g * (force * q + direct * v)
+            columns[5 * m + i, f] = g * (b * v - omega2 * direct * q)
+    for f in range(n):
+        columns[6 * m, f], columns[6 * m + 1, f] = factor[f], response[f] * delayed[f]
+        response[f] *= factor[f]
+    return response, columns

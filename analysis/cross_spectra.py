@@ -16,50 +16,11 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
-_CHUNK = 128
+_CHUNK = 256
 """Lines taken together: long enough for the inner loops over them, short enough for the processor's cache."""
 
 _SHARES = 16
 """Parts that threads may take, each with memory of its own."""
-
-
-@njit(cache=True, nogil=True)
-def _power(value: complex) -> float:
-    return value.real * value.real + value.imag * value.imag
-
-
-@njit(cache=True, nogil=True)
-def _invert(matrix: ComplexArray, inverse: ComplexArray) -> bool:
-    """Gauss-Jordan with row pivots of a small matrix (overwritten) into `inverse`; returns False when singular."""
-    n = matrix.shape[0]
-    largest = 0.0
-    for i in range(n):
-        for j in range(n):
-            inverse[i, j] = 1.0 if i == j else 0.0
-            largest = max(largest, _power(matrix[i, j]))
-    for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if _power(matrix[i, k]) > _power(matrix[pivot, k]):
-                pivot = i
-        size = _power(matrix[pivot, k])
-        if size <= 1e-26 * largest:  # 1e-13 of the largest entry
-            return False
-        if pivot != k:
-            for j in range(n):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-                inverse[k, j], inverse[pivot, j] = inverse[pivot, j], inverse[k, j]
-        factor = matrix[k, k].conjugate() * (1.0 / size)
-        for j in range(n):
-            matrix[k, j] *= factor
-            inverse[k, j] *= factor
-        for i in range(n):
-            if i != k:
-                factor = matrix[i, k]
-                for j in range(n):
-                    matrix[i, j] -= factor * matrix[k, j]
-                    inverse[i, j] -= factor * inverse[k, j]
-    return True
 
 
 @njit(cache=True, nogil=True)
@@ -120,22 +81,69 @@ def _times(a: Array, first: int, b: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
+def _power(values: Array, out: Array) -> None:
+    """Fill `out` (line,) with the squared magnitude of `values` (2, line)."""
+    for k in range(out.size):
+        out[k] = values[0, k] * values[0, k] + values[1, k] * values[1, k]
+
+
+@njit(cache=True, nogil=True)
+def _exchange(a: Array, b: Array, swap: NDArray[np.bool_]) -> None:
+    """Exchange `a` and `b` (2, line) at the lines where `swap` says so."""
+    for part in range(2):
+        x, y = a[part], b[part]
+        for k in range(swap.size):
+            x[k], y[k] = (y[k], x[k]) if swap[k] else (x[k], y[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _inverses(matrix: Array, first: int, inverse: Array, good: NDArray[np.bool_]) -> None:
     """Fill `inverse` (n, n, 2, line) with that of `matrix`, of whose columns n from `first` on are taken.
 
-    The flag is lowered where there is none.
+    Gauss-Jordan with row pivots, all lines at once; the flag is lowered where a pivot is nothing beside the largest
+    entry.
     """
-    n = matrix.shape[0]
-    work, found = np.empty((n, n), dtype=np.complex128), np.empty((n, n), dtype=np.complex128)
-    for k in range(good.size):
-        for i in range(n):
+    n, n_l = matrix.shape[0], good.size
+    work = matrix[:, first : first + n].copy()
+    factor, size, other, largest = np.empty((2, n_l)), np.empty(n_l), np.empty(n_l), np.zeros(n_l)
+    inverse[:] = 0.0
+    for i in range(n):
+        inverse[i, i, 0] = 1.0
+        for j in range(n):
+            _power(work[i, j], other)
+            for k in range(n_l):
+                largest[k] = max(largest[k], other[k])
+    for c in range(n):
+        _power(work[c, c], size)
+        for i in range(c + 1, n):
+            _power(work[i, c], other)
+            swap = other > size
             for j in range(n):
-                work[i, j] = complex(matrix[i, first + j, 0, k], matrix[i, first + j, 1, k])
-        if not _invert(work, found):
-            good[k] = False
+                _exchange(work[c, j], work[i, j], swap)
+                _exchange(inverse[c, j], inverse[i, j], swap)
+            for k in range(n_l):
+                size[k] = max(size[k], other[k])
+        pivot = work[c, c]
+        for k in range(n_l):
+            good[k] &= size[k] > 1e-26 * largest[k]  # 1e-13 of the largest entry
+            factor[0, k], factor[1, k] = pivot[0, k] / size[k], -pivot[1, k] / size[k]
+        for j in range(n):
+            _scale(work[c, j], factor)
+            _scale(inverse[c, j], factor)
         for i in range(n):
-            for j in range(n):
-                inverse[i, j, 0, k], inverse[i, j, 1, k] = found[i, j].real, found[i, j].imag
+            if i != c:
+                factor[:] = work[i, c]
+                for j in range(n):
+                    _subtract(factor, work[c, j], work[i, j])
+                    _subtract(factor, inverse[c, j], inverse[i, j])
+
+
+@njit(cache=True, nogil=True)
+def _scale(values: Array, factor: Array) -> None:
+    """Multiply `values` by `factor`, both (2, line)."""
+    for k in range(values.shape[1]):
+        re, im = values[0, k], values[1, k]
+        values[0, k], values[1, k] = re * factor[0, k] - im * factor[1, k], re * factor[1, k] + im * factor[0, k]
 
 
 @njit(cache=True, nogil=True)

@@ -90,7 +90,7 @@ class _Search:
             if trial.chi2 > (1.0 - 1e-3) * best.chi2:
                 break
             best = trial
-        return self._fit(best.model, self._iterations)
+        return best if best.converged else self._fit(best.model, self._iterations)
 
     def _starts(self, count: int, smaller: RationalFit | None) -> Iterator[ModalModel]:
         if self._nominal is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.block_basis import BlockMatrices, block_matrices, block_spectra
+from analysis.block_basis import BlockMatrices, block_matrices, block_spectra, entry_jacobian
 from analysis.modal_form import canonical
 from analysis.modal_parameters import Layout, Structure, determined, layout_of, pack, participation, step_limit, unpack
 from analysis.normal_equations import Normal, covariance, minimise
@@ -106,12 +106,19 @@ def refine(
         vector[layout.free] = x
         return vector
 
+    free = np.flatnonzero(layout.free)
+    latest: tuple[Array, Normal] | None = None
+
     def assemble(x: Array) -> Normal:
-        normal = normal_equations(target, unpack(full(x), layout), layout)
-        return Normal(normal.cost, normal.gradient[layout.free], normal.hessian[np.ix_(layout.free, layout.free)])
+        nonlocal latest
+        if latest is None or not np.array_equal(latest[0], x):
+            normal = normal_equations(target, unpack(full(x), layout), layout)
+            latest = x, Normal(normal.cost, normal.gradient[free], normal.hessian[np.ix_(free, free)])
+        return latest[1]
 
     def cost(x: Array) -> float:
-        return residual_cost(target, unpack(full(x), layout))
+        # most steps are taken, and the Jacobian then costs little more than the response alone
+        return assemble(x).cost
 
     minimum = minimise(assemble, cost, fixed[layout.free], iterations, limit=step_limit(layout))
     model = canonical(unpack(full(minimum.parameters), layout))
@@ -192,33 +199,21 @@ def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Norma
     The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from one
     narrow Jacobian per entry.
     """
-    (q, v), slope = block_spectra(*_points(model, target))
+    state, slopes = block_spectra(*_points(model, target))
     part = participation(model)
     factor, factor_slope = _delay_factor(model, target)
-    omega2 = model.omega_rad_s[:, None] ** 2
+    own = np.stack([2.0 * model.sigma_1_s, model.omega_rad_s**2])
     gradient, hessian, cost = np.zeros(layout.size), np.zeros((layout.size, layout.size)), 0.0
     place = {k: layout.index(k) for k in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")}
     for y, u in np.ndindex(layout.n_outputs, layout.n_inputs):
-        n0, n1 = part.n0[:, y, u, None], part.n1[:, y, u, None]
-        bare = (n0 * q + n1 * v).sum(axis=0) + model.d[y, u]
-        c, rate = model.c[y, :, None], model.c_rate[y, :, None]
-        direct, b, force = model.b_direct[:, u, None], model.b[:, u, None], part.force[:, u, None]
-        columns = np.concatenate(
-            [
-                n0 * slope[0, 0] + n1 * slope[0, 1] + part.n0_log_omega[:, y, u, None] * q,
-                n0 * slope[1, 0] + n1 * slope[1, 1] + part.n0_log_sigma[:, y, u, None] * q,
-                c * q + rate * v,
-                c * (2.0 * model.sigma_1_s[:, None] * q + v) - omega2 * rate * q,
-                force * q + direct * v,
-                b * v - omega2 * direct * q,
-                np.ones((1, q.shape[1])),
-            ]
-        )
-        columns = np.concatenate([columns * factor[:, u], (bare * factor_slope[:, u])[None]])
+        weights = [p[:, y, u] for p in (part.n0, part.n1, part.n0_log_omega, part.n0_log_sigma)]
+        weights += [model.c[y], model.c_rate[y], model.b_direct[:, u], model.b[:, u], part.force[:, u], *own]
+        into = np.ascontiguousarray(factor[:, u]), np.ascontiguousarray(factor_slope[:, u])
+        response, columns = entry_jacobian(state, slopes, np.array(weights), float(model.d[y, u]), *into)
         names = [place["log_omega"], place["log_sigma"], place["b"][:, u], place["b_direct"][:, u]]
         names += [place["c"][y], place["c_rate"][y], place["d"][y, u : u + 1], place["delay_s"][u : u + 1]]
         index = np.concatenate(names)
-        jacobian, residual = _weighted(target, y, u, bare * factor[:, u], columns)
+        jacobian, residual = _weighted(target, y, u, response, columns)
         cost += float(residual @ residual)
         gradient[index] += jacobian @ residual
         hessian[np.ix_(index, index)] += jacobian @ jacobian.T
@@ -232,5 +227,5 @@ def _weighted(target: Target, y: int, u: int, response: ComplexArray, columns: C
         size = np.abs(response)
         along = np.conj(response) / np.where(size > 0.0, size, 1.0)
         return (columns * (along * w)).real, w * (size - np.abs(data))
-    jacobian, residual = columns * w, w * (response - data)
-    return np.concatenate([jacobian.real, jacobian.imag], axis=1), np.concatenate([residual.real, residual.imag])
+    # real and imaginary parts one behind the other, line by line
+    return (columns * w).view(np.float64), (w * (response - data)).view(np.float64)

@@ -9,11 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from sim_backend.linear import Array
 
 ComplexArray = NDArray[np.complex128]
+
+
+_SETTLED = 1e-3
+"""Relative change of the poles below which they are near enough: what refines them converges from there."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +53,15 @@ def vector_fit(
     poles = _starting_poles(np.abs(s), n_poles)
     if sampled:
         poles = np.exp(poles)
+    size = float(np.linalg.norm(weights * np.abs(data)))
     for _ in range(iterations):
-        moved = _relocate(point, data, weights, poles, feedthrough)
+        moved = _relocate(point, data, weights, poles, feedthrough, size)
         moved = _stable(moved, sampled)
         change = np.max(
             np.abs(np.sort_complex(moved) - np.sort_complex(poles)) / np.abs(np.sort_complex(moved) - sampled)
         )
         poles = moved
-        if change < 1e-7:
+        if change < _SETTLED:
             break
     poles = _pairable(poles) if sampled else poles
     residues, d = _residues(point, data, weights, poles, feedthrough)
@@ -70,25 +77,51 @@ def vector_fit(
 def _starting_poles(s_abs: Array, n_poles: int) -> ComplexArray:
     """Return lightly damped pairs spread evenly over the logarithm of the band, with linear ones among them.
 
-    Resonances sit anywhere, and the lines of a multisine crowd at the top of the band while its decades do not; half
-    of the pairs follow the quantiles of the lines, half their decades.
+    Resonances sit anywhere, and the lines of a multisine crowd at the top of the band while its decades do not: the
+    pairs split the band evenly by the mean of its share of the lines and its share of the decades.
     """
     pairs = n_poles // 2
     low = max(s_abs[0], s_abs[-1] * 1e-4) if s_abs[0] > 0.0 else s_abs[-1] * 1e-3
-    decades = np.geomspace(low, s_abs[-1], pairs // 2 + 2)[1:-1]
-    lines = np.quantile(s_abs, np.linspace(0.0, 1.0, pairs - pairs // 2 + 2)[1:-1])
-    centre = np.sort(np.concatenate([decades, lines * 1.0001]))
+    decades = np.log(np.maximum(s_abs, low) / low) / np.log(s_abs[-1] / low)
+    share = 0.5 * (decades + np.linspace(0.0, 1.0, s_abs.size))
+    centre = np.maximum(np.interp(np.arange(1, pairs + 1) / (pairs + 1), share, s_abs), low)
     upper = centre * (-0.01 + 1j)
     return np.stack([upper, upper.conj()], axis=1).ravel()
 
 
+@njit(cache=True, nogil=True)
 def _basis(point: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Return the partial fractions (n_f, n) whose coefficients are real: sums and differences for complex pairs."""
-    basis = 1.0 / (point[:, None] - poles)
-    for k in np.flatnonzero(poles.imag > 0.0):
-        first, second = basis[:, k].copy(), basis[:, k + 1].copy()
-        basis[:, k], basis[:, k + 1] = first + second, 1j * (first - second)
+    """Return the partial fractions (n, n_f) whose coefficients are real: sums and differences for complex pairs."""
+    basis = np.empty((poles.size, point.size), dtype=np.complex128)
+    for k in range(poles.size):
+        for f in range(point.size):
+            basis[k, f] = 1.0 / (point[f] - poles[k])
+        if poles[k].imag < 0.0:
+            for f in range(point.size):
+                first, second = basis[k - 1, f], basis[k, f]
+                basis[k - 1, f], basis[k, f] = first + second, 1j * (first - second)
     return basis
+
+
+@njit(cache=True, nogil=True)
+def _joint(basis: ComplexArray, data: ComplexArray, weights: Array, feedthrough: bool) -> Array:
+    """Return the weighted columns of the model, then of minus the data times sigma, real above imaginary parts.
+
+    Shape (k, 2 n_f), a column in a row: the partial fractions, and one for the constant where there is one.
+    """
+    n, lines = basis.shape
+    width = n + 1 if feedthrough else n
+    out = np.empty((width + n + 1, 2 * lines))
+    for f in range(lines):
+        w, away = weights[f], -weights[f] * data[f]
+        for k in range(n):
+            value, turned = w * basis[k, f], away * basis[k, f]
+            out[k, f], out[k, lines + f] = value.real, value.imag
+            out[width + k, f], out[width + k, lines + f] = turned.real, turned.imag
+        if feedthrough:
+            out[n, f], out[n, lines + f] = w, 0.0
+        out[width + n, f], out[width + n, lines + f] = away.real, away.imag
+    return out
 
 
 def _real(matrix: ComplexArray) -> Array:
@@ -96,21 +129,20 @@ def _real(matrix: ComplexArray) -> Array:
 
 
 def _relocate(
-    point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool
+    point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool, size: float
 ) -> ComplexArray:
-    """Return the zeros of the weighting function sigma(lambda), the next poles."""
+    """Return the zeros of the weighting function sigma(lambda), the next poles; `size` is that of the weighted data."""
     basis = _basis(point, poles)
-    n, ones = poles.size, np.ones((point.size, 1))
-    model = np.concatenate([basis, ones], axis=1) if feedthrough else basis
-    sigma = np.concatenate([basis, ones], axis=1)
-    width, blocks = model.shape[1], []
+    n = poles.size
+    width, blocks = n + 1 if feedthrough else n, []
     for e in range(data.shape[1]):
-        w = weights[:, e, None]
-        joint = _real(np.concatenate([w * model, -(w * data[:, e, None]) * sigma], axis=1))
-        blocks.append(np.asarray(np.linalg.qr(joint, mode="r"))[width : width + n + 1, width:])
+        columns = _joint(basis, data[:, e], weights[:, e], feedthrough)
+        factor = lapack.dgeqrf(columns.T, overwrite_a=True)[0]
+        blocks.append(np.triu(factor[width : width + n + 1, width:]))
     stacked = np.concatenate(blocks)
     # relaxed normalisation: the real part of sigma sums to the number of lines
-    anchor = sigma.real.sum(axis=0) * np.linalg.norm(weights * np.abs(data)) / point.size
+    sums = np.append(basis.real.sum(axis=1), point.size)
+    anchor = sums * size / point.size
     system = np.concatenate([stacked, anchor[None]])
     target = np.zeros(system.shape[0])
     target[-1] = anchor[-1]
@@ -159,7 +191,7 @@ def _residues(
     point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool
 ) -> tuple[ComplexArray, Array]:
     """Return the residues (n, entries) and feedthrough (entries,) by weighted least squares for given poles."""
-    basis = _basis(point, poles)
+    basis = _basis(point, poles).T
     if feedthrough:
         basis = np.concatenate([basis, np.ones((point.size, 1))], axis=1)
     coefficient = np.empty((basis.shape[1], data.shape[1]))

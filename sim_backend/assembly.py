@@ -15,7 +15,6 @@ from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
 from sim_backend.linear import ModalModel, delay_taps, discretise
 from sim_backend.model import Hardware, Model, number
-from sim_backend.stages import STAGES
 
 Array = NDArray[np.float64]
 
@@ -189,6 +188,7 @@ def effects_of(effects: Sequence[Effect], places: Places) -> tuple[layout.Effect
         first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)),
         site=np.searchsorted([int(batch[0][0].site) for batch in batches], np.arange(int(Site.READING) + 2)),
         batch=ends,
+        steps=tuple(e.step for e in ordered),
         address=np.array([e.step.address for e in ordered], dtype=np.int64),
         channel=np.array([w.index for w in wires], dtype=np.int64),
         p0=(np.cumsum(sizes) - sizes).astype(np.int64),
@@ -263,8 +263,8 @@ def wired(fx: layout.Effects, bus: layout.Bus) -> layout.Effects:
         Aux.NONE: 0,
         Aux.TEMPERATURE: 1,
         Aux.SOURCE_COMMAND: 2,
-        Aux.SOURCE_POSITION: 2 + bus.command.size,
-        Aux.EXOGENOUS: 2 + bus.command.size + bus.position.size,
+        Aux.SOURCE_POSITION: 2 + bus.driven.size,
+        Aux.EXOGENOUS: 2 + bus.driven.size + bus.reading.size,
     }
     wires = np.zeros_like(fx.wires)
     for site, signal in signals.items():
@@ -335,33 +335,15 @@ def retuned(linear: ModalModel, effects: Sequence[Effect], places: Places) -> Mo
 def bus_of(n_u: int, n_a: int, n_y: int, n_s: int, fx: layout.Effects) -> layout.Bus:
     """Return the loop's scratch memory, all zero: so many inputs, actuators, outputs and heads, and these effects."""
     n_columns = int(np.max(fx.column[fx.aux == int(Aux.EXOGENOUS)], initial=-1)) + 1
-    source = np.zeros(2 + n_u + n_y + n_columns)
-    _, command, position, exogenous = np.split(source, np.cumsum([2, n_u, n_y]))
-    inputs, outputs, actuators, heads = ((0,) * n for n in (n_u, n_y, n_a, n_s))
-    driven, delayed, held, moving, torque = np.zeros((5, n_u))
-    rate, reading = np.zeros((2, n_y))
     return layout.Bus(
-        inputs,
-        outputs,
-        actuators,
-        heads,
-        source,
-        command,
-        position,
-        exogenous,
-        driven,
-        delayed,
-        held,
-        moving,
-        torque,
-        np.zeros(n_a),
-        rate,
-        reading,
-        np.zeros(n_s),
-        np.zeros(fx.coordinates.shape[0]),
-        np.zeros(fx.fast),
-        np.zeros(fx.fast),
-        np.zeros(fx.levers.shape[0]),
-        np.zeros(1),
-        np.array([stage.address for stage in STAGES], dtype=np.int64),
+        source=np.zeros(2 + n_u + n_y + n_columns),
+        driven=np.zeros(n_u),
+        current=np.zeros(n_a),
+        torque=np.zeros(n_u),
+        head=np.zeros(n_s),
+        reading=np.zeros(n_y),
+        at=np.zeros(fx.coordinates.shape[0]),
+        speed=np.zeros(fx.fast),
+        middle=np.zeros(fx.fast),
+        force=np.zeros(fx.levers.shape[0]),
     )

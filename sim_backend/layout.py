@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,17 +60,18 @@ class Effects(NamedTuple):
 
     Neighbours that are the same effect at different places are called together: `batch` (n_batches + 1,) delimits such
     calls, `site` (n_sites + 1,) says which of them are at a site.
-    Per effect: `address` of the compiled loop, `channel`, its number at the site, offsets `p0` and `s0` into
-    `parameters` and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read` (n_e, n_y) and
-    `write` (n_e, n_u), the coordinate it watches and the inputs it acts on. Of these rows, `coordinates` and `levers`
-    hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched` and `moved`
-    their numbers. `wires` (n_e, 7) are the addresses of its signals,
+    Per effect: its compiled step in `steps` and the `address` of that, `channel`, its number at the site, offsets `p0`
+    and `s0` into `parameters` and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read`
+    (n_e, n_y) and `write` (n_e, n_u), the coordinate it watches and the inputs it acts on. Of these rows, `coordinates`
+    and `levers` hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched`
+    and `moved` their numbers. `wires` (n_e, 7) are the addresses of its signals,
     filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one by one.
     """
 
     first: Ints
     site: Ints
     batch: Ints
+    steps: tuple[Any, ...]
     address: Ints
     channel: Ints
     p0: Ints
@@ -132,7 +133,7 @@ class Memory(NamedTuple):
     """What the bench remembers between two runs; changed in place.
 
     `x` (m,2) modes; `past` (n_u,) last motion-dependent torque; `has_past` (1,); `queue` (n_u, depth) delayed commands;
-    `torque` (n_u,) last torque; `xf` and `xl` (n,m,2) filter states; `closed` (n,) feedback closed; `ring` and
+    `acting` (n_u,) last torque; `xf` and `xl` (n,m,2) filter states; `closed` (n,) feedback closed; `ring` and
     `learned` (n, L) past learned inputs and filtered errors, L > period + p; `samples` (1,) samples played in all;
     `temperature` (1,) K.
     """
@@ -141,7 +142,7 @@ class Memory(NamedTuple):
     past: Array
     has_past: Ints
     queue: Array
-    torque: Array
+    acting: Array
     xf: Array
     xl: Array
     closed: Ints
@@ -169,37 +170,21 @@ class Output(NamedTuple):
 
 
 class Bus(NamedTuple):
-    """The signals of one sample, scratch memory of the loop.
+    """The signals of one sample that effects called by address read and change.
 
-    `command`, `driven`, `delayed`, `held`, `moving`, `torque` (n_u,); `current` (n_a,); `position`, `rate`, `reading`
-    (n_y,); `head` (n_s,); `exogenous` (n_columns,). `source` holds what effects can receive as auxiliary signal: zero,
-    the temperature, and as parts of it `command`, `position` and `exogenous`. `at`, `speed` and `middle` are the
-    coordinates that effects watch, their rates, and where they will be at mid-step; `force` is what effects add along
-    their levers; `error` (1,) is that of one learning axis. `stages` are the addresses of `sim_backend.stages.STAGES`.
-    `inputs`, `outputs`, `actuators` and `heads` are tuples as long as there are such; a tuple's length is part of its
-    type, so that the loops over them are unrolled by the compiler.
+    `driven` (n_u,) the commands behind what acts on them, `current` (n_a,), `torque` (n_u,), `head` (n_s,), `reading`
+    (n_y,). `source` holds what effects can receive as auxiliary signal: zero, the temperature, the commands, the
+    positions and the drawn numbers (n_columns). `at`, `speed` and `middle` are the coordinates that effects watch,
+    their rates, and where they will be at mid-step; `force` is what effects add along their levers.
     """
 
-    inputs: tuple[int, ...]
-    outputs: tuple[int, ...]
-    actuators: tuple[int, ...]
-    heads: tuple[int, ...]
     source: Array
-    command: Array
-    position: Array
-    exogenous: Array
     driven: Array
-    delayed: Array
-    held: Array
-    moving: Array
-    torque: Array
     current: Array
-    rate: Array
-    reading: Array
+    torque: Array
     head: Array
+    reading: Array
     at: Array
     speed: Array
     middle: Array
     force: Array
-    error: Array
-    stages: Ints

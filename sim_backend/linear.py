@@ -62,11 +62,11 @@ class ModalModel:
                     f"linear model: {name} has shape {value.shape}, needs {shape}; give one entry per block, input and "
                     f"output"
                 )
-            if not np.all(np.isfinite(value)):
+            if not np.isfinite(value).all():
                 raise ConfigError(
                     f"linear model: {name} holds a number that is not finite; every entry must be a real number"
                 )
-        if np.any(self.omega_rad_s < 0.0) or np.any(self.delay_s < 0.0):
+        if (self.omega_rad_s < 0.0).any() or (self.delay_s < 0.0).any():
             raise ConfigError("linear model: a natural frequency or a delay is negative; both must be zero or more")
 
     @property
@@ -162,6 +162,9 @@ class DiscreteModel:
             out[:, :, u] *= (np.polyval(taps.weights[::-1], 1.0 / z) * z**-taps.first)[:, None]
         return out
 
+
+TAPS = 4
+"""Held samples of an input's past that together stand for a delayed one."""
 
 _CUBIC = np.array([[-1.0, 6.0, -11.0, 6.0], [3.0, -15.0, 18.0, 0.0], [-3.0, 12.0, -9.0, 0.0], [1.0, -3.0, 2.0, 0.0]])
 """Six times the weights of samples 0, 1, 2 and 3 in the cubic through them, by falling powers of where it is read."""

@@ -88,7 +88,7 @@ def fresh_memory(plant: layout.Plant, n_axes: int, temperature_k: float) -> layo
         past=np.zeros(n_u),
         has_past=np.zeros(1, dtype=np.int64),
         queue=np.zeros((n_u, depth)),
-        torque=np.zeros(n_u),
+        acting=np.zeros(n_u),
         xf=np.zeros((n_axes, 0, 2)),
         xl=np.zeros((n_axes, 0, 2)),
         closed=np.zeros(n_axes, dtype=np.int64),

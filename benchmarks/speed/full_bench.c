@@ -32,12 +32,13 @@ static inline double jiles_atherton(const double *p, double *s, double position)
     double change = position - s[0];
     if (change == 0.0)
         return p[0] * s[1];
-    double sign = change > 0.0 ? 1.0 : -1.0, widest = 0.05 * least(p[2], p[1]), per_a = 1.0 / p[1];
+    int rising = change > 0.0;
+    double widest = 0.05 * least(p[2], p[1]), per_a = 1.0 / p[1];
     double alpha = p[4], saturation = p[5];
     int parts = fabs(change) <= widest ? 1 : (int)ceil(least(fabs(change) / widest, 200.0));
-    double dh = parts == 1 ? change : change / parts;
+    double dh = parts == 1 ? change : change / parts, h = s[0], m = s[1];
     for (int i = 0; i < parts; i++) {
-        double h = s[0] + i * dh, m0 = s[1], m = m0, slope0 = 0.0;
+        double m0 = m, slope0 = 0.0;
         for (int stage = 0; stage < 2; stage++) {
             double x = (h + alpha * m) * per_a, man, dman;
             if (fabs(x) < 0.05) {
@@ -49,13 +50,11 @@ static inline double jiles_atherton(const double *p, double *s, double position)
                 man = saturation * (coth - inverse);
                 dman = saturation * per_a * (1.0 - coth * coth + inverse * inverse);
             }
-            double gap = man - m, slope = p[3] * dman, over = most(1.0 + p[3] - alpha * p[3] * dman, 0.01);
-            if (sign * gap > 0.0) {
-                double pin = sign * most(p[2] - alpha * sign * gap, 0.01 * p[2]);
-                slope = slope * pin + gap;
-                over *= pin;
-            }
-            slope /= over;
+            double gap = man - m, bends = p[3] * dman, over = most(1.0 + p[3] - alpha * p[3] * dman, 0.01);
+            double pin = most(p[2] - alpha * fabs(gap), 0.01 * p[2]);
+            int towards = (gap > 0.0) == rising;
+            double rise = towards ? bends * pin + fabs(gap) : bends, run = towards ? over * pin : over;
+            double slope = rise / run;
             if (stage == 0) {
                 slope0 = slope;
                 m = m0 + slope * dh;
@@ -64,8 +63,9 @@ static inline double jiles_atherton(const double *p, double *s, double position)
                 m = m0 + 0.5 * (slope0 + slope) * dh;
             }
         }
-        s[1] = least(most(m, -saturation), saturation);
+        m = least(most(m, -saturation), saturation);
     }
+    s[1] = m;
     s[0] = position;
     return p[0] * s[1];
 }

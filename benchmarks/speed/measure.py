@@ -5,7 +5,7 @@ from __future__ import annotations
 import cProfile
 import pstats
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,9 +28,9 @@ def measure(benchmark: Benchmark, rounds: int, quick: bool, clock: Callable[[], 
     clock = clock or (time.process_time if benchmark.one_core else time.perf_counter)
     with TemporaryDirectory(prefix="mccd-bench-") as folder:
         prepared = benchmark.prepare(quick, Path(folder))
-        turns = _turns(prepared.contenders, rounds, clock)
-        agreements = prepared.check(turns[-1].results)
-        targets = [_told_target(benchmark, target, turns, prepared) for target in benchmark.targets]
+        seconds, values, results = _turns(prepared.contenders, benchmark.targets, rounds, clock)
+        agreements = prepared.check(results)
+        targets = [_told_target(benchmark, t, v, prepared) for t, v in zip(benchmark.targets, values, strict=True)]
         late = {target["of"] for target in targets if target["reached"] is False}
         profiles = {c.name: _profile(c) for c in prepared.contenders if c.name in late and not quick}
     return {
@@ -38,7 +38,7 @@ def measure(benchmark: Benchmark, rounds: int, quick: bool, clock: Callable[[], 
         "work": benchmark.work,
         "clock": "processor, of this process" if benchmark.one_core else "wall",
         "facts": dict(prepared.facts),
-        "contenders": {c.name: _told_times(c, turns) for c in prepared.contenders},
+        "contenders": {c.name: _told_times(c, seconds) for c in prepared.contenders},
         "absent": dict(prepared.absent),
         "agreements": [{**asdict(a), "holds": a.holds} for a in agreements],
         "targets": targets,
@@ -46,31 +46,41 @@ def measure(benchmark: Benchmark, rounds: int, quick: bool, clock: Callable[[], 
     }
 
 
-def _turns(contenders: Sequence[Contender], rounds: int, clock: Callable[[], float]) -> list[Round]:
-    """Return the rounds; in each, `results` are the latest of every contender."""
+def _turns(
+    contenders: Sequence[Contender], targets: Sequence[Target], rounds: int, clock: Callable[[], float]
+) -> tuple[list[dict[str, float]], list[list[float]], dict[str, Any]]:
+    """Return seconds by contender of each round, the numbers of each target, and the latest results by contender.
+
+    Older results are given up: kept, they would make every contender wait for memory that was never used before.
+    """
     results: dict[str, Any] = {}
     for contender in contenders:
         for _ in range(contender.warm):
             results[contender.name] = contender.run()
-    turns = []
+    all_seconds: list[dict[str, float]] = []
+    values: list[list[float]] = [[] for _ in targets]
     for number in range(rounds):
         seconds: dict[str, float] = {}
         first = number % len(contenders)
         for contender in [*contenders[first:], *contenders[:first]]:
             if number < contender.rounds:
+                results.pop(contender.name, None)
                 started = clock()
                 results[contender.name] = contender.run()
                 seconds[contender.name] = (clock() - started) / contender.amount
-        turns.append(Round(seconds, dict(results)))
-    return turns
+        all_seconds.append(seconds)
+        for target, numbers in zip(targets, values, strict=True):
+            if all(name in seconds for name in target.needs):
+                numbers.append(target.value(Round(seconds, results)))
+    return all_seconds, values, results
 
 
-def _told_times(contender: Contender, turns: Sequence[Round]) -> dict[str, Any]:
-    seconds = [turn.seconds[contender.name] for turn in turns if contender.name in turn.seconds]
-    return {"amount": contender.amount, "seconds_per_unit": _spread(seconds)}
+def _told_times(contender: Contender, seconds: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    own = [turn[contender.name] for turn in seconds if contender.name in turn]
+    return {"amount": contender.amount, "seconds_per_unit": _spread(own)}
 
 
-def _told_target(benchmark: Benchmark, target: Target, turns: Sequence[Round], prepared: Prepared) -> dict[str, Any]:
+def _told_target(benchmark: Benchmark, target: Target, values: Sequence[float], prepared: Prepared) -> dict[str, Any]:
     told: dict[str, Any] = {
         "what": target.what,
         "of": target.needs[0],
@@ -83,7 +93,6 @@ def _told_target(benchmark: Benchmark, target: Target, turns: Sequence[Round], p
     lacking = [name for name in target.needs if name not in known]
     if lacking:
         return {**told, "why": "; ".join(f"{name}: {prepared.absent.get(name, 'absent')}" for name in lacking)}
-    values = [target.value(turn) for turn in turns if all(name in turn.seconds for name in target.needs)]
     spread = _spread(values)
     reached = target.reached(spread["median"])
     told.update(spread, reached=reached)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, times_faster, version_of
+from sim_backend import kernel
 from sim_backend.bench import Gate, Segment
 from sim_backend.control.feedback import theta_controller
 from sim_backend.effects import make_effect
@@ -33,6 +34,8 @@ FUSED = "control input_output_response, one system by hand"
 EXACT = "scipy solve_ivp, 1e-10"
 SAMPLES, QUICK, PEERS = 600_000, 2_000, 400
 """Samples that ours plays, in full and quick, and of which the peers play the first."""
+WARM = kernel.LONG // SAMPLES + 1
+"""Runs after which a bench has its effects inlined."""
 PERIOD, STEP_RAD, MOVE = 2_000, 8.5e-3, 100
 EFFECTS = ("jiles-atherton", "magnetic-polynomial", "constant-torque")
 
@@ -205,7 +208,7 @@ def prepare(quick: bool, folder: Path) -> Prepared:
 
     return Prepared(
         (
-            Contender(OURS, lambda: ours(n), n),
+            Contender(OURS, lambda: ours(n), n, warm=WARM),
             controlled(CONTROL),
             controlled(FUSED),
             Contender(IVP, lambda: integrated(few, 1e-3, 1e-9), few, rounds=3, warm=0),
@@ -230,8 +233,9 @@ BENCHMARK = Benchmark(
     missed={
         times_faster(OURS, FUSED, 1000.0).what: (
             "Written by hand as one system, the loop spares python-control all that it is there for: a sample is one "
-            "Python function with a dozen small numpy calls. A thousandth of that is some 34 ns, a hundred cycles, and "
-            "the chain of products from position to torque to position alone takes about that."
+            "Python function with a dozen small numpy calls. A thousandth of that is some 38 ns, 130 cycles; ours "
+            "takes 54 ns, of which leaving out the iron saves 28 (and all three effects 39): two stages, each a "
+            "division and a dozen products that wait for one another, between a position and the next."
         )
     },
 )

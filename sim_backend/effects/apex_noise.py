@@ -8,6 +8,7 @@ import numpy as np
 
 from sim_backend.effects.base import Array, Aux, Effect, Site, size
 from sim_backend.effects.compiled import compiled
+from sim_backend.noise import standard_normal
 
 
 @compiled
@@ -31,4 +32,4 @@ class ApexNoise(Effect):
 
     def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
         """Return `n` standard normal numbers."""
-        return rng.standard_normal(n)
+        return standard_normal(n, rng)

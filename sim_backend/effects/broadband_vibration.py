@@ -10,6 +10,7 @@ import numpy as np
 from sim_backend.effects.base import Array, Aux, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
+from sim_backend.noise import standard_normal
 
 
 @compiled
@@ -52,7 +53,7 @@ class BroadbandVibration(Effect):
 
     def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
         """Return `n` samples of white noise of unit two-sided density, held over each sample."""
-        return rng.standard_normal(n) * math.sqrt(rate_hz)
+        return standard_normal(n, rng) * math.sqrt(rate_hz)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

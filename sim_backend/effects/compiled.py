@@ -92,7 +92,24 @@ def compiled(step: Callable[..., float]) -> Any:
     loop.__qualname__ = f"{step.__qualname__}_{crc32(_loop.__code__.co_code):08x}"
     made: Any = cfunc(_LOOP, cache=True, forceinline=True, error_model="numpy")(loop)
     made.__wrapped__ = step
+    made.key = f"{step.__module__}.{step.__qualname__}.{_checksum(step.__code__)}"
     return made
+
+
+def _checksum(code: python.CodeType) -> str:
+    return f"{crc32(repr((code.co_code, code.co_consts, code.co_names)).encode()):08x}"
+
+
+def plain(made: Any) -> tuple[str, str]:
+    """Return a compiled step alone, for one place, as LLVM's text and the name of its function.
+
+    It takes signal, position, rate, aux and dt_s as float64, then the addresses of parameters and state.
+    """
+    numbers = types.CPointer(types.float64)
+    signature = types.float64(*[types.float64] * 5, numbers, numbers)
+    alone: Any = cfunc(signature, error_model="numpy")(made.__wrapped__)
+    # numba forbids to inline what it wraps for callers in C
+    return alone.inspect_llvm().replace("noinline", "alwaysinline"), alone.native_name
 
 
 @cache

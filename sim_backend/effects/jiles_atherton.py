@@ -16,15 +16,15 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
     pinning, c, alpha, saturation = p[2], p[3], p[4], p[5]
     change = position - s[0]
     if change != 0.0:
-        sign = 1.0 if change > 0.0 else -1.0
+        rising = change > 0.0
         # sub-increments of a twentieth of the field in which M changes; Heun's error over it is (1/20)²/6 = 4e-4 of M
         widest = 0.05 * min(pinning, p[1])
         parts = 1 if abs(change) <= widest else math.ceil(min(abs(change) / widest, 200.0))
         dh = change if parts == 1 else change / parts
         per_a = 1.0 / p[1]
-        for i in range(parts):
-            h, m0 = s[0] + i * dh, s[1]
-            slope0, m = 0.0, m0
+        h, m = s[0], s[1]
+        for _ in range(parts):
+            m0, slope0 = m, 0.0
             for stage in range(2):
                 x = (h + alpha * m) * per_a
                 if abs(x) < 0.05:
@@ -39,20 +39,21 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
                 gap = man - m
                 # dMan/dH = Man'(He) (1 + alpha dM/dH): with c and the irreversible part over 1 + c,
                 # (1 + c - alpha c Man') dM/dH = irreversible + c Man'
-                slope, over = c * dman, max(1.0 + c - alpha * c * dman, 0.01)
-                if sign * gap > 0.0:
-                    # the susceptibility is unbounded where the coupling beats the pinning: kept at 100 × the rest
-                    pin = sign * max(pinning - alpha * sign * gap, 0.01 * pinning)
-                    slope, over = slope * pin + gap, over * pin
-                slope /= over
+                bends, over = c * dman, max(1.0 + c - alpha * c * dman, 0.01)
+                # the susceptibility is unbounded where the coupling beats the pinning: kept at 100 × the rest. M moves
+                # irreversibly only towards Man, where delta, the sign of the change, is that of the gap and cancels
+                pin = max(pinning - alpha * abs(gap), 0.01 * pinning)
+                towards = (gap > 0.0) == rising
+                rise, run = (bends * pin + abs(gap), over * pin) if towards else (bends, over)
+                slope = rise / run
                 if stage == 0:
                     slope0 = slope
                     m = m0 + slope * dh
                     h += dh
                 else:
                     m = m0 + 0.5 * (slope0 + slope) * dh
-            s[1] = min(max(m, -saturation), saturation)
-        s[0] = position
+            m = min(max(m, -saturation), saturation)
+        s[0], s[1] = position, m
     return p[0] * s[1]
 
 

@@ -1,0 +1,402 @@
+"""The one time loop: plant, effects, sensors and controllers, emitted for the structure of a bench.
+
+Order within one sample k, which starts at time t_k:
+ 1. read: positions from the states, then sensor heads and readings with their effects;
+ 2. control: feedback, learning and feed-forward give the command held until t_{k+1};
+ 3. drive: command effects, delay, amplifiers (currents) with theirs, torques on the inputs;
+ 4. step: `substeps` exact zero-order-hold steps of every mode. Drive effects see the position extrapolated to
+    mid-step, and torques that depend on motion are themselves extrapolated there (3/2 f_k - 1/2 f_{k-1}): the loop is
+    second-order accurate for smooth effects at no cost.
+
+Where a bench feeds a torque straight through to its readings they wait for the torque of their own sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from llvmlite import ir
+
+from sim_backend.effects.base import Aux, Site
+from sim_backend.effects.compiled import WIRES
+from sim_backend.kernel.arguments import BUS, COPIED, TABLE
+from sim_backend.kernel.code import F64, I64, Cells, Number, Weights, added, repeated
+from sim_backend.kernel.structure import Structure, whole
+from sim_backend.linear import TAPS
+
+NAME = "play"
+
+
+def step_symbol(key: str) -> str:
+    """Return the name under which the emitted code calls a step that is to be inlined."""
+    return f"step.{key}"
+
+
+class Sample:
+    """Emits the loop of a structure as function `play`(whole numbers and addresses as TABLE says, time steps)."""
+
+    def __init__(self, structure: Structure) -> None:
+        self.structure = structure
+        self.module = ir.Module("loop")
+        function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [I64.as_pointer(), F64.as_pointer()]), NAME)
+        self.at = ir.IRBuilder(function.append_basic_block("entry"))
+        given = function.args[0]
+        self.whole = {name: self.at.load(self.at.gep(given, [_index(i)])) for i, name in enumerate(TABLE)}
+        self.dt_s, self.fine_s = (Cells(self.at, function.args[1])[i] for i in (0, 1))
+        kinds = structure.weights()
+        self.weights = {
+            name: Weights(self.cells(f"ctl.{name}" if name[0] == "f" else name), kinds[name]) for name in kinds
+        }
+        self.n_y, self.n_u = kinds["d"].shape
+        self.n_a, self.n_s = kinds["to_current"].shape[0], kinds["to_heads"].shape[0]
+        self.n_modes, self.n_blocks = kinds["a"].shape[0], kinds["fb"].shape[1]
+        self.sizes = {
+            "x": 2 * self.n_modes,
+            "past": self.n_u,
+            "acting": self.n_u,
+            "xf": 2 * self.n_u * self.n_blocks,
+            "parameters": structure.n_parameters,
+            "states": structure.n_states,
+        }
+        n_at, n_levers = kinds["coordinates"].shape[0], kinds["levers"].shape[0]
+        self.bus_sizes = {
+            "source": 2 + self.n_u + self.n_y + structure.n_columns,
+            "driven": self.n_u,
+            "current": self.n_a,
+            "torque": self.n_u,
+            "head": self.n_s,
+            "reading": self.n_y,
+            "at": n_at,
+            "speed": structure.n_rates,
+            "middle": structure.n_rates,
+            "force": n_levers,
+        }
+        self.driven, self.driven_by, self.seen, self.seen_mode = (whole(part).tolist() for part in structure.plant)
+        self.wires = structure.wires()
+        self.zero = Number(self.at, ir.Constant(F64, 0.0))
+
+    def cells(self, name: str) -> Cells:
+        """Return an array of the table."""
+        return Cells(self.at, self.at.inttoptr(self.whole[name], F64.as_pointer()))
+
+    def local(self, size: int, name: str) -> Cells:
+        """Return cells of the function's own, which the compiler keeps in registers where it can."""
+        return Cells(self.at, self.at.alloca(F64, max(size, 1), name))
+
+    def copy(self, source: Cells, target: Cells, size: int) -> None:
+        """Copy `size` cells."""
+        for i in range(size):
+            target[i] = source[i]
+
+    def emit(self) -> ir.Module:
+        """Return the module with the whole loop."""
+        at, inlined = self.at, self.structure.inlined
+        self.mine = {name: self.local(self.sizes[name], name) for name in COPIED}
+        for name in COPIED:
+            self.copy(self.cells(name), self.mine[name], self.sizes[name])
+        # effects that are called by address find the signals in memory
+        self.bus = {name: self.local(self.bus_sizes[name], name) if inlined else self.cells(name) for name in BUS}
+        self.scratch = self.local(2, "scratch")
+        if inlined:
+            self.copy(self.cells("reading"), self.bus["reading"], self.n_y)
+        self.temperature, self.bus["source"][0] = self.cells("temperature"), self.zero
+        self.bus["source"][1] = self.temperature[0]
+        has_past = at.inttoptr(self.whole["has_past"], I64.as_pointer())
+        self.half = self.local(1, "half")
+        self.half[0] = Number(at, at.sitofp(at.load(has_past), F64)) * 0.5
+        heating = self.cells("heating")
+        self.heating = (heating[0], heating[1] / heating[3], self.dt_s / heating[2])
+        self._stretches()
+        self.temperature[0] = self.bus["source"][1]
+        at.store(at.select(at.icmp_signed(">", self.whole["n"], _index(0)), _index(1), at.load(has_past)), has_past)
+        for name in COPIED[1:]:
+            self.copy(self.mine[name], self.cells(name), self.sizes[name])
+        if inlined:
+            self.copy(self.bus["reading"], self.cells("reading"), self.n_y)
+        at.ret_void()
+        return self.module
+
+    def _stretches(self) -> None:
+        """Emit stretches of samples that end with the period, or where a gate opens or closes the feedback."""
+        at, whole = self.at, self.whole
+        done, k, event = (at.alloca(I64, name=name) for name in ("done", "k", "event"))
+        for counter in (done, k, event):
+            at.store(_index(0), counter)
+        head, body, end = (at.append_basic_block(name) for name in ("stretch", "samples", "end"))
+        at.branch(head)
+        at.position_at_end(head)
+        at.cbranch(at.icmp_signed("<", at.load(done), whole["n"]), body, end)
+        at.position_at_end(body)
+        now, until = at.load(k), self._least(at.sub(whole["n"], at.load(done)), at.sub(whole["period"], at.load(k)))
+        with at.if_then(at.icmp_signed(">", whole["n_events"], _index(0))):
+            names = ("n_events", "n_blocks", "events", "ctl.integrator", "ctl.fc", "xf", "closed")
+            at.store(self.call("gate", [now, at.load(event), *(whole[name] for name in names)], I64), event)
+        self.copy(self.cells("xf"), self.mine["xf"], self.sizes["xf"])
+        ahead = self.local(1, "ahead")
+        ahead[0] = Number(at, at.sitofp(until, F64))
+        with at.if_then(at.icmp_signed("<", at.load(event), whole["n_events"])):
+            next_event = self.cells("events")[at.mul(at.load(event), _index(4))]
+            gap = next_event - Number(at, at.sitofp(now, F64))
+            with at.if_then(at.fcmp_ordered("<", gap.value, ahead[0].value)):
+                ahead[0] = gap
+        until = at.fptosi(ahead[0].value, I64)
+        closed = Cells(at, at.inttoptr(whole["closed"], I64.as_pointer()))
+        self.closed = [at.icmp_signed("==", closed[i].value, _index(1)) for i in range(self.n_u)]
+        started = at.load(done)
+        with repeated(at, until, "sample") as i:
+            self._sample(at.add(started, i), at.add(now, i))
+        self.copy(self.mine["xf"], self.cells("xf"), self.sizes["xf"])
+        at.store(at.add(started, until), done)
+        following = at.add(now, until)
+        over = at.icmp_signed("==", following, whole["period"])
+        at.store(at.select(over, _index(0), following), k)
+        at.store(at.select(over, _index(0), at.load(event)), event)
+        at.branch(head)
+        at.position_at_end(end)
+
+    def _least(self, a: Any, b: Any) -> Any:
+        return self.at.select(self.at.icmp_signed("<", a, b), a, b)
+
+    def call(self, name: str, arguments: Sequence[Any], returns: Any = None) -> Any:
+        """Emit a call of the compiled function whose address stands in the table."""
+        kind = ir.FunctionType(returns or ir.VoidType(), [a.type for a in arguments])
+        return self.at.call(self.at.inttoptr(self.whole[name], kind.as_pointer()), arguments)
+
+    def _sample(self, sample: Any, k: Any) -> None:
+        """Emit one sample."""
+        structure, exogenous = self.structure, self.cells("exogenous")
+        for column in range(structure.n_columns):
+            at = self.at.add(self.at.mul(_index(column), self.whole["n_drawn"]), sample)
+            self.bus["source"][2 + self.n_u + self.n_y + column] = exogenous[at]
+        self._motion()
+        if not structure.feedthrough:
+            self._read()
+        self._control(sample, k)
+        self._drive(sample)
+        if structure.heated:
+            self._heat()
+        self._torque()
+        if structure.feedthrough:
+            self._motion()
+            self._read()
+        self._record(sample)
+        self._advance()
+        if structure.fine:
+            with repeated(self.at, self.at.sub(self.whole["substeps"], _index(1)), "substep"):
+                self._motion()
+                self._torque()
+                self._advance()
+
+    def _motion(self) -> None:
+        """Emit positions and rates from modal states and the torque in force, and what effects watch of them."""
+        seen, mode, c, x = self.seen, self.seen_mode, self.weights["c"], self.mine["x"]
+        acting = [self.mine["acting"][j] for j in range(self.n_u)]
+        self.position, rate = [], []
+        for i in range(self.n_y):
+            states = [(s, x[2 * mode[s]], x[2 * mode[s] + 1]) for s in range(seen[i], seen[i + 1])]
+            at = added([c.term((s, 1), v, c.term((s, 0), q, None)) for s, q, v in states])
+            speed = added([c.term((s, 3), v, c.term((s, 2), q, None)) for s, q, v in states])
+            self.position.append(self.weights["d"].row(i, acting, at) or self.zero)
+            rate.append(self.weights["rate_d"].row(i, acting, speed) or self.zero)
+            self.bus["source"][2 + self.n_u + i] = self.position[i]
+        for n, values, name in ((self.bus_sizes["at"], self.position, "at"), (self.structure.n_rates, rate, "speed")):
+            for i in range(n):
+                self.bus[name][i] = self.weights["coordinates"].row(i, values) or self.zero
+
+    def _product(self, name: str, values: Sequence[Number], to: Cells) -> None:
+        """Emit the product of a matrix with `values`."""
+        for i in range(self.weights[name].shape[0]):
+            to[i] = self.weights[name].row(i, values) or self.zero
+
+    def _read(self) -> None:
+        """Emit heads and readings from the positions."""
+        self._product("to_heads", self.position, self.bus["head"])
+        self._apply(Site.HEAD)
+        self._product("to_reading", [self.bus["head"][i] for i in range(self.n_s)], self.bus["reading"])
+        self._apply(Site.READING)
+
+    def _control(self, sample: Any, k: Any) -> None:
+        """Emit the commands: feed-forward, feedback where the loop is closed, and learning."""
+        reference, feedforward = self.cells("reference"), self.cells("feedforward")
+        row = self.at.mul(k, _index(self.n_u))
+        for i in range(self.n_u):
+            column, command = self.at.add(row, _index(i)), self.bus["source"].part(2 + i)
+            command[0] = feedforward[column]
+            if self.weights["fd"].kinds[i] or self.weights["fb"].kinds[i].any():
+                with self.at.if_then(self.closed[i], likely=True):
+                    command[0] = command[0] + self._feedback(i, reference[column] - self.bus["reading"][i])
+            if self.structure.learning[i]:
+                self._learn(i, sample, reference[column] - self.bus["reading"][i], command)
+
+    def _feedback(self, i: int, error: Number) -> Number:
+        """Emit one sample of the block filter of an axis; return its output."""
+        a, b, c, x = (
+            self.weights["fa"],
+            self.weights["fb"],
+            self.weights["fc"],
+            self.mine["xf"].part(2 * self.n_blocks * i),
+        )
+        parts = []
+        for m in range(self.n_blocks):
+            x0, x1 = x[2 * m], x[2 * m + 1]
+            parts.append(c.term((i, m, 1), x1, c.term((i, m, 0), x0, None)))
+            for state in (0, 1):
+                kept = a.term((i, m, state, 1), x1, a.term((i, m, state, 0), x0, None))
+                x[2 * m + state] = b.term((i, m, state), error, kept) or self.zero
+        return self.weights["fd"].term((i,), error, added(parts)) or self.zero
+
+    def _learn(self, i: int, sample: Any, error: Number, command: Cells) -> None:
+        """Emit the call that adds the repetitive input of an axis to its command."""
+        self.scratch[0], self.scratch[1] = error, command[0]
+        now = self.at.add(self.whole["samples"], sample)
+        of_controller = [
+            f"ctl.{name}" for name in ("period", "lead", "learning", "taps", "gain", "la", "lb", "lc", "ld")
+        ]
+        names = ["length", "n_taps", "n_blocks_l", *of_controller, "xl", "ring", "learned"]
+        given = [self.whole[name] for name in names]
+        self.call("learn", [_index(i), now, *given, self.scratch.place(0), self.scratch.place(1)])
+        command[0] = self.scratch[1]
+
+    def _drive(self, sample: Any) -> None:
+        """Emit currents and the torques that they hold during this sample."""
+        driven = self.bus["driven"]
+        self.copy(self.bus["source"].part(2), driven, self.n_u)
+        self._apply(Site.COMMAND)
+        values = [driven[j] for j in range(self.n_u)]
+        if self.structure.delayed:
+            values = [self._delayed(j, sample, value) for j, value in enumerate(values)]
+        self._product("to_current", values, self.bus["current"])
+        self._apply(Site.CURRENT)
+        current = [self.bus["current"][i] for i in range(self.n_a)]
+        self.held = [self.weights["to_torque"].row(j, current) or self.zero for j in range(self.n_u)]
+
+    def _delayed(self, j: int, sample: Any, value: Number) -> Number:
+        """Emit the commands of an input's past that stand for the delayed one, weighted."""
+        at, depth, weights = self.at, self.whole["depth"], self.cells("delay_taps").part(TAPS * j)
+        queue = self.cells("queue").part(at.mul(_index(j), depth))
+        now = at.add(self.whole["samples"], sample)
+        queue[at.srem(now, depth)] = value
+        first = at.load(at.gep(at.inttoptr(self.whole["delay_first"], I64.as_pointer()), [_index(j)]))
+        # never below zero, for the queue is deeper than the delay
+        newest = at.sub(at.add(now, depth), first)
+        out = self.zero
+        for i in range(TAPS):
+            out = weights[i].times_plus(queue[at.srem(at.sub(newest, _index(i)), depth)], out)
+        return out
+
+    def _heat(self) -> None:
+        """Emit the temperature one sample on: first order towards cold finger + resistance × dissipated power."""
+        cold_k, kelvin_per_square, share = self.heating
+        square: Number | None = None
+        for i in range(self.n_a):
+            current = self.bus["current"][i]
+            square = current * current if square is None else current.times_plus(current, square)
+        now = self.bus["source"][1]
+        aim = cold_k if square is None else kelvin_per_square.times_plus(square, cold_k)
+        self.bus["source"][1] = share.times_plus(aim - now, now)
+
+    def _torque(self) -> None:
+        """Emit the torques on the structure for one substep."""
+        torque, force = self.bus["torque"], self.bus["force"]
+        for j in range(self.n_u):
+            torque[j] = self.held[j]
+        for c in range(self.structure.n_rates):
+            self.bus["middle"][c] = (self.fine_s * 0.5).times_plus(self.bus["speed"][c], self.bus["at"][c])
+        self._apply(Site.DRIVE)
+        forces = range(self.bus_sizes["force"])
+        for m in forces:
+            force[m] = self.zero
+        self._apply(Site.STRUCTURE)
+        along = [force[m] for m in forces]
+        for j in range(self.n_u):
+            moving: Number | None = None
+            for m in forces:
+                moving = self.weights["levers"].term((m, j), along[m], moving)
+            if moving is not None:
+                onward = self.half[0].times_plus(moving - self.mine["past"][j], moving)
+                torque[j] = torque[j] + onward
+            self.mine["past"][j] = moving or self.zero
+            self.mine["acting"][j] = torque[j]
+        self.half[0] = Number(self.at, ir.Constant(F64, 0.5))
+
+    def _advance(self) -> None:
+        """Emit the step of every mode under the held torque."""
+        a, b, x = self.weights["a"], self.weights["b"], self.mine["x"]
+        for m in range(self.n_modes):
+            now = x[2 * m], x[2 * m + 1]
+            for state in (0, 1):
+                on = a.term((m, state, 1), now[1], a.term((m, state, 0), now[0], None))
+                for d in range(self.driven[m], self.driven[m + 1]):
+                    on = b.term((d, state), self.mine["acting"][self.driven_by[d]], on)
+                x[2 * m + state] = on or self.zero
+
+    def _apply(self, site: Site) -> None:
+        """Emit all effects of a site: inlined one by one, or one call for all places of an effect."""
+        dt_s = self.fine_s if site in (Site.DRIVE, Site.STRUCTURE) else self.dt_s
+        if self.structure.inlined:
+            for wires, step in zip(self.wires, self.structure.steps, strict=True):
+                if wires["site"] == site:
+                    self._inline(site, wires, step.key, dt_s)
+            return
+        batch, address = (self.at.inttoptr(self.whole[name], I64.as_pointer()) for name in ("batch", "address"))
+        for b in range(*whole(self.structure.sites)[site : site + 2].tolist()):
+            first, end = (self.at.load(self.at.gep(batch, [_index(i)])) for i in (b, b + 1))
+            wires = self.at.add(self.whole["wires"], self.at.mul(first, _index(8 * WIRES)))
+            kind = ir.FunctionType(ir.VoidType(), [I64, I64.as_pointer(), F64])
+            function = self.at.inttoptr(self.at.load(self.at.gep(address, [first])), kind.as_pointer())
+            pointer = self.at.inttoptr(wires, I64.as_pointer())
+            self.at.call(function, [self.at.sub(end, first), pointer, dt_s.value])
+
+    def _inline(self, site: Site, wires: dict[str, int], key: str, dt_s: Number) -> None:
+        """Emit one effect: its step, which the compiler inlines, and the addition of what it gives."""
+        signals = {Site.COMMAND: "driven", Site.CURRENT: "current", Site.HEAD: "head", Site.READING: "reading"}
+        signal = self.bus[signals.get(site, "torque")].part(wires["channel"])
+        target = self.bus["force"].part(wires["moved"]) if site is Site.STRUCTURE else signal
+        place = "middle" if site is Site.DRIVE else "at"
+        position, size = self.bus[place], self.bus_sizes[place]
+        column, watched = wires["column"], wires["watched"]
+        source = {
+            Aux.NONE: 0,
+            Aux.TEMPERATURE: 1,
+            Aux.SOURCE_COMMAND: 2 + column,
+            Aux.SOURCE_POSITION: 2 + self.n_u + column,
+            Aux.EXOGENOUS: 2 + self.n_u + self.n_y + column,
+        }[Aux(wires["aux"])]
+        numbers = [
+            signal[0],
+            position[watched] if watched < size else self.zero,
+            self.bus["speed"][watched] if watched < self.structure.n_rates else self.zero,
+            self.bus["source"][source],
+            dt_s,
+        ]
+        pointers = [self.mine["parameters"].place(wires["p0"]), self.mine["states"].place(wires["s0"])]
+        arguments = [*(n.value for n in numbers), *pointers]
+        name = step_symbol(key)
+        function = self.module.globals.get(name) or ir.Function(
+            self.module, ir.FunctionType(F64, [a.type for a in arguments]), name
+        )
+        target[0] = target[0] + Number(self.at, self.at.call(function, arguments))
+
+    def _record(self, sample: Any) -> None:
+        """Emit what is kept; a table without columns keeps nothing."""
+        at = self.at
+        kept: dict[str, Sequence[Number]] = {
+            "command": [self.bus["source"][2 + j] for j in range(self.n_u)],
+            "torque": [self.bus["torque"][j] for j in range(self.n_u)],
+            "current": [self.bus["current"][i] for i in range(self.n_a)],
+            "position": self.position,
+            "reading": [self.bus["reading"][i] for i in range(self.n_y)],
+            "head": [self.bus["head"][i] for i in range(self.n_s)],
+            "temperature": [self.bus["source"][1]],
+        }
+        place = at.add(self.whole["first"], sample)
+        for name, numbers in kept.items():
+            columns = self.whole[f"columns.{name}"]
+            with at.if_then(at.icmp_signed(">", columns, _index(0)), likely=True):
+                for j, number in enumerate(numbers):
+                    self.cells(f"out.{name}")[at.add(at.mul(_index(j), columns), place)] = number
+
+
+def _index(i: int) -> ir.Constant:
+    return ir.Constant(I64, i)

@@ -1,0 +1,157 @@
+"""A loop with its effects inlined is the loop that calls them, to the last bit; its code is made once and kept."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import msgspec
+import numpy as np
+import pytest
+
+from sim_backend import kernel, layout
+from sim_backend.assembly import places_of
+from sim_backend.bench import Gate, Learning, Segment
+from sim_backend.control.blocks import filter_from_zpk
+from sim_backend.control.feedback import theta_controller, z_controller
+from sim_backend.effects import BENCH_ONLY, EFFECTS, NOISES
+from sim_backend.kernel import machine
+from sim_backend.model import EffectEntry, load_model
+from sim_backend.replay import replay
+from sim_backend.simbench import SimBench
+from tests.sim_backend.test_kernel import RATE_HZ, held_torque, one_axis, play
+
+STEPPED = [cls for cls in (*EFFECTS, *NOISES, *BENCH_ONLY) if cls.step is not None]
+SIZES = {"jiles-atherton": 0.01, "hysteresis": 1e-4, "magnetic-polynomial": 1e-3, "thermal-stiffness-drift": 1e-3}
+N = 3000
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The structures of which a loop was asked for, in order."""
+    found = []
+    loop_of = kernel.loop_of
+    monkeypatch.setattr(kernel, "loop_of", lambda structure: (found.append(structure), loop_of(structure))[1])
+    return found
+
+
+def both(monkeypatch, asked, record):
+    """Return what `record` returns with effects called and with effects inlined."""
+    results = []
+    monkeypatch.setattr(kernel, "is_made", lambda structure: False)
+    for inlined, long in ((False, np.inf), (True, -1)):
+        monkeypatch.setattr(kernel, "LONG", long)
+        asked.clear()
+        results.append(record())
+        assert asked and all(structure.inlined is inlined for structure in asked)
+    return results
+
+
+def closed():
+    """A noisy, learning bench as built, whose loops close one after the other within a period."""
+    x, z = theta_controller(RATE_HZ), z_controller(RATE_HZ)
+    learning = Learning(filter_from_zpk([0.2], [0.5], 0.3, RATE_HZ), 0.1, 3, 500, (0.25, 0.5, 0.25))
+    reference = np.zeros((500, 3))
+    reference[100:300, :2] = [4e-3, -2e-3]
+    gates = (Gate(0, 0, True), Gate(50, 1, True, integrator=1e-3), Gate(50, 2, True), Gate(450, 1, False))
+    feedforward = 0.01 * np.random.default_rng(2).standard_normal((500, 3))
+    return Segment("closed", N, reference, feedforward, (x, x, z), gates, (learning, None, None))
+
+
+@pytest.mark.parametrize("substeps", (1, 3))
+def test_inlined_effects_give_the_same_bits_on_the_bench_as_built(monkeypatch, asked, substeps):
+    def record():
+        bench = SimBench(load_model("as-built"), 3, substeps=substeps, truth=True)
+        # the second run goes on from the states that the first one left
+        return [bench.play(closed()).channels for _ in range(2)]
+
+    called, inlined = both(monkeypatch, asked, record)
+    for before, after in zip(called, inlined, strict=True):
+        for name, values in before.items():
+            np.testing.assert_array_equal(after[name], values, err_msg=name)
+    assert np.ptp(called[0]["theta_x"]) > 1e-3
+
+
+def test_inlined_effects_give_the_same_bits_for_every_effect(monkeypatch, asked):
+    model = load_model("as-built")
+    entries = []
+    for cls in STEPPED:
+        size = SIZES.get(cls.name, 1e-6)
+        sizes = dict.fromkeys(cls.sizes(), size)
+        source = "theta_y->" if cls.aux.name.startswith("SOURCE") else ""
+        shapes = {p.name: 0.05 for p in cls.parameters() if not p.size and not (np.isfinite(p.neutral) and p.neutral)}
+        entries.append(EffectEntry(effect=cls.name, where=f"{source}theta_x", parameters={**sizes, **shapes}))
+
+    def record():
+        bench = SimBench(msgspec.structs.replace(model, effects=entries), 3, truth=True)
+        torque = np.stack([held_torque(N, seed) for seed in (1, 2, 3)], axis=1)
+        return bench.play(Segment("open", N, np.zeros_like(torque), torque)).channels
+
+    called, inlined = both(monkeypatch, asked, record)
+    assert len(asked[-1].steps) == len(STEPPED)
+    for name, values in called.items():
+        np.testing.assert_array_equal(inlined[name], values, err_msg=name)
+
+
+def test_a_bench_that_is_played_for_long_gets_a_loop_of_its_own(monkeypatch, asked):
+    monkeypatch.setattr(kernel, "is_made", lambda structure: False)
+    monkeypatch.setattr(kernel, "LONG", 2500)
+    kernel.played.clear()
+    bench = SimBench(one_axis((("cubic-stiffness", {"stiffness": 1e3}),)), 0)
+    torque = held_torque(1000)[:, None]
+    for _ in range(4):
+        bench.play(Segment("again", 1000, np.zeros_like(torque), torque))
+    assert [structure.inlined for structure in asked] == [False, False, True, True]
+
+
+def test_benches_that_differ_in_numbers_alone_share_a_loop(asked):
+    play(one_axis(frequency_hz=20.0), held_torque(200))
+    play(one_axis(frequency_hz=30.0), held_torque(200))
+    assert asked[0] == asked[1]
+    play(one_axis(delay_s=1e-4), held_torque(200))
+    assert asked[2] != asked[1]
+
+
+def test_a_torque_fed_through_is_in_the_reading_of_its_own_sample():
+    model, u = load_model("design"), np.random.default_rng(4).standard_normal((300, 3))
+    eye, direct = np.eye(3), np.array([[0.3, 0.0, 0.1], [0.0, -0.2, 0.0], [0.0, 0.0, 0.4]])
+    own = layout.Transducers(eye, eye, eye, eye, np.array([293.15, 0.0, 1.0, 1.0, 0.0]))
+    with_it, without = (
+        replay(model.linear().with_(d=d), (), places_of(model), own, u, RATE_HZ).reading for d in (direct, 0.0 * eye)
+    )
+    # sums of less than ten terms below 1
+    np.testing.assert_allclose(with_it, without + u @ direct.T, rtol=0, atol=1e-14)
+
+
+def test_code_is_read_from_disk(monkeypatch, tmp_path):
+    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "new" / "loop.o")
+    monkeypatch.setattr(machine, "_loaded", {})
+    first = play(one_axis(), held_torque(200))["theta_x"]
+    monkeypatch.setattr(machine, "_loaded", {})
+    monkeypatch.setattr(machine, "_compiled", None)
+    np.testing.assert_array_equal(play(one_axis(), held_torque(200))["theta_x"], first)
+    assert [file.name for file in (tmp_path / "new").iterdir()] == ["loop.o"]
+
+
+def test_a_folder_that_cannot_be_written_only_costs_time(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "file" / "loop.o")
+    monkeypatch.setattr(machine, "_loaded", {})
+    assert np.any(play(one_axis(), held_torque(200))["theta_x"])
+
+
+def test_damaged_code_is_made_again(monkeypatch, tmp_path):
+    (tmp_path / "loop.o").write_bytes(b"cut short")
+    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "loop.o")
+    monkeypatch.setattr(machine, "_loaded", {})
+    assert np.any(play(one_axis(), held_torque(200))["theta_x"])
+    assert (tmp_path / "loop.o").stat().st_size > 1000
+
+
+def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
+    made, compiled = [], machine._compiled  # noqa: SLF001
+    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "loop.o")
+    monkeypatch.setattr(machine, "_loaded", {})
+    monkeypatch.setattr(machine, "_compiled", lambda structure: (made.append(structure), compiled(structure))[1])
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(lambda _: play(one_axis(), held_torque(2000))["theta_x"], range(8)))
+    assert len(made) == 1
+    for values in results[1:]:
+        np.testing.assert_array_equal(values, results[0])
