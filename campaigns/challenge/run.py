@@ -58,7 +58,7 @@ def run_challenge(
         if case.stratum == "outside"
     }
     cases = cases_of(folder)
-    waiting = [name for name in cases if not (folder / RESULTS / name / OUTCOME).is_file()]
+    waiting = [name for name in cases if not was_run(folder, name)]
     work = _Work(folder, limit_s, tuple(command))
     with ThreadPoolExecutor(jobs) as pool:
         try:
@@ -81,10 +81,15 @@ def cases_of(folder: Path) -> list[str]:
     return names
 
 
+def was_run(folder: Path, name: str) -> bool:
+    """Tell whether a case has an outcome."""
+    return (folder / RESULTS / name / OUTCOME).is_file()
+
+
 def outcome_of(folder: Path, name: str) -> Outcome:
     """Return the outcome of a case; raises ConfigError when it has not been run."""
     path = folder / RESULTS / name / OUTCOME
-    if not path.is_file():
+    if not was_run(folder, name):
         raise ConfigError(f"case {name} of {folder} has no outcome yet: run the challenge to its end first")
     return Outcome(**json.loads(path.read_text(encoding="utf-8")))
 

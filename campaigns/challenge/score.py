@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 
 from campaigns.challenge.intervals import bootstrap_interval, half_points, share_interval
 from campaigns.challenge.judge import Judged, judge
-from campaigns.challenge.run import cases_of
+from campaigns.challenge.run import cases_of, was_run
 from campaigns.challenge.truth import reveal
+from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
 
@@ -79,10 +81,19 @@ class Score:
         return {"schema": "mccd-challenge-score/1", **asdict(self), "measures": rows, "ok": self.ok}
 
 
-def score_challenge(folder: Path) -> Score:
-    """Reveal the truth and return the score; raises ConfigError for a case not run, DataError for a broken seal."""
+def score_challenge(folder: Path, *, so_far: bool = False) -> Score:
+    """Reveal the truth and return the score; raises ConfigError for a case not run, DataError for a broken seal.
+
+    `so_far` scores the cases before the first that was not run. Cases stand in random order, so these are a fair
+    sample, while all that were run would lack those that take long.
+    """
     truth = reveal(folder)
-    judged = [judge(folder, name, truth.cases[name]) for name in cases_of(folder)]
+    names = cases_of(folder)
+    if so_far:
+        names = list(takewhile(lambda name: was_run(folder, name), names))
+    if not names:
+        raise ConfigError(f"the first case of {folder} was not run yet: run the challenge first")
+    judged = [judge(folder, name, truth.cases[name]) for name in names]
     ratios = _limit_ratios(judged)
     families = tuple(_family(slug, judged, ratios.get(slug)) for slug in _slugs(judged))
     seal = (folder / "seal.txt").read_text(encoding="utf-8").split()[1]

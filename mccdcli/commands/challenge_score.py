@@ -14,8 +14,9 @@ from mccdcli.output import emit, plain, table
 @click.command("score")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR")
 @click.option("--made-by", "commands", multiple=True, metavar="TEXT", help="Command to print on the page; repeatable.")
+@click.option("--so-far", is_flag=True, help="Score the cases before the first that was not run yet.")
 @common_options("out", "json")
-def score(folder: Path, commands: tuple[str, ...], out: Path | None, as_json: bool) -> int:
+def score(folder: Path, commands: tuple[str, ...], so_far: bool, out: Path | None, as_json: bool) -> int:
     """Reveal the truth of a challenge, check its seal, and score the diagnoses.
 
     Writes OUT.md and OUT.json (default: score in DIR). The exit code is 1 when a measure misses what it must reach.
@@ -24,6 +25,7 @@ def score(folder: Path, commands: tuple[str, ...], out: Path | None, as_json: bo
     Examples:
       mccd challenge score DIR
       mccd challenge score DIR -o benchmarks/results/challenge
+      mccd challenge score DIR --so-far
     """
     from datetime import UTC, datetime
 
@@ -31,14 +33,14 @@ def score(folder: Path, commands: tuple[str, ...], out: Path | None, as_json: bo
     from campaigns.challenge.score import score_challenge
     from campaigns.version import tool_commit, tool_version
 
-    result = score_challenge(folder)
+    result = score_challenge(folder, so_far=so_far)
     target = out or folder / "score"
     version = f"{tool_version()} (commit {tool_commit()})"
     date = datetime.now(UTC).date().isoformat()
     result_text = json.dumps({"date": date, "version": version, **plain(result.plain())}, indent=1, allow_nan=False)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.with_suffix(".json").write_text(result_text + "\n", encoding="utf-8")
-    made_by = commands or (f"mccd challenge run {folder}", f"mccd challenge score {folder}")
+    made_by = commands or (f"mccd challenge run {folder}", f"mccd challenge score {folder}{' --so-far' * so_far}")
     target.with_suffix(".md").write_text(page(result, date=date, commands=made_by, version=version), encoding="utf-8")
     rows = [
         (

@@ -196,3 +196,13 @@ def test_a_case_without_outcome_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "results" / "01" / "run.json").unlink()
     with pytest.raises(ConfigError, match="run the challenge to its end"):
         score_challenge(tmp_path)
+
+
+def test_a_score_so_far_ends_before_the_first_case_that_was_not_run(tmp_path: Path) -> None:
+    """The third was run as well, but would not have been had it taken long: it must not count."""
+    write(tmp_path, {f"0{i}": (case("none"), said("consistent")) for i in (1, 2, 3)})
+    (tmp_path / "results" / "02" / "run.json").unlink()
+    assert [row["case"] for row in score_challenge(tmp_path, so_far=True).cases] == ["01"]
+    (tmp_path / "results" / "01" / "run.json").unlink()
+    with pytest.raises(ConfigError, match="run the challenge first"):
+        score_challenge(tmp_path, so_far=True)
