@@ -18,8 +18,8 @@ from llvmlite import binding as llvm
 
 from sim_backend.effects.compiled import plain
 from sim_backend.kernel.called import along
-from sim_backend.kernel.sample import NAME, Sample, step_symbol
-from sim_backend.kernel.structure import Structure
+from sim_backend.kernel.sample import NAME, Sample
+from sim_backend.kernel.structure import Structure, step_symbol
 
 Play = Callable[[int, int], None]
 _lock = Lock()

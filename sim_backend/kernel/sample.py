@@ -22,15 +22,10 @@ from sim_backend.effects.base import Aux, Site
 from sim_backend.effects.compiled import WIRES
 from sim_backend.kernel.arguments import BUS, COPIED, TABLE
 from sim_backend.kernel.code import F64, I64, Cells, Number, Weights, added, repeated
-from sim_backend.kernel.structure import Structure, whole
+from sim_backend.kernel.structure import Structure, step_symbol, whole
 from sim_backend.linear import TAPS
 
 NAME = "play"
-
-
-def step_symbol(key: str) -> str:
-    """Return the name under which the emitted code calls a step that is to be inlined."""
-    return f"step.{key}"
 
 
 class Sample:

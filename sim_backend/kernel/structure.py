@@ -69,6 +69,11 @@ class Structure:
         return repr([[s.key for s in value] if name == "steps" else value for name, value in vars(self).items()])
 
 
+def step_symbol(key: str) -> str:
+    """Return the name under which the emitted code calls a step that is to be inlined."""
+    return f"step.{key}"
+
+
 def whole(numbers: bytes) -> NDArray[np.int64]:
     """Return the whole numbers of a part of a structure."""
     return np.frombuffer(numbers, np.int64)
