@@ -35,7 +35,7 @@ _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
 little, so they are as many as so many products of rows and re-tuned numbers allow."""
 
 _STEPS, _ROUNDS = 6, 5
-"""Steps of a fit before it is looked at again, and how often it may go on."""
+"""Steps of every kind before they are compared, and how often as many more the best may go on."""
 
 _SETTLED = 0.05
 """A fit that gained less than this part in its last steps goes on no more."""
@@ -97,7 +97,10 @@ def still_gross(found: Found) -> bool:
 
 
 def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
-    """Return the kind of cause that explains most, itself and the other kinds as rivals, and the screening."""
+    """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
+
+    The rivals begin with the best fit itself and with where it stood after as many steps as the other kinds have had.
+    """
     progress("screening the kinds of causes", 0.05)
     everything = replace(rules, effects=(*rules.effects, UnlistedForce))
     gram, candidates = gram_beside(setting, tuned, everything, scales)
@@ -110,41 +113,34 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
         progress(f"fitting {_told(kind.candidates)}", 0.2 + 0.3 * k / len(kinds))
         start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
         fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_STEPS, strong=True))
-    fits = _raced(setting, tuned, fits, progress)
-    worth = tuned.misfit - fits[0].misfit
-    return Found(setting, tuned, fits[0], (*fits, tuned), first, first, worth, worth)
-
-
-def _raced(setting: Setting, tuned: Fit, fits: Sequence[Fit], progress: Progress) -> list[Fit]:
-    """Return the fits gone on with, best first, until those behind would not come to lead at their last pace."""
-    left = [fit.misfit / tuned.misfit for fit in fits]
-    fits = list(fits)
-    for again in range(_ROUNDS):
-        rows = independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
-        # the first pace is that from no cause at all and says little: then everyone goes on who may come to lead
-        costs = [_cost(fit, rows, pace if again else 1.0) for fit, pace in zip(fits, left, strict=True)]
-        next_costs = [_cost(fit, rows, pace) for fit, pace in zip(fits, left, strict=True)]
-        going = [i for i, cost in enumerate(next_costs) if left[i] < 1.0 - _SETTLED and cost <= min(costs)]
-        for k, i in enumerate(going):
-            progress(f"going on with {_told(fits[i].candidates)}", 0.5 + 0.3 * (again + k / len(going)) / _ROUNDS)
-            (held, sizes), before = fits[i].held(), fits[i].misfit
-            fits[i] = refit(setting, held, sizes, fits[i].change, steps=_STEPS, strong=True)
-            left[i] = fits[i].misfit / before
     rows = independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
-    return sorted(fits, key=lambda fit: _cost(fit, rows))
+    fits.sort(key=lambda fit: _cost(fit, rows))
+    best = _settled(setting, fits[0], progress)
+    worth = tuned.misfit - best.misfit
+    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, worth)
 
 
-def _cost(fit: Fit, rows: float, pace: float = 1.0) -> float:
-    """Return twice the negative logarithm of the evidence of a fit to so many independent rows, up to a constant.
-
-    The level of what is left is part of the hypothesis, and each parameter costs half the logarithm of the rows. The
-    misfit is taken as `pace` times what it is.
-    """
-    return float(rows * np.log(fit.misfit * pace) + len(fit.values) * np.log(rows))
+def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
+    """Return a fit gone on with until a few more steps gain little."""
+    for again in range(_ROUNDS):
+        progress(f"going on with {_told(fit.candidates)}", 0.5 + 0.3 * again / _ROUNDS)
+        (held, sizes), before = fit.held(), fit.misfit
+        fit = refit(setting, held, sizes, fit.change, steps=_STEPS, strong=True)
+        if fit.misfit > (1.0 - _SETTLED) * before:
+            break
+    return fit
 
 
 def _told(candidates: Sequence[Candidate]) -> str:
     return f"{candidates[0].effect.name} at {', '.join(c.where for c in candidates)}"
+
+
+def _cost(fit: Fit, rows: float) -> float:
+    """Return twice the negative logarithm of the evidence of a fit to so many independent rows, up to a constant.
+
+    The level of what is left is part of the hypothesis, and each parameter costs half the logarithm of the rows.
+    """
+    return float(rows * np.log(fit.misfit) + len(fit.values) * np.log(rows))
 
 
 def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:
@@ -176,17 +172,18 @@ def remainder(found: Found) -> str:
 
 
 def judge_main(found: Found) -> Judgement:
-    """Return the verdict on a main cause: named where no other kind, fitted to its own end, comes near it."""
+    """Return the verdict on a main cause: named where no other kind, fitted with the same effort, comes near it."""
     best = found.best
     if not best.effects or best.misfit > (1.0 - MOST) * found.tuned.misfit:
         return Judgement("unknown", (), (), 1.0, 1.0, ())
     own = best.effects[0].reported()
+    first = found.rivals[1]
     rows = independent_rows(found.setting, best)
     gaps: dict[str, float] = {}
     for rival in found.rivals:
         name = rival.effects[0].reported() if rival.effects else own
         if name != own:
-            gap = 0.5 * (_cost(rival, rows) - _cost(best, rows))
+            gap = 0.5 * (_cost(rival, rows) - _cost(first, rows))
             gaps[name] = min(gaps.get(name, np.inf), max(gap, 0.0))
     probability = 1.0 / (1.0 + sum(np.exp(-gap) for gap in gaps.values()))
     rivals = tuple(sorted(((name, -gap) for name, gap in gaps.items()), key=lambda pair: -pair[1]))

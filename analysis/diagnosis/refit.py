@@ -33,8 +33,7 @@ from sim_backend.errors import ConfigError
 Array = NDArray[np.float64]
 
 KNOB_STEP = 0.2
-"""Largest change in one step of a knob that is known better: far beyond any tolerance; the rest is left to the damping.
-One that is known worse may go as far as that."""
+"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
 
 _KNOB_DIFFERENCE = 1e-6
 """A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
@@ -178,7 +177,7 @@ class Problem:
             slopes.normal,
             np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
             np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
-            np.array([max(KNOB_STEP, k.sd) for k in self.setting.knobs] + [s.step() for s in self.scales]),
+            np.array([KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
             self.setting.rows,
         )
         return descent.run(x, steps)
