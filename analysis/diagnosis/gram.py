@@ -64,9 +64,11 @@ class Gram:
         rows · log(before/after).
         """
         drops = np.array([self.solve(reduced, [i])[0] for i in range(len(self.groups))])
-        if self.known_noise:
-            return drops
-        return np.asarray(self.rows * -np.log1p(-np.minimum(drops / remaining, 1.0 - 1e-12)), dtype=float)
+        return np.array([self.ratio(float(drop), remaining) for drop in drops])
+
+    def ratio(self, drop: float, remaining: float) -> float:
+        """Return twice the log-likelihood ratio of what lowers the sum of squares `remaining` by `drop`."""
+        return drop if self.known_noise else float(self.rows * -np.log1p(-min(drop / remaining, 1.0 - 1e-12)))
 
     def solve(self, reduced: Array, together: Sequence[int]) -> tuple[float, Array]:
         """Return by how much the candidates numbered `together` lower the sum of squares, and their sizes (n_columns,).
@@ -103,6 +105,25 @@ class Gram:
         """Return those of `columns` of which more than rounding is left after projection."""
         before = np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny)
         return columns[np.diag(reduced)[columns] > 1e-11 * before]
+
+    def fresh(self, reduced: Array, columns: Ints, least: float) -> tuple[float, int]:
+        """Return by how much what of `columns` is fresh lowers the sum of squares, and in how many directions.
+
+        Fresh are the directions of which more than `least` of the energy is left after projection. What the knobs
+        imitate better gains by the difference between a column and its imitation: by noise in the motion it was made
+        from, and by the error of a derivative.
+        """
+        if not columns.size:
+            return 0.0, 0
+        before = self.products[np.ix_(columns, columns)]
+        scale = np.sqrt(np.maximum(np.diag(before), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(before / np.outer(scale, scale))
+        there = values > 1e-8 * max(values[-1], np.finfo(float).tiny)
+        basis = vectors[:, there] / np.sqrt(values[there]) / scale[:, None]
+        left, ways = np.linalg.eigh(basis.T @ reduced[np.ix_(columns, columns)] @ basis)
+        kept = left > least
+        parts = (basis @ ways[:, kept]).T @ reduced[columns, 0]
+        return float(np.sum(parts**2 / left[kept])), int(kept.sum())
 
     def _ridge(self, reduced: Array, columns: Ints) -> Array:
         """Return what is added to the normalised products of `columns` (n, n) so that rounding leaves them positive.

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.screening import gathered
-from analysis.diagnosis.shortlist import beside
+from analysis.diagnosis.shortlist import IMITATED, beside
 from analysis.diagnosis.unlisted import READINGS, TORQUES, columns_at, scenes_of
 from sim_backend.linear import discretise
 
@@ -62,12 +62,11 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
 
     gram = gathered(problem, motions, setting.whitener, columns, tuple(False for _ in ways))
     reduced = gram.without(gram.knob_columns())
-    gains = gram.gains(reduced, float(reduced[0, 0]))
     found = []
     for i, (what, output, at) in enumerate(ways):
-        live = gram.live(reduced, gram.groups[i]).size
+        drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
         if live:
             place = (setting.places.outputs if output else setting.places.inputs)[at]
             kind = "an error of the reading that follows" if output else "a torque that follows"
-            found.append(Leftover(f"{kind} {what}", place, gram.solve(reduced, [i])[0], float(gains[i]), live))
+            found.append(Leftover(f"{kind} {what}", place, drop, gram.ratio(drop, float(reduced[0, 0])), live))
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
