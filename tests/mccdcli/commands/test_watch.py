@@ -115,9 +115,11 @@ def test_a_delay_and_blocks_of_any_length_give_what_one_pass_gives(tmp_path):
     ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
     channels = [Channel(p.name, p.unit, "input", p.dof, 1e4) for p in model.inputs]
     channels += [Channel(p.name, p.unit, "output", p.dof, 1e4) for p in model.outputs]
-    late = np.concatenate([np.zeros((3, 3)), u])
+    # the cubic through the samples 1 to 4 ago, by Lagrange's formula, 2.3 ago
+    nodes = np.arange(1, 5)
+    weights = [np.prod([(2.3 - m) / (k - m) for m in nodes if m != k]) for k in nodes]
     shifted = u.copy()
-    shifted[:, 0] = (0.7 * late[1:-2] + 0.3 * late[:-3])[:3000, 0]
+    shifted[:, 0] = sum(w * np.concatenate([np.zeros(k), u[:-k, 0]]) for k, w in zip(nodes, weights, strict=True))
     a, b, c, d = model.linear().state_space()
     _, simulated, _ = dlsim(cont2discrete((a, b, c, d), 1e-4), shifted)
     watch = Watch(tmp_path, model, window_s=0.05)
