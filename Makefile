@@ -33,7 +33,7 @@ picture: report
 	sed '0,/<defs>/s//<rect width="100%" height="100%" fill="white"\/>&/' $(OUT)/figures/figure-6.15.svg > docs/images/settling.svg
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist loadgroup $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
 check: check-format check-lint check-types check-imports
 

@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 
-import pytest
 from hypothesis import settings
 
 # No deadline: a first call compiles. In continuous integration the same examples every time.
@@ -20,11 +19,3 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 # pytest-xdist, and what it starts, has its own. This must stand here: numba reads it when it is first imported.
 if worker := os.environ.get("PYTEST_XDIST_WORKER"):
     os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parents[1] / ".pytest_cache" / "numba" / worker)
-
-
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file on one worker, for what they share; blind ones share nothing and take a minute each."""
-    for item in items:
-        if item.get_closest_marker("blind") is None:
-            item.add_marker(pytest.mark.xdist_group(str(item.path)))
