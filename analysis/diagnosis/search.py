@@ -144,7 +144,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             # white noise cannot, so the shapes that stand out against white noise are tried as well
             plain = settle(setting, best, order=0)
             found = screen(plain, best, rules, scales)
-            trials += [lined_up(plain, f)[1] for f in stage.trials(plain, found, _keys(trials))]
+            ahead = min((score(f, False) for f in trials), default=np.inf)
+            trials += [lined_up(plain, f, ahead)[1] for f in stage.trials(plain, found, _keys(trials))]
         if known and _lowest(trials) + last.price >= score(best, True) and (flat := _flat(setting, best, last.price)):
             found = _unmasked(flat, best, rules, scales, last.price)
             upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
@@ -247,7 +248,7 @@ class _Stage:
         """
         fits = self._fitted(setting, found, shortlist(found, self.allowed, seen))
         known = setting.whitener.repeats
-        if fits and min(score(f, known) for f in fits) + found.price >= score(self.best, known):
+        if fits and min(score(f, known) for f in fits) + found.price >= score(_under(setting, self.best), known):
             fits += self._fitted(setting, found, shortlist(found, self.allowed, {*seen, *_keys(fits)}))
         return fits
 
@@ -269,6 +270,12 @@ class _Stage:
                 fits.append(next(trials))
         self.progress("refitting the best", self.done + self.share)
         return fits
+
+
+def _under(setting: Setting, fit: Fit) -> Fit:
+    """Return `fit` judged by another noise, its parameters as they are."""
+    level = sum(setting.whitener.log_variance(r.fitted()) for r in setting.data.records)
+    return replace(fit, misfit=_square(setting, fit.residuals), log_variance=level)
 
 
 def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
@@ -326,7 +333,8 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     if setting.whitener.repeats:
         setting = settle(setting, min(trials, key=lambda f: score(f, True)))
         return setting, [again(setting, f) for f in trials], again(setting, before)
-    own = [lined_up(setting, f) for f in trials]
+    own = [lined_up(setting, trials[0])]
+    own += [lined_up(setting, f, score(own[0][1], False)) for f in trials[1:]]
     own.sort(key=lambda pair: score(pair[1], False))
     if _colour(*own[0]) > _DRIFTING:
         # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
@@ -338,16 +346,19 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     return own[0][0], [fit for _, fit in own], before
 
 
-def lined_up(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
-    """Return the setting and the fit in which the noise is what the fit leaves."""
+def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
+    """Return the setting and the fit in which the noise is what the fit leaves.
+
+    One that trails a `rival`'s score by more than the rounds that are left could gain ends there.
+    """
     best = settle(setting, fit), fit
-    for _ in range(_ROUNDS):
+    for left in reversed(range(_ROUNDS)):
         setting = settle(setting, fit)
         fit = again(setting, fit)
         gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
         if gained > 0.0:
             best = setting, fit
-        if gained < _IN_LINE:
+        if gained < _IN_LINE or score(best[1], False) - left * gained > rival:
             break
     return best
 

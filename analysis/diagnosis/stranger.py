@@ -55,7 +55,10 @@ def _stranger(found: Found, place: str, rules: Rules, scales: Scales) -> Fit | N
     if not at:
         return None
     fit = extended(setting, rest, seen.candidates[at[0]], seen.sizes[at[0]], seen.knobs[at[0]])
-    return again(setting, fit) if setting.whitener.repeats else lined_up(setting, fit)[1]
+    if setting.whitener.repeats:
+        return again(setting, fit)
+    price = found.first.price * (len(best.candidates) - len(fit.candidates))
+    return lined_up(setting, fit, score(best, False) + price)[1]
 
 
 def _lead(found: Found, stranger: Fit) -> float:
