@@ -126,6 +126,11 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
     return setting.each(played, setting.data.records, setting.states)
 
 
+def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Array, ...]:
+    """Return what simulated motions leave of the readings of their records, (n, n_y) each."""
+    return tuple(record.y - m.reading for record, m in zip(records, moved, strict=True))
+
+
 def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
     """Return a fit's residuals (n, n_y) on all records of `data`; one that no fit has seen is simulated from rest."""
     known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
@@ -134,7 +139,7 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
         rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in others)
         there = replace(setting, data=replace(data, records=tuple(others)), states=rest)
         moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), fit.effects)
-        known |= {id(r.y): r.y - m.reading for r, m in zip(others, moved, strict=True)}
+        known |= {id(r.y): left for r, left in zip(others, residuals_of(others, moved), strict=True)}
     return tuple(known[id(r.y)] for r in data.records)
 
 

@@ -86,7 +86,7 @@ class Gram:
             return (drop, np.full(1, part)) if drop > 0.0 else (0.0, np.zeros(1))
         own = reduced[np.ix_(columns, columns)]
         left = np.maximum(np.diag(own), 0.0)
-        live = np.flatnonzero(np.isin(columns, self.live(reduced, columns)))
+        live = np.flatnonzero(np.isin(columns, self._live(reduced, columns)))
         sizes = np.zeros(columns.size)
         if not live.size:
             return 0.0, sizes
@@ -101,7 +101,7 @@ class Gram:
         sizes[live] = x / scale
         return float(2.0 * r @ x - x @ basis @ x), sizes
 
-    def live(self, reduced: Array, columns: Ints) -> Ints:
+    def _live(self, reduced: Array, columns: Ints) -> Ints:
         """Return those of `columns` of which more than rounding is left after projection."""
         before = np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny)
         return columns[np.diag(reduced)[columns] > 1e-11 * before]
@@ -152,7 +152,7 @@ class Gram:
 
         Columns of which nothing but rounding is left take no part, as in `solve`.
         """
-        groups = [self.live(reduced, columns) for columns in self.groups]
+        groups = [self._live(reduced, columns) for columns in self.groups]
         ratios = np.zeros((len(groups), draws))
         if not any(g.size for g in groups):
             return ratios

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
-from analysis.diagnosis.fit import Fit, Setting, simulated
+from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import above_noise, even_weights
 from analysis.diagnosis.refit import refit
@@ -76,10 +76,9 @@ def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
     return setting, refit(setting, (), np.zeros(0), np.zeros(len(setting.knobs)), steps=0)
 
 
-def _left(setting: Setting) -> list[Array]:
+def _left(setting: Setting) -> tuple[Array, ...]:
     """Return what the nominal model leaves of every record, (n, n_y) each."""
-    moved = simulated(setting, setting.nominal, ())
-    return [r.y - m.reading for r, m in zip(setting.data.records, moved, strict=True)]
+    return residuals_of(setting.data.records, simulated(setting, setting.nominal, ()))
 
 
 def _noises(found: Found) -> float:

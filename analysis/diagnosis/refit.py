@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.dataset import Record
 from analysis.diagnosis.descent import Descent
-from analysis.diagnosis.fit import Fit, Setting, simulated
+from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.parameters import Scale, parameters_of
 from analysis.diagnosis.starts import Start, stack_white
 from analysis.diagnosis.tuning import REACH, Knob, sensitivities, turned
@@ -118,8 +118,7 @@ class Problem:
             moved = simulated(s, turned(s.nominal, s.knobs, x[: len(s.knobs)]), self.effects(x))
         except ConfigError:
             return tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
-        residuals = tuple(record.y - m.reading for record, m in zip(s.data.records, moved, strict=True))
-        return residuals, tuple(m.torque for m in moved)
+        return residuals_of(s.data.records, moved), tuple(m.torque for m in moved)
 
     def evaluate(self, x: Array) -> Point:
         """Simulate at `x`."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
-from analysis.diagnosis.fit import Fit, Setting, linear_of, simulated
+from analysis.diagnosis.fit import Fit, Setting, linear_of, residuals_of, simulated
 from analysis.diagnosis.noise import even_weights, unseen, whitener_from
 from analysis.diagnosis.refit import Problem as Hypothesis
 from analysis.diagnosis.refit import refit
@@ -294,8 +294,7 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> float:
     if not exact:
         return _LAW * explained
     moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), exact)
-    without = [record.y - m.reading for record, m in zip(setting.data.records, moved, strict=True)]
-    by_law = min(max(_square(setting, without) - best.misfit, 0.0), explained)
+    by_law = min(max(_square(setting, residuals_of(setting.data.records, moved)) - best.misfit, 0.0), explained)
     return _LAW * by_law + _EXACT * (explained - by_law)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.dataset import Dataset, Record
-from analysis.diagnosis.fit import Setting, simulated
+from analysis.diagnosis.fit import Setting, residuals_of, simulated
 from analysis.diagnosis.hypotheses import Hypothesis
 from analysis.diagnosis.parameters import parameters_of
 from analysis.diagnosis.refit import exact_sensitivities
@@ -52,7 +52,7 @@ def _responses(setting: Setting, hypothesis: Hypothesis) -> tuple[list[Array], l
     linear = turned(setting.nominal, setting.knobs, fit.change)
     motions = simulated(setting, linear, fit.effects)
     records = setting.data.records
-    residuals = tuple(r.y - m.reading for r, m in zip(records, motions, strict=True))
+    residuals = residuals_of(records, motions)
     own: Sequence[Array] = [np.zeros((*r.y.shape, 0)) for r in records]
     if fit.effects:
         held = replace(fit, change=np.zeros(0), residuals=residuals)

@@ -6,39 +6,19 @@ Benchmarks, 2016) in its own letters and with its noise, simulated here by Newma
 
 from __future__ import annotations
 
-import json
 import tomllib
 
 import numpy as np
 import pytest
 from numba import njit
 
-from tests.end_to_end.unknown_bench import mccd
+from tests.end_to_end.unknown_bench import diagnosis, identified, imported, write_data, write_map
 
 MASS_KG, DAMPING_N_S_M, SPRING_N_M = 2.0, 10.0, 5e4
 ALPHA_N_M, BETA_1_M, GAMMA, DELTA = 5e4, 1e3, 0.8, -1.1
 RATE_HZ, PERIOD, PERIODS, FINER = 750.0, 8192, 2, 20
 LEVELS_N = {"20 N": 20.0, "held-out 50 N": 50.0, "80 N": 80.0}
 NOISE_M = 8e-6
-MAP = """
-[log]
-test = "multisines"
-source = "data.csv"
-sample_rate_hz = {rate}
-period = {period}
-[channels.force]
-select = "u"
-unit = "N"
-role = "input"
-dof = "x"
-[channels.position]
-select = "y"
-unit = "m"
-role = "output"
-dof = "x"
-[segments]
-{segments}
-"""
 
 
 @njit
@@ -67,31 +47,26 @@ def write_log(folder):
     """Write three multisines of 5–150 Hz, one level each, with the noise of the benchmark."""
     rng = np.random.default_rng(7)
     lines = np.arange(int(5 * PERIOD / RATE_HZ) + 1, int(150 * PERIOD / RATE_HZ))
-    u, y, segments = [], [], []
-    for label, level in LEVELS_N.items():
+    u, y = [], []
+    for level in LEVELS_N.values():
         spectrum = np.zeros(PERIOD // 2 + 1, complex)
         spectrum[lines] = np.exp(2j * np.pi * rng.random(lines.size))
         wave = np.fft.irfft(spectrum)
         force = np.tile(wave * level / wave.std(), PERIODS)
         position = np.empty(force.size)
         moved(force, position)
-        start = len(u) * force.size
-        segments.append(f'"{label}" = [{start}, {start + force.size}]')
         u.append(force)
         y.append(position + NOISE_M * rng.standard_normal(force.size))
-    columns = np.stack([np.concatenate(u), np.concatenate(y)], axis=1)
-    np.savetxt(folder / "data.csv", columns, delimiter=",", header="u,y", comments="")
-    (folder / "map.toml").write_text(MAP.format(rate=RATE_HZ, period=PERIOD, segments="\n".join(segments)))
+    write_data(folder, np.concatenate(u), np.concatenate(y))
+    write_map(folder, RATE_HZ, [(label, PERIOD * PERIODS) for label in LEVELS_N], PERIOD, "N")
 
 
 def test_hysteresis_is_named_with_its_numbers_and_pays(tmp_path):
     write_log(tmp_path)
-    for arguments in (("import", "map.toml", "-o", "run.h5"), ("identify", "--log", "run.h5", "-o", "nominal.toml")):
-        done = mccd(tmp_path, *arguments)
-        assert done.returncode == 0, done.stderr
-    done = mccd(tmp_path, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json")
-    assert done.returncode == 1, done.stderr
-    found = json.loads(done.stdout)
+    imported(tmp_path)
+    identified(tmp_path)
+    found = diagnosis(tmp_path)
+    assert found["exit_code"] == 1
     assert found["verdict"] == "named", found["sentence"]
     assert [(c["effect"], c["where"]) for c in found["causes"]] == [("hysteresis", "x")]
     # held out is a level that no fit has seen; both errors are relative to the output

@@ -6,13 +6,12 @@ Ishlinskii in the drives. The linear model is fitted to its records.
 
 from __future__ import annotations
 
-import json
 import tomllib
 
 import numpy as np
 from numba import njit
 
-from tests.end_to_end.unknown_bench import mccd
+from tests.end_to_end.unknown_bench import diagnosis, identified, imported
 
 RATE_HZ, PERIOD, FINER = 1000.0, 2048, 20
 LEVELS_V = (0.5, 1.0, 2.0)
@@ -93,13 +92,9 @@ def recorded(folder, hysteresis: float) -> dict:
             np.save(folder / f"y_{name}.npy", y)
             text += PART.format(label=f"{label}{level:g} V", file=name, level=level)
     (folder / "map.toml").write_text(text)
-    for arguments in (
-        ("import", "map.toml", "-o", "run.h5"),
-        ("identify", "--log", "run.h5", "--modes", "2", "--equal-weights", "-o", "nominal.toml"),
-    ):
-        done = mccd(folder, *arguments)
-        assert done.returncode == 0, done.stderr
-    return json.loads(mccd(folder, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json").stdout)
+    imported(folder)
+    identified(folder, "--modes", "2", "--equal-weights")
+    return diagnosis(folder)
 
 
 def test_hysteresis_at_both_drives_is_named_and_pays(tmp_path):

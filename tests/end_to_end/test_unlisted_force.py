@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,30 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.end_to_end.strange_bench import DECAY_1_S, FREQUENCY_HZ, LEVELS, PERIOD, PERIODS, RATE_HZ
-from tests.end_to_end.unknown_bench import mccd
+from tests.end_to_end.unknown_bench import diagnosis, identified, imported, write_map
 
-ROWS = PERIOD * PERIODS
-MAP = f"""
-[log]
-test = "multisine"
-source = "data.csv"
-sample_rate_hz = {RATE_HZ}
-period = {PERIOD}
-[channels.drive]
-select = "u"
-unit = "V"
-role = "input"
-dof = "x"
-[channels.position]
-select = "y"
-unit = "m"
-role = "output"
-dof = "x"
-[segments]
-""" + "\n".join(
-    f'"{"held-out " if k == len(LEVELS) - 1 else ""}level {level}" = [{k * ROWS}, {(k + 1) * ROWS}]'
-    for k, level in enumerate(LEVELS)
-)
 # the numbers of a drawing, two per cent off
 NOMINAL = f"""
 schema = "mccd-model/1"
@@ -50,30 +27,28 @@ output.position = 1.0
 """
 
 
-def _diagnosed(folder: Path, strength: float, *, identified: bool) -> dict:  # type: ignore[type-arg]
+def _diagnosed(folder: Path, strength: float, *, from_data: bool) -> dict:  # type: ignore[type-arg]
     bench = [sys.executable, "-m", "tests.end_to_end.strange_bench", str(folder / "data.csv"), str(strength)]
     subprocess.run(bench, check=True, timeout=120)
-    (folder / "map.toml").write_text(MAP, encoding="utf-8")
-    done = mccd(folder, "import", "map.toml", "-o", "run.h5")
-    assert done.returncode == 0, done.stderr
-    if identified:
-        done = mccd(folder, "identify", "--log", "run.h5", "--modes", "1", "-o", "nominal.toml")
-        assert done.returncode == 0, done.stderr
+    parts = [(f"level {level}", PERIOD * PERIODS) for level in LEVELS]
+    parts[-1] = (f"held-out {parts[-1][0]}", parts[-1][1])
+    write_map(folder, RATE_HZ, parts, PERIOD)
+    imported(folder)
+    if from_data:
+        identified(folder, "--modes", "1")
     else:
         (folder / "nominal.toml").write_text(NOMINAL, encoding="utf-8")
-    done = mccd(folder, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json")
-    assert done.returncode in (0, 1), done.stderr
-    return dict(json.loads(done.stdout), exit_code=done.returncode)
+    return diagnosis(folder)
 
 
-@pytest.mark.parametrize(("strength", "identified"), [(0.003, False), (0.1, True)])
-def test_a_force_that_is_no_listed_cause_gets_no_name(tmp_path: Path, strength: float, identified: bool) -> None:
+@pytest.mark.parametrize(("strength", "from_data"), [(0.003, False), (0.1, True)])
+def test_a_force_that_is_no_listed_cause_gets_no_name(tmp_path: Path, strength: float, from_data: bool) -> None:
     """One per cent of the motion against a drawing, a quarter of it against a model fitted to the same record."""
-    found = _diagnosed(tmp_path, strength, identified=identified)
+    found = _diagnosed(tmp_path, strength, from_data=from_data)
     assert (found["verdict"], found["exit_code"]) == ("unknown", 1), found["sentence"]
     assert found["causes"] == []
     assert "at x" in " ".join(found["notes"])
 
 
 def test_without_it_the_same_bench_is_consistent(tmp_path: Path) -> None:
-    assert _diagnosed(tmp_path, 0.0, identified=False)["verdict"] == "consistent"
+    assert _diagnosed(tmp_path, 0.0, from_data=False)["verdict"] == "consistent"

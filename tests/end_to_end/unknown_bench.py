@@ -5,17 +5,24 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 MAP = """
 [log]
-test = "free-run"
+test = "{test}"
 source = "data.csv"
 sample_rate_hz = {rate}
+{period}
 [channels.drive]
 select = "u"
-unit = "V"
+unit = "{unit}"
 role = "input"
 dof = "x"
 [channels.position]
@@ -24,22 +31,57 @@ unit = "m"
 role = "output"
 dof = "x"
 [segments]
-"train" = [0, {split}]
-"held-out end" = [{split}, {stop}]
+{segments}
 """
 
 
-def mccd(folder, *arguments):
+def mccd(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Return what the command did in `folder`."""
     return subprocess.run(
         [sys.executable, "-m", "mccdcli", *arguments], cwd=folder, capture_output=True, text=True, timeout=300
     )
 
 
-def diagnosed(folder, u, y, rate_hz):
-    """Return diagnosis.json of drive `u` and reading `y` (n,), its last quarter held out; nobody knows a model."""
+def write_map(
+    folder: Path, rate_hz: float, parts: Sequence[tuple[str, int]], period: int | None = None, unit: str = "V"
+) -> None:
+    """Write the map of data.csv: labels with their numbers of rows, one after the other; `unit` is the drive's."""
+    ends = np.cumsum([rows for _, rows in parts])
+    lines = [f'"{label}" = [{end - rows}, {end}]' for (label, rows), end in zip(parts, ends, strict=True)]
+    test, repeats = ("free-run", "") if period is None else ("multisine", f"period = {period}")
+    text = MAP.format(test=test, rate=rate_hz, period=repeats, unit=unit, segments="\n".join(lines))
+    (folder / "map.toml").write_text(text)
+
+
+def write_data(folder: Path, u: Array, y: Array) -> None:
+    """Write drive and reading, (n,) each, as two named columns of text."""
     np.savetxt(folder / "data.csv", np.stack([u, y], axis=1), delimiter=",", header="u,y", comments="")
-    (folder / "map.toml").write_text(MAP.format(rate=rate_hz, split=3 * u.size // 4, stop=u.size))
-    for arguments in (("import", "map.toml", "-o", "run.h5"), ("identify", "--log", "run.h5", "-o", "nominal.toml")):
-        done = mccd(folder, *arguments)
-        assert done.returncode == 0, done.stderr
-    return json.loads(mccd(folder, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json").stdout)
+
+
+def imported(folder: Path) -> None:
+    """Turn what map.toml describes into run.h5."""
+    done = mccd(folder, "import", "map.toml", "-o", "run.h5")
+    assert done.returncode == 0, done.stderr
+
+
+def identified(folder: Path, *options: str) -> None:
+    """Fit nominal.toml to run.h5."""
+    done = mccd(folder, "identify", "--log", "run.h5", *options, "-o", "nominal.toml")
+    assert done.returncode == 0, done.stderr
+
+
+def diagnosis(folder: Path) -> dict[str, Any]:
+    """Return diagnosis.json of run.h5 and nominal.toml, and the command's `exit_code`."""
+    done = mccd(folder, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json")
+    assert done.returncode in (0, 1), done.stderr
+    return dict(json.loads(done.stdout), exit_code=done.returncode)
+
+
+def diagnosed(folder: Path, u: Array, y: Array, rate_hz: float) -> dict[str, Any]:
+    """Return the diagnosis of drive `u` and reading `y` (n,), its last quarter held out; nobody knows a model."""
+    write_data(folder, u, y)
+    split = 3 * u.size // 4
+    write_map(folder, rate_hz, [("train", split), ("held-out end", u.size - split)])
+    imported(folder)
+    identified(folder)
+    return diagnosis(folder)
