@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.motions import as_simulated
 from analysis.diagnosis.screening import gathered
 from analysis.diagnosis.shortlist import IMITATED, beside
 from analysis.diagnosis.unlisted import READINGS, TORQUES, columns_at, scenes_of
@@ -52,6 +53,9 @@ class Leftover:
 def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     """Return what is left of the residual of `fit` along every way at every place, least likely first."""
     problem, motions = beside(setting, fit)
+    if not setting.whitener.repeats:
+        # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
+        motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
     scenes, plant = scenes_of(motions, setting.places), discretise(problem.linear, setting.data.rate_hz)
     ways = [(what, False, i) for i in range(len(setting.places.inputs)) for what in TORQUES]
     ways += [(what, True, o) for o in range(len(setting.places.outputs)) for what in READINGS]

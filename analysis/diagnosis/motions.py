@@ -10,6 +10,8 @@ motion, a sensor's gain, of which the knobs can imitate everything but that resi
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -37,6 +39,11 @@ def measured_motion(record: Record, simulated: Array, residual: Array, whitener:
     return Motion(
         record.u, position, simulated, np.gradient(position, 1.0 / rate_hz, axis=0), residual, record.temperature_k
     )
+
+
+def as_simulated(motion: Motion, rate_hz: float) -> Motion:
+    """Return a motion without what its residual may hold of it."""
+    return replace(motion, position=motion.sensed, rate=np.gradient(motion.sensed, 1.0 / rate_hz, axis=0))
 
 
 def _clean(x: Array, whitener: Whitener, output: int) -> Array:
