@@ -10,13 +10,13 @@ import numpy as np
 from analysis.response_fit import RationalFit
 from analysis.timefit import TimeFit
 
-AnyFit = TypeVar("AnyFit", TimeFit, RationalFit)
+_AnyFit = TypeVar("_AnyFit", TimeFit, RationalFit)
 
 SIGNIFICANT = 3.0
 """Standard deviations by which a mode's decay rate must differ from zero."""
 
 
-def determined(fit: AnyFit, orders: tuple[int, ...], again: Callable[[int], AnyFit]) -> AnyFit:
+def without_undetermined(fit: _AnyFit, orders: tuple[int, ...], again: Callable[[int], _AnyFit]) -> _AnyFit:
     """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time."""
     while fit.model.n_blocks > orders[0] and not _all_determined(fit):
         fit = again(fit.model.n_blocks - 1)

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.determined import SIGNIFICANT, determined
+from analysis.determined import SIGNIFICANT, without_undetermined
 from analysis.frf import FrequencyResponse, frequency_response_periodic, response_to_steps, smoothed
 from analysis.held_out import channels_of, tried
 from analysis.identified import Fitted, Identification, deviations, identification, side_by_side
@@ -204,7 +204,7 @@ def _from_periods(
         lines = response_to_steps(measured, data.rate_hz, late)
         variance = None if equal_weights else _variance(lines)
         fit = _fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
-    fit = determined(fit, orders, lambda n: _fit_lines(lines, variance, data.rate_hz, (n,)))
+    fit = without_undetermined(fit, orders, lambda n: _fit_lines(lines, variance, data.rate_hz, (n,)))
     fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
     intersample: Intersample = "held" if hold else "band-limited"
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
@@ -306,7 +306,7 @@ def _from_records(
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
     fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None, report=part_of(report, 0.0, 0.9))
     report(0.9, 1.0, "giving up modes that are not there")
-    fit = determined(fit, orders, lambda n: fit_records(inputs, outputs, rate, n, rigid_bodies=None))
+    fit = without_undetermined(fit, orders, lambda n: fit_records(inputs, outputs, rate, n, rigid_bodies=None))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(
@@ -331,7 +331,7 @@ def _from_spectra(
     measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
     variance = _variance(measured)
     fit = _fit_lines(measured, variance, rate, orders, part_of(report, 0.5, 1.0))
-    fit = determined(fit, orders, lambda n: _fit_lines(measured, variance, rate, (n,)))
+    fit = without_undetermined(fit, orders, lambda n: _fit_lines(measured, variance, rate, (n,)))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = _rest(fit.model, u, y)
     return identification(

@@ -54,12 +54,12 @@ def vector_fit(
     if sampled:
         poles = np.exp(poles)
     size = float(np.linalg.norm(weights * np.abs(data)))
+    rest = 1.0 if sampled else 0.0  # where a pole of frequency zero stands
     for _ in range(iterations):
         moved = _relocate(point, data, weights, poles, feedthrough, size)
         moved = _stable(moved, sampled)
-        change = np.max(
-            np.abs(np.sort_complex(moved) - np.sort_complex(poles)) / np.abs(np.sort_complex(moved) - sampled)
-        )
+        after, before = np.sort_complex(moved), np.sort_complex(poles)
+        change = np.max(np.abs(after - before) / np.abs(after - rest))
         poles = moved
         if change < _SETTLED:
             break

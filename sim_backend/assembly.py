@@ -179,10 +179,9 @@ def effects_of(effects: Sequence[Effect], places: Places) -> tuple[layout.Effect
         for i, (w, e) in enumerate(zip(wires, ordered, strict=True))
     ]
     read = np.array([w.read for w in wires]).reshape(len(wires), len(places.outputs))
-    write = np.array([w.write for w in wires]).reshape(len(wires), len(places.inputs))
     coordinates, watched, fast = _coordinates(wires, ordered)
     levers, moved = _rows(
-        [w.write for w in wires if w.site is Site.STRUCTURE], [w.write for w in wires], write.shape[1]
+        [w.write for w in wires if w.site is Site.STRUCTURE], [w.write for w in wires], len(places.inputs)
     )
     return layout.Effects(
         first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)),
@@ -196,7 +195,6 @@ def effects_of(effects: Sequence[Effect], places: Places) -> tuple[layout.Effect
         aux=np.array([int(e.aux) for e in ordered], dtype=np.int64),
         column=np.array(column, dtype=np.int64),
         read=read,
-        write=write,
         coordinates=coordinates,
         watched=watched,
         fast=fast,

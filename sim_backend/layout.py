@@ -62,10 +62,10 @@ class Effects(NamedTuple):
     calls, `site` (n_sites + 1,) says which of them are at a site.
     Per effect: its compiled step in `steps` and the `address` of that, `channel`, its number at the site, offsets `p0`
     and `s0` into `parameters` and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read`
-    (n_e, n_y) and `write` (n_e, n_u), the coordinate it watches and the inputs it acts on. Of these rows, `coordinates`
-    and `levers` hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched`
-    and `moved` their numbers. `wires` (n_e, 7) are the addresses of its signals,
-    filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one by one.
+    (n_e, n_y), the coordinate it watches. Of these rows, and of those of the inputs it acts on, `coordinates` and
+    `levers` hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched` and
+    `moved` their numbers. `wires` (n_e, 7) are the addresses of its signals, filled by `sim_backend.assembly.wired`;
+    `cells` (5,) is memory for signals given one by one.
     """
 
     first: Ints
@@ -79,7 +79,6 @@ class Effects(NamedTuple):
     aux: Ints
     column: Ints
     read: Array
-    write: Array
     coordinates: Array
     watched: Ints
     fast: int

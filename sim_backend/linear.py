@@ -163,11 +163,11 @@ class DiscreteModel:
         return out
 
 
-TAPS = 4
-"""Held samples of an input's past that together stand for a delayed one."""
-
 _CUBIC = np.array([[-1.0, 6.0, -11.0, 6.0], [3.0, -15.0, 18.0, 0.0], [-3.0, 12.0, -9.0, 0.0], [1.0, -3.0, 2.0, 0.0]])
 """Six times the weights of samples 0, 1, 2 and 3 in the cubic through them, by falling powers of where it is read."""
+
+TAPS = _CUBIC.shape[0]
+"""Held samples of an input's past that together stand for a delayed one."""
 
 
 @dataclass(frozen=True)

@@ -57,18 +57,14 @@ class Gram:
         """Return the column numbers of the knobs."""
         return np.arange(1, 1 + self.n_knobs)
 
-    def gains(self, reduced: Array, remaining: float) -> Array:
-        """Return, per candidate, twice the log-likelihood ratio of adding it, from reduced products.
+    def ratios(self, drops: Array, remaining: float) -> Array:
+        """Return twice the log-likelihood ratios of what lowers the sum of squares `remaining` by `drops` (n,).
 
-        `remaining` is the residual sum of squares before. With known noise that ratio is the drop itself, else it is
-        rows · log(before/after).
+        With known noise that is the drop itself, else rows · log(before/after).
         """
-        drops = np.array([self.solve(reduced, [i])[0] for i in range(len(self.groups))])
-        return np.array([self.ratio(float(drop), remaining) for drop in drops])
-
-    def ratio(self, drop: float, remaining: float) -> float:
-        """Return twice the log-likelihood ratio of what lowers the sum of squares `remaining` by `drop`."""
-        return drop if self.known_noise else float(self.rows * -np.log1p(-min(drop / remaining, 1.0 - 1e-12)))
+        if self.known_noise:
+            return drops
+        return np.asarray(self.rows * -np.log1p(-np.minimum(drops / remaining, 1.0 - 1e-12)), dtype=float)
 
     def solve(self, reduced: Array, together: Sequence[int]) -> tuple[float, Array]:
         """Return by how much the candidates numbered `together` lower the sum of squares, and their sizes (n_columns,).

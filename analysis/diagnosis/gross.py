@@ -19,15 +19,16 @@ from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import above_noise, even_weights
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found, Progress, settled_by
-from analysis.diagnosis.shortlist import SURE, Rules, Screen, evidence_of, gram_beside
+from analysis.diagnosis.search import Found, Progress
+from analysis.diagnosis.settling import settled_by
+from analysis.diagnosis.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
 from analysis.diagnosis.tuning import REACH
 from analysis.diagnosis.verdict import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
 
 Array = NDArray[np.float64]
 
-_ALIKE = 0.1
+_TAKES_PART = 0.1
 """A place takes part where the cause explains at least this part of what it does where it explains most."""
 
 _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
@@ -40,10 +41,10 @@ _STEPS, _ROUNDS = 6, 5
 _SETTLED = 0.05
 """A fit that gained less than this part in its last steps goes on no more."""
 
-GROSS = 5.0
+_GROSS = 5.0
 """Ratio of a residual to repeating noise beyond which what is left is an error of the model and next to no noise."""
 
-MOST = 0.5
+_LEAST_SHARE = 0.5
 """The main cause explains at least so much of the squared error."""
 
 
@@ -65,7 +66,7 @@ def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
     setting = settled_by(setting, setting.nominal, _left(setting))
     residuals = _left(setting)
     ratio = above_noise(setting.data, residuals)
-    if ratio <= GROSS:
+    if ratio <= _GROSS:
         return None
     data = setting.data.evenly()
     rest = tuple(np.zeros_like(states) for states in setting.states)
@@ -92,7 +93,7 @@ def still_gross(found: Found) -> bool:
 
     Where next to nothing else is left, every row and every refinement counts, and that is another search.
     """
-    return _noises(found) > GROSS
+    return _noises(found) > _GROSS
 
 
 def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -112,7 +113,7 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
         progress(f"fitting {_told(kind.candidates)}", 0.2 + 0.3 * k / len(kinds))
         start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
         fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_STEPS, strong=True))
-    rows = independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
+    rows = _independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
     fits.sort(key=lambda fit: _cost(fit, rows))
     best = _settled(setting, fits[0], progress)
     worth = tuned.misfit - best.misfit
@@ -152,7 +153,7 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
     kinds = []
     for found in per_kind.values():
         most = max(screen.drops[i] for i in found)
-        together = [i for i in found if screen.drops[i] >= _ALIKE * most]
+        together = [i for i in found if screen.drops[i] >= _TAKES_PART * most]
         drop, sizes = gram.solve(reduced, together)
         knobs = gram.knobs_beside(together, sizes)
         kinds.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
@@ -173,11 +174,11 @@ def remainder(found: Found) -> str:
 def judge_main(found: Found) -> Judgement:
     """Return the verdict on a main cause: named where no other kind, fitted with the same effort, comes near it."""
     best = found.best
-    if not best.effects or best.misfit > (1.0 - MOST) * found.tuned.misfit:
+    if not best.effects or best.misfit > (1.0 - _LEAST_SHARE) * found.tuned.misfit:
         return Judgement("unknown", (), (), 1.0, 1.0, ())
     own = best.effects[0].reported()
     first = found.rivals[1]
-    rows = independent_rows(found.setting, best)
+    rows = _independent_rows(found.setting, best)
     gaps: dict[str, float] = {}
     for rival in found.rivals:
         name = rival.effects[0].reported() if rival.effects else own
@@ -195,11 +196,11 @@ def judge_main(found: Found) -> Judgement:
         return Judgement("named", tuple(range(len(best.effects))), (), probability, inflation, rivals)
     if rivals[0][0] == UnlistedForce.name:
         return Judgement("unknown", (), (), probability, inflation, rivals)
-    tied = tuple(sorted({own, *(n for n, gap in gaps.items() if gap < np.log(SURE / (1.0 - SURE)))}))
+    tied = tuple(sorted({own, *(n for n, gap in gaps.items() if gap < SURE_LEAD)}))
     return Judgement("ambiguous", (), (tied,), probability, inflation, rivals)
 
 
-def independent_rows(setting: Setting, fit: Fit) -> float:
+def _independent_rows(setting: Setting, fit: Fit) -> float:
     """Return how many independent numbers the residual is worth: what agrees with its neighbours holds less.
 
     n / (1 + 2 sum of squared correlations) numbers estimate a mean square as well as n correlated ones (Bartlett 1946).

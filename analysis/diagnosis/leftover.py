@@ -64,13 +64,14 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
         with ThreadPoolExecutor(setting.workers) as pool:
             return list(pool.map(lambda way: columns_at(scenes[r], plant, *way), ways))
 
-    gram = gathered(problem, motions, setting.whitener, columns, tuple(False for _ in ways))
+    gram = gathered(problem, motions, setting.whitener, columns, (False,) * len(ways))
     reduced = gram.without(gram.knob_columns())
     found = []
     for i, (what, output, at) in enumerate(ways):
         drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
+        gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
         if live:
             place = (setting.places.outputs if output else setting.places.inputs)[at]
             kind = "an error of the reading that follows" if output else "a torque that follows"
-            found.append(Leftover(f"{kind} {what}", place, drop, gram.ratio(drop, float(reduced[0, 0])), live))
+            found.append(Leftover(f"{kind} {what}", place, drop, gain, live))
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from analysis.diagnosis.leeway import leeway_of
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found, leeway_of
+from analysis.diagnosis.search import Found
 from analysis.diagnosis.shaking import noise_evidence
-from analysis.diagnosis.shortlist import SURE
+from analysis.diagnosis.shortlist import SURE_LEAD
 from sim_backend.effects.vibration_line import VibrationLine
 
 
@@ -25,7 +26,7 @@ def without_lines(found: Found) -> Found:
         return found
     candidates, sizes = best.held(keep)
     rest = refit(setting, candidates, sizes, best.change, exact=True)
-    price = math.log(SURE / (1.0 - SURE)) + 0.5 * len(VibrationLine.parameters()) * count * math.log(best.rows)
+    price = SURE_LEAD + 0.5 * len(VibrationLine.parameters()) * count * math.log(best.rows)
     worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
     if worth > price or not math.isfinite(rest.misfit):
         return found

@@ -20,8 +20,9 @@ from analysis.diagnosis.next_experiment import choose
 from analysis.diagnosis.noise import whitener_from
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
-from analysis.diagnosis.search import Found, Progress, search, tune
+from analysis.diagnosis.search import Found, Progress, search
 from analysis.diagnosis.sentence import sentence
+from analysis.diagnosis.settling import tune
 from analysis.diagnosis.shortlist import Rules
 from analysis.diagnosis.spread import spread_causes
 from analysis.diagnosis.starts import starts_of

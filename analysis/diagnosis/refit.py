@@ -32,7 +32,7 @@ from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
 
-KNOB_STEP = 0.2
+_KNOB_STEP = 0.2
 """Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
 
 _KNOB_DIFFERENCE = 1e-6
@@ -149,6 +149,14 @@ class Problem:
                 return residuals, step
         return None
 
+    def slope(self, x: Array, i: int, here: Sequence[Array]) -> tuple[Array, ...] | None:
+        """Return d(residuals)/dx_i by a difference to those `here`; nothing where there is no model on either side."""
+        found = self.nearby(x, i)
+        if found is None:
+            return None
+        there, step = found
+        return tuple((b - a) / step for b, a in zip(there, here, strict=True))
+
     def whiten(self, residuals: Sequence[Array]) -> Array:
         """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""
         s = self.setting
@@ -176,7 +184,7 @@ class Problem:
             slopes.normal,
             np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
             np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
-            np.array([KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
+            np.array([_KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
             self.setting.rows,
         )
         return descent.run(x, steps)
@@ -296,10 +304,9 @@ class _Slopes:
         """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""
         problem = self._problem
         column, rows = np.zeros(at.stacked.size), at.stacked.size - x.size
-        found = problem.nearby(x, i)
+        found = problem.slope(x, i, at.residuals)
         if found is not None:
-            residuals, step = found
-            column[:rows] = problem.whiten([(b - a) / step for b, a in zip(residuals, at.residuals, strict=True)])
+            column[:rows] = problem.whiten(found)
             column[rows + i] = 1.0 / problem.prior()[1][i]
         return column
 
@@ -333,11 +340,8 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     here, _ = problem.raw(x)  # the starts may have been found anew since the fit
 
     def column(i: int) -> list[Array]:
-        found = problem.nearby(x, i)
-        if found is None:
-            return [np.zeros_like(r) for r in here]
-        residuals, step = found
-        return [(a - b) / step for a, b in zip(here, residuals, strict=True)]
+        found = problem.slope(x, i, here)
+        return [np.zeros_like(r) for r in here] if found is None else [-slope for slope in found]
 
     with ThreadPoolExecutor(setting.workers) as pool:
         columns = list(pool.map(column, range(x.size)))

@@ -11,25 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
-from analysis.diagnosis.fit import Fit, Setting, linear_of, residuals_of, simulated
-from analysis.diagnosis.noise import even_weights, unseen, whitener_from
-from analysis.diagnosis.refit import Problem as Hypothesis
+from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.leeway import explained_by, leeway_of
+from analysis.diagnosis.noise import unseen
 from analysis.diagnosis.refit import refit
+from analysis.diagnosis.settling import again, lined_up, score, settle, square_of
 from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
-from analysis.diagnosis.starts import stack_white, starts_of
+from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.takeover import part_to_take, taken_over
-from analysis.diagnosis.tuning import REACH, turned
+from analysis.diagnosis.tuning import REACH
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-
-_LAW, _EXACT = 3e-3, 1e-4
-"""Parts of what an effect explains that may be the difference between our form of it and nature's, or what a simulation
-in steps cannot do better: what explains less than that beside it is not looked for. A gain or a delay has no other form
-(`exact`), but is only so linear and so steady: to 1 %."""
 
 _TUNED, _SEARCH = 0.05, 0.85
 """Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
@@ -38,70 +33,8 @@ _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
 
 _LONG = 25
-_ROUNDS, _IN_LINE = 6, 10.0
-"""Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
-
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
-
-
-def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
-    """Return the setting with noise, start bases and start states brought up to date with `fit`.
-
-    `order` is the longest memory of the noise: none when it is white.
-    """
-    return settled_by(setting, linear_of(setting, fit), fit.residuals, order)
-
-
-def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None) -> Setting:
-    """Return the setting brought up to date with a linear model and what it leaves, (n, n_y) per record."""
-    even = setting.whitener.even
-    if even:
-        whitener = even_weights(setting.data, residuals, even)
-    else:
-        whitener = whitener_from(setting.data, list(residuals), order=order)
-    starts = starts_of(setting.data, linear, whitener)
-    found = (
-        start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
-        for start, record, residual in zip(starts, setting.data.records, residuals, strict=True)
-    )
-    states = tuple(_added(old, new) for old, new in zip(setting.states, found, strict=True))
-    return replace(setting, whitener=whitener, starts=starts, states=states)
-
-
-def _added(a: Array, b: Array) -> Array:
-    """Return the sum of two sets of states (m, 2); an effect may have added modes to one of them."""
-    out = np.zeros((max(a.shape[0], b.shape[0]), 2))
-    out[: a.shape[0]] += a
-    out[: b.shape[0]] += b
-    return out
-
-
-def tune(setting: Setting, passes: int = 4) -> tuple[Setting, Fit]:
-    """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it."""
-    none = np.zeros(0)
-    fit = refit(setting, (), none, np.zeros(len(setting.knobs)))
-    for _ in range(passes):
-        setting = settle(setting, fit)
-        before = fit.objective
-        fit = refit(setting, (), none, fit.change)
-        if abs(before - fit.objective) < 1e-4 * fit.objective:
-            break
-    return setting, fit
-
-
-def score(fit: Fit, known_noise: bool) -> float:
-    """Return minus twice the logarithm of the evidence of a fit (Laplace's approximation), up to a constant.
-
-    The price of a parameter is what the data narrowed it by: one that they do not determine costs nothing, and one
-    that has to be far from where it is plausible pays for the distance in the fit's penalty. Where nothing repeats,
-    colour and level of the noise are part of a hypothesis, and the likelihood is that of its innovations; where periods
-    repeat, its levels at the lowest frequencies may be.
-    """
-    if known_noise:
-        return float(fit.objective + fit.log_variance + 2.0 * fit.occam)
-    level = fit.rows * (1.0 + np.log(max(fit.objective, 1e-300) / fit.rows))
-    return float(level + fit.log_variance + 2.0 * fit.occam)
 
 
 @dataclass(frozen=True)
@@ -124,6 +57,11 @@ class Found:
     leeway: float
     passed: dict[tuple[str, str], float] = field(default_factory=dict)
     strangers: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def inflation(self) -> float:
+        """How many times the noise the best fit leaves, as a mean square: evidence counts so much less."""
+        return max(1.0, self.best.misfit / self.best.rows) if self.setting.whitener.repeats else 1.0
 
 
 def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -166,7 +104,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         rivals = [*trials, before]
         last = screen(setting, best, rules, scales)
     best, pruned = _pruned(setting, best, first.price)
-    explained = _explained(setting, tuned, best)
+    explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
 
@@ -275,37 +213,7 @@ class _Stage:
 def _under(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` judged by another noise, its parameters as they are."""
     level = sum(setting.whitener.log_variance(r.fitted()) for r in setting.data.records)
-    return replace(fit, misfit=_square(setting, fit.residuals), log_variance=level)
-
-
-def _explained(setting: Setting, tuned: Fit, best: Fit) -> float:
-    """Return by how much `best` lowers the sum of squares, in units of the present noise."""
-    if not best.candidates:
-        return 0.0
-    return max(_square(setting, tuned.residuals) - best.misfit, 0.0)
-
-
-def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> float:
-    """Return how much of what `best` explains its effects' forms may be wrong by, in units of the noise."""
-    explained = _explained(setting, tuned, best)
-    exact = [e for e in best.effects if e.exact]
-    if len(exact) == len(best.effects):
-        return _EXACT * explained
-    if not exact:
-        return _LAW * explained
-    moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), exact)
-    by_law = min(max(_square(setting, residuals_of(setting.data.records, moved)) - best.misfit, 0.0), explained)
-    return _LAW * by_law + _EXACT * (explained - by_law)
-
-
-def form_error(effect: Effect) -> float:
-    """Return the part of what an effect explains that its form may be wrong by."""
-    return _EXACT if effect.exact else _LAW
-
-
-def _square(setting: Setting, residuals: Sequence[Array]) -> float:
-    white = Hypothesis(setting, (), []).whiten(residuals)
-    return float(white @ white)
+    return replace(fit, misfit=square_of(setting, fit.residuals), log_variance=level)
 
 
 def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
@@ -343,29 +251,6 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
         if score(other[1], False) < score(own[0][1], False):
             own[0] = other
     return own[0][0], [fit for _, fit in own], before
-
-
-def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
-    """Return the setting and the fit in which the noise is what the fit leaves.
-
-    One that trails a `rival`'s score by more than the rounds that are left could gain ends there.
-    """
-    best = settle(setting, fit), fit
-    for left in reversed(range(_ROUNDS)):
-        setting = settle(setting, fit)
-        fit = again(setting, fit)
-        gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
-        if gained > 0.0:
-            best = setting, fit
-        if gained < _IN_LINE or score(best[1], False) - left * gained > rival:
-            break
-    return best
-
-
-def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
-    """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
-    candidates, sizes = fit.held(keep)
-    return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
 
 
 def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:

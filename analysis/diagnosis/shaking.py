@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.chance import Chance
 from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.shortlist import SURE_LEAD
 from analysis.diagnosis.starts import without_starts
 from analysis.diagnosis.whittle import Band, Start, Whittle, series_of, spectrum_of
 from sim_backend.effects.amplifier_noise import AmplifierNoise
@@ -34,9 +35,6 @@ _PITCH, _WIDTH, _FIRST_TERMS = 1.4, 0.3, 6
 
 _STARTS = 3
 """Bands of the grid, per input, that are fitted over every floor."""
-
-_SURE = math.log(99.0)
-"""A lead in evidence, as a natural logarithm, that leaves one chance in a hundred."""
 
 _NARROW = 4.0
 """A band below so many times the frequency resolution is a line, which is another effect."""
@@ -56,7 +54,7 @@ def shaking(setting: Setting, fit: Fit) -> list[Chance]:
     place = setting.places.inputs[found.band.input]
     known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
     # noise of all frequencies through the plant is an amplifier's, which is no error of a simulation
-    return [] if known or found.lead < -_SURE else [_chance(setting, whittle, found, place)]
+    return [] if known or found.lead < -SURE_LEAD else [_chance(setting, whittle, found, place)]
 
 
 def noise_evidence(setting: Setting, fit: Fit) -> float:

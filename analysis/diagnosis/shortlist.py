@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 SURE = 0.99
 """An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""
 
+SURE_LEAD = float(np.log(SURE / (1.0 - SURE)))
+"""The lead in evidence, as a natural logarithm, over all else that this takes."""
+
 IMITATED = 1e-4
 """A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
@@ -85,7 +88,7 @@ class Screen:
     @property
     def price(self) -> float:
         """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
-        return 2.0 * float(np.log(SURE / (1.0 - SURE)) + np.log(max(len({c.key for c in self.candidates}), 1)))
+        return 2.0 * (SURE_LEAD + float(np.log(max(len({c.key for c in self.candidates}), 1))))
 
     @property
     def top(self) -> float:
@@ -132,12 +135,12 @@ def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Sc
     solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them
     chosen = 2.0 * np.log([max(c.choices, 1) for c in candidates])
-    gains = np.maximum(gram.gains(reduced, float(reduced[0, 0])) - chosen, 0.0)
+    drops = np.array([drop for drop, _ in solved])
+    gains = np.maximum(gram.ratios(drops, float(reduced[0, 0])) - chosen, 0.0)
     ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)
     threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
     sizes = tuple(s for _, s in solved)
     knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
-    drops = np.array([drop for drop, _ in solved])
     return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
 
 

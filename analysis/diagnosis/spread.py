@@ -16,7 +16,7 @@ from analysis.diagnosis.lattice import rounded_readings
 from analysis.diagnosis.repeats import lost_samples
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.shaking import shaking
-from analysis.diagnosis.shortlist import SURE
+from analysis.diagnosis.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.uneven_noise import uneven_noise
 from analysis.diagnosis.verdict import Judgement, units_of
 from sim_backend.effects.base import Effect
@@ -59,10 +59,9 @@ class Spread:
 
     def ties(self) -> tuple[tuple[str, ...], ...]:
         """Return, for each cause that is not sure, its name with those of the rivals that come close."""
-        limit = math.log(SURE / (1.0 - SURE))
         unsure = [c for c in self.causes if self.probability(c) < SURE]
         return tuple(
-            (c.effect.reported(), *dict.fromkeys(name for name, gap in c.rivals if gap < limit)) for c in unsure
+            (c.effect.reported(), *dict.fromkeys(name for name, gap in c.rivals if gap < SURE_LEAD)) for c in unsure
         )
 
     def joined(self, judgement: Judgement) -> Judgement:
@@ -116,7 +115,7 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         *uneven_noise(setting, fit),
         *shaking(setting, fit),
     ]
-    least = 2.0 * math.log(tests * SURE / (1.0 - SURE))
+    least = 2.0 * (SURE_LEAD + math.log(tests))
     there = {(e.reported(), e.where) for e in fit.effects}
     kept = [
         c

@@ -13,7 +13,8 @@ import numpy as np
 
 from analysis.diagnosis.candidates import Scales
 from analysis.diagnosis.fit import Fit
-from analysis.diagnosis.search import Found, Progress, again, extended, lined_up, score
+from analysis.diagnosis.search import Found, Progress, extended
+from analysis.diagnosis.settling import again, lined_up, score
 from analysis.diagnosis.shortlist import Rules, screen
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.unlisted_force import UnlistedForce
@@ -57,17 +58,16 @@ def _stranger(found: Found, place: str, rules: Rules, scales: Scales) -> Fit | N
     fit = extended(setting, rest, seen.candidates[at[0]], seen.sizes[at[0]], seen.knobs[at[0]])
     if setting.whitener.repeats:
         return again(setting, fit)
-    price = found.first.price * (len(best.candidates) - len(fit.candidates))
-    return lined_up(setting, fit, score(best, False) + price)[1]
+    return lined_up(setting, fit, score(best, False) + _price(found, fit))[1]
+
+
+def _price(found: Found, stranger: Fit) -> float:
+    """Return what the effects cost that the best fit has more of: each had to be found among many."""
+    return found.first.price * (len(found.best.candidates) - len(stranger.candidates))
 
 
 def _lead(found: Found, stranger: Fit) -> float:
-    """Return by how much the best fit leads a stranger's, the price of every effect included.
-
-    As elsewhere each effect has to be found among many, and where more than noise is left the evidence counts less.
-    """
+    """Return by how much the best fit leads a stranger's, the price of every effect included."""
     best, known = found.best, found.setting.whitener.repeats
-    inflation = max(1.0, best.misfit / best.rows) if known else 1.0
-    more = len(best.candidates) - len(stranger.candidates)
-    lead = (score(stranger, known) - score(best, known)) / inflation - found.first.price * more
+    lead = (score(stranger, known) - score(best, known)) / found.inflation - _price(found, stranger)
     return 0.5 * lead if np.isfinite(lead) else np.inf

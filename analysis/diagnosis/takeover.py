@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,8 @@ def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -
     effect = candidate.made(dict(zip(units, sizes * np.array(list(units.values())), strict=True)))
     start = fit.change - imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
     made = retuned(turned(setting.nominal, setting.knobs, start), [effect], setting.places)
-    fields = ("omega_rad_s", "sigma_1_s", "b", "b_direct", "c", "c_rate", "d", "delay_s")
     same = made.n_blocks == linear.n_blocks and all(
-        np.allclose(getattr(made, name), getattr(linear, name), rtol=1e-9, atol=0.0) for name in fields
+        np.allclose(getattr(made, f.name), getattr(linear, f.name), rtol=1e-9, atol=0.0) for f in fields(linear)
     )
     return start, same
 

@@ -26,7 +26,7 @@ _SLOW, _CHANGING = 9, 5
 
 _SHORTEST, _LADDER = 3.0, 10.0**0.5
 """Shortest memory in samples, and the ratio of one memory to the next: a first-order lag in between is a weighted sum
-of its neighbours to about a tenth."""
+of its neighbours to a tenth."""
 
 _STEEP = 20.0
 """A rate above a twentieth of its swing has a direction."""

@@ -10,11 +10,13 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
+from analysis.diagnosis.leeway import form_error
 from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.noise import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search import Found, form_error, score
-from analysis.diagnosis.shortlist import IMITATED, SURE
+from analysis.diagnosis.search import Found
+from analysis.diagnosis.settling import score
+from analysis.diagnosis.shortlist import IMITATED, SURE, SURE_LEAD
 from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
 
@@ -22,7 +24,7 @@ _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
 the threshold."""
 
-EXPLAINED = 0.997
+_EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
 leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
 friction's)."""
@@ -51,9 +53,7 @@ def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), ran
     `left` what the best model leaves along general ways, least likely first, `random` how much of each of these
     (twice a log-likelihood) those causes may be.
     """
-    known = found.setting.whitener.repeats
-    best = found.best
-    inflation = max(1.0, best.misfit / best.rows) if known else 1.0
+    best, inflation = found.best, found.inflation
     against = objection(found, left, random)
     if not best.candidates:
         verdict: Verdict = "unknown" if against else _without_cause(found, allowed)
@@ -87,7 +87,7 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > found.leeway]
     if telling:
         return f"what the best model leaves holds {telling[0].words()}"
-    equal = [where for where, lead in found.strangers if lead < np.log(SURE / (1.0 - SURE))]
+    equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
     deviations = found.best.change / np.array([k.sd for k in found.setting.knobs])
@@ -106,11 +106,11 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
     if not found.setting.whitener.repeats:
         fresh = found.last.freshness > IMITATED
         significant = fresh & (found.last.gains > found.last.threshold)
-        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - EXPLAINED) * found.explained)
+        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - _EXPLAINED) * found.explained)
     spread = _uncertainty(found) + 0.002
     excess = best.misfit / best.rows - 1.0 - allowed
     explained = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
-    return bool(excess <= spread or explained >= EXPLAINED)
+    return bool(excess <= spread or explained >= _EXPLAINED)
 
 
 def _uncertainty(found: Found) -> float:

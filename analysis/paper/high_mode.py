@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import RATE_HZ
-from analysis.paper.numbers import PaperNumber, paper_tables
+from analysis.paper.numbers import PaperTable, paper_tables
 from analysis.paper.pieces import Evidence, shown
 from analysis.paper.table_6_4 import MOVE_SAMPLES, step_settling
 from campaigns.design import Design
@@ -89,14 +89,14 @@ def compare(frequency_hz: float, decay_1_s: float) -> tuple[Compared, ...]:
     roots = printed, printed.with_mode(BENCH_HZ, BENCH_DECAY_1_S), printed.with_mode(frequency_hz, decay_1_s)
     plants = [r.plant() for r in roots]
     first, text, table = paper_tables()["6.1"], paper_tables()["text"], paper_tables()["6.4"]
-    pair = first.number("measured 2"), first.number("measured 3")
-    low, high = (n.value or 0.0 for n in pair)
+    keys = "measured 2", "measured 3"
+    low, high = (first.printed(key) for key in keys)
     resonance = Compared(
         "highest resonance (Hz)",
         "Table 6.1",
-        " and ".join(shown(n.value) for n in pair),
-        low - pair[0].tolerance,
-        high + pair[1].tolerance,
+        " and ".join(map(shown, (low, high))),
+        low - first.number(keys[0]).tolerance,
+        high + first.number(keys[1]).tolerance,
         tuple(float(p.omega_rad_s.max()) / (2.0 * np.pi) for p in plants),
         1,
     )
@@ -104,26 +104,25 @@ def compare(frequency_hz: float, decay_1_s: float) -> tuple[Compared, ...]:
     margins = [loop_margins_of(p) for p in plants]
     return (
         resonance,
-        _held("30 + 1500 Hz: overshoot (µrad)", "Table 6.4", table.number("30+1500 overshoot"), [s[0] for s in two]),
-        _held("30 + 1500 Hz: settling (ms)", "Table 6.4", table.number("30+1500 settling"), [s[1] for s in two]),
-        _held("complete: overshoot (µrad)", "Table 6.4", table.number("complete overshoot"), [s[0] for s in complete]),
-        _held("complete: settling (ms)", "Table 6.4", table.number("complete settling"), [s[1] for s in complete]),
-        _held("gain margin (dB)", "section 6.3.1", text.number("gain margin"), [m.gain_margin_db for m in margins], 2),
+        _held("30 + 1500 Hz: overshoot (µrad)", "Table 6.4", table, "30+1500 overshoot", [s[0] for s in two]),
+        _held("30 + 1500 Hz: settling (ms)", "Table 6.4", table, "30+1500 settling", [s[1] for s in two]),
+        _held("complete: overshoot (µrad)", "Table 6.4", table, "complete overshoot", [s[0] for s in complete]),
+        _held("complete: settling (ms)", "Table 6.4", table, "complete settling", [s[1] for s in complete]),
+        _held("gain margin (dB)", "section 6.3.1", text, "gain margin", [m.gain_margin_db for m in margins], 2),
         _held(
             "peak of |S| (dB)",
             "section 6.3.1",
-            text.number("sensitivity peak"),
+            text,
+            "sensitivity peak",
             [m.sensitivity_peak_db for m in margins],
             2,
         ),
     )
 
 
-def _held(quantity: str, place: str, number: PaperNumber, ours: list[float], decimals: int = 1) -> Compared:
-    value = number.value or 0.0
-    return Compared(
-        quantity, place, shown(number.value), value - number.tolerance, value + number.tolerance, tuple(ours), decimals
-    )
+def _held(quantity: str, place: str, table: PaperTable, key: str, ours: list[float], decimals: int = 1) -> Compared:
+    value, tolerance = table.printed(key), table.number(key).tolerance
+    return Compared(quantity, place, shown(value), value - tolerance, value + tolerance, tuple(ours), decimals)
 
 
 def _settled(plant: ModalModel) -> tuple[float, float]:
@@ -174,7 +173,7 @@ def mode_of_row() -> tuple[float, float]:
     Settling goes in steps of half a period, 0.34 ms: the decay is found to 1 %.
     """
     printed, table = Roots.printed().ends(), paper_tables()["6.4"]
-    overshoot, settling = (table.number(f"30+1500 {name}").value or 0.0 for name in ("overshoot", "settling"))
+    overshoot, settling = (table.printed(f"30+1500 {name}") for name in ("overshoot", "settling"))
     frequency, decay = float(np.mean(_NEAR_HZ)), BENCH_DECAY_1_S
     for _ in range(_STEPS):
         frequency = float(

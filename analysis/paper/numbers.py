@@ -72,12 +72,16 @@ class PaperTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
                 return number
         raise ConfigError(f"'{self.title}' has no row '{key}'; it has {', '.join(n.key for n in self.rows)}")
 
-    def value(self, key: str) -> float:
-        """Return a printed value in SI; raises ConfigError when there is no such row or no value in it."""
-        number = self.number(key)
-        if number.value is None:
+    def printed(self, key: str) -> float:
+        """Return a value in the unit it is printed in; raises ConfigError when there is no such row, or none in it."""
+        value = self.number(key).value
+        if value is None:
             raise ConfigError(f"'{self.title}' prints no value in row '{key}'; use another row")
-        return number.value * UNIT_SI[number.unit]
+        return value
+
+    def value(self, key: str) -> float:
+        """Return a printed value in SI; raises ConfigError as `printed` does."""
+        return self.printed(key) * UNIT_SI[self.number(key).unit]
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -26,7 +26,7 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
         a = 1.0 - decayed
         second = f * f - 0.5 * f * (1.0 + a) / decayed
         third = (f * (1.0 + 4.0 * a + a * a) / decayed**2 + 6.0 * second * (1.0 + f)) / 6.0 - f**3
-    else:  # their limits, which are reached to 1e-7
+    else:  # beyond, f³ cancels digits away; the limits are near by 1e-7 and 6e-5
         second, third = -1.0 / 12.0, -1.0 / 12.0
     bend = mean - 2.0 * s[1] + s[2]
     turn = bend - (s[1] - 2.0 * s[2] + s[3])

@@ -12,8 +12,10 @@ from sim_backend.effects.view import RecordView
 
 @compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
+    if p[0] <= 0.0:  # nothing passes
+        return -signal
     size = abs(signal) / p[0]
-    if size < 1e-9:  # so small a part of the limit bends by nothing
+    if size < 1e-9:  # so small a part of the limit bends by nothing, and most commands are none: spares three powers
         return 0.0
     # the larger of size and one is taken out, so that no power overflows
     larger = max(size, 1.0)

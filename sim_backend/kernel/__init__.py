@@ -44,6 +44,7 @@ class Loop:
         *,
         lasting: bool = False,
     ) -> None:
+        # the table holds the addresses of their arrays: they must live as long
         self._parts, self._mem = (plant, hw, fx, ctl, mem, bus), mem
         self._called = structure_of(*self._parts, inlined=False)
         self._inlined = structure_of(*self._parts, inlined=True) if lasting else None

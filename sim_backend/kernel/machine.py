@@ -57,8 +57,8 @@ def _target() -> Any:
 def _made_by() -> str:
     """Return all that decides on the code besides the structure: its source, the compiler, the processor."""
     here = Path(__file__).parent
-    effects = [here.parent / "effects" / name for name in ("base.py", "compiled.py")]
-    sources = b"".join(path.read_bytes() for path in [*sorted(here.glob("*.py")), *effects])
+    around = [here.parent / "linear.py", *(here.parent / "effects" / name for name in ("base.py", "compiled.py"))]
+    sources = b"".join(path.read_bytes() for path in [*sorted(here.glob("*.py")), *around])
     cpu = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()
     return f"{sha256(sources).hexdigest()} {numba.__version__} {llvmlite.__version__} {cpu}"
 

@@ -135,6 +135,13 @@ def natural_sizes(cls, nominal, share=0.05):
     return {p.name: min(share * p.dimension.scale(**scale), p.high) for p in cls.parameters() if p.size}
 
 
+@by_name(STEPPED)
+def test_a_step_knows_nothing_but_its_arguments(cls):
+    """What is kept of its machine code goes by its bytecode, names and constants: a global's value is not in them."""
+    used = set(cls.step.__wrapped__.__code__.co_names)
+    assert used <= {"math", *dir(math), *dir(builtins)}
+
+
 def test_library_is_the_table():
     table = {slug: family for family, slugs in TABLE.items() for slug in slugs.split()}
     assert {cls.reported() for cls in EFFECTS} == set(table)

@@ -78,8 +78,12 @@ def test_hysteresis_is_named_with_its_numbers_and_pays(tmp_path):
         for e in tomllib.loads((tmp_path / "out" / "extended.toml").read_text())["effects"]
         if e["effect"] == "bouc-wen"
     ]
-    value = {name: p["value"] for name, p in effect["parameters"].items()}
-    assert value["stiffness"] == pytest.approx(ALPHA_N_M, rel=0.03)
-    assert value["reach"] == pytest.approx(1.0 / (BETA_1_M * GAMMA), rel=0.03)
-    assert value["gamma_over_beta"] == pytest.approx(DELTA / GAMMA, rel=0.03)
-    assert value["exponent"] == pytest.approx(1.0, rel=0.03)
+    true = {
+        "stiffness": ALPHA_N_M,
+        "reach": 1.0 / (BETA_1_M * GAMMA),
+        "gamma_over_beta": DELTA / GAMMA,
+        "exponent": 1.0,
+    }
+    for name, number in true.items():
+        found_number = effect["parameters"][name]
+        assert found_number["value"] == pytest.approx(number, abs=4.0 * found_number["std"])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates import Candidate
+from analysis.diagnosis.leeway import leeway_of
 from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found, leeway_of
+from analysis.diagnosis.search import Found
 from analysis.diagnosis.shortlist import Screen
 from analysis.diagnosis.starts import starts_of
 from sim_backend.effects.vibration_line import VibrationLine
@@ -34,7 +35,7 @@ def _found(shake: np.ndarray, frequency_hz: float) -> Found:
         trials.append(refit(setting, (line,), np.array([0.3, 0.3]), np.zeros(0), exact=True))
     best = min(trials, key=lambda fit: fit.objective)
     none = np.zeros(0)
-    screen = Screen((), none, none, (), (), none, np.inf)
+    screen = Screen((), none, none, (), (), none, none)
     worth = tuned.misfit - best.misfit
     return Found(setting, tuned, best, (tuned, best), screen, screen, worth, leeway_of(setting, tuned, best))
 

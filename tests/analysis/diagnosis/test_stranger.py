@@ -29,7 +29,7 @@ def _found(change: float = 0.0, leeway: float = 0.0, strangers: tuple[tuple[str,
     turned = np.zeros(len(setting.knobs))
     turned[0] = change * 0.02
     fit: Fit = replace(fit, change=turned)
-    nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.inf)
+    nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
     return Found(setting, fit, fit, (fit,), nothing, nothing, 1e4, leeway, strangers=strangers)
 
 

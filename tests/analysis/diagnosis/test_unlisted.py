@@ -23,15 +23,15 @@ def _scenes(sizes: tuple[float, ...] = (1.0, 0.25), rows: int = 4000, warm: bool
     return scenes_of(motions, places_of(MODEL))
 
 
-@pytest.mark.parametrize("memory", [5.0, 40.0, 300.0])
+@pytest.mark.parametrize("memory", [5.3, 17.0, 53.0, 170.0])
 def test_any_first_order_lag_is_a_sum_of_its_neighbours_on_the_ladder(memory: float) -> None:
-    """To about a tenth, as the module says: what least squares leaves of a lag between two steps of the ladder."""
+    """To a tenth, as the module says: what least squares leaves of a lag midway between two steps of the ladder."""
     scene = _scenes((1.0,))[0]
     columns = np.stack(TORQUES["past commands"](scene, 0), axis=1)
     a = np.exp(-1.0 / memory)
     lagged = lfilter([1.0 - a], [1.0, -a], scene.u[:, 0])
     left = lagged - columns @ np.linalg.lstsq(columns, lagged, rcond=None)[0]
-    assert np.linalg.norm(left) < 0.12 * np.linalg.norm(lagged)
+    assert np.linalg.norm(left) < 0.1 * np.linalg.norm(lagged)
 
 
 def test_one_law_is_one_column_in_loud_and_quiet_records() -> None:
