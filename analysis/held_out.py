@@ -41,13 +41,13 @@ def tried(
         if period:
             segment = replace(segment, start=max(segment.stop - period, segment.start))
         u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")
+        played = steps_for(u, period=period) if intersample == "band-limited" else u
         if period:
             frequency = np.arange(period // 2 + 1) * rate_hz / period
-            played = steps_for(u, period=period) if intersample == "band-limited" else u
             modelled = periodic_response(model.frequency_response(frequency, rate_hz), played)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
         else:
-            modelled = simulate_linear(discrete, u, _start_of(discrete, u, y - offset)) + offset
+            modelled = simulate_linear(discrete, played, _start_of(discrete, played, y - offset)) + offset
         error = relative_error(y, modelled)
         results.append(
             HeldOut(
