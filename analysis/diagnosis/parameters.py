@@ -22,6 +22,7 @@ class Scale:
     """How one effect parameter is written on a scale of order one, with its prior (`mean`, `sd`) on that scale.
 
     Sizes are thought of as at most about natural, shapes as within their spread of where their effect looks for them.
+    A shape that `measures` its effect, which has no size and ends where the shape is zero, may be of any size as well.
     """
 
     effect: int
@@ -34,6 +35,7 @@ class Scale:
     mean: float
     sd: float
     grain: float
+    measures: bool = False
 
     def bound(self, value: float) -> float:
         """Return a bound on this scale; minus sixty stands for a logarithm of nothing."""
@@ -64,6 +66,9 @@ class Scale:
         return float(np.clip(value, self.low, self.high))
 
 
+_ANY = 10.0
+"""Spread of the logarithm of what may be of any size: a range of e^±10."""
+
 _FAINT = 1e-3
 """Part of its middle at which a shape counts as next to nothing."""
 
@@ -89,9 +94,11 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
                 if p.size
                 else (start[p.name] if log else max(abs(start[p.name]), 1e-12))
             )
+            measures = log and p.neutral == 0.0 and len(candidate.effect.parameters()) == 1
             mean, sd = _prior(candidate, p, unit, log)
+            sd = _ANY if measures else sd
             high = min(p.high, candidate.highest.get(p.name, p.high))
-            scale = Scale(i, p.name, unit, log, p.size, p.low, high, mean, sd, p.grain)
+            scale = Scale(i, p.name, unit, log, p.size, p.low, high, mean, sd, p.grain, measures)
             value = float(np.clip(start[p.name], p.low, high))
             scales.append(scale)
             x.append(scale.forth(value))

@@ -221,7 +221,8 @@ class Problem:
     def _narrowed(self, x: Array, data: Array) -> Array:
         """Return the posterior's precision in units of the prior's: one where `data` (rows, n) say nothing.
 
-        How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest.
+        How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest;
+        a shape that measures its effect has its own.
         """
         n_knobs = len(self.setting.knobs)
         sd = self.prior()[1]
@@ -234,6 +235,8 @@ class Problem:
                     if other.size and other.effect == s.effect
                 ]
                 unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
+            elif s.measures:  # on its logarithm the own size is one
+                unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
         return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + more))
 
 

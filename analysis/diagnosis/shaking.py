@@ -71,7 +71,7 @@ def noise_evidence(setting: Setting, fit: Fit) -> float:
 def _series(setting: Setting, fit: Fit) -> list[tuple[Array, Array]]:
     # a start rings in the modes, as a random torque does, but once
     linear = linear_of(setting, fit)
-    rest = without_starts(setting.data, linear, setting.whitener, setting.starts, fit.residuals)
+    rest = without_starts(setting.data, linear, setting.whitener, fit.residuals)
     return [
         part
         for record, residual in zip(setting.data.records, rest, strict=True)

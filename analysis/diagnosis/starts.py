@@ -57,15 +57,16 @@ def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: fl
 
 
 def without_starts(
-    data: Dataset, linear: ModalModel, whitener: Whitener, starts: Sequence[Start], residuals: Sequence[Array]
+    data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
 ) -> tuple[Array, ...]:
-    """Return `residuals`, (n, n_y) per record, less what the starts explain of them."""
+    """Return `residuals`, (n, n_y) per record, less what a start of every mode of `linear` explains of them."""
     model = discretise(linear, data.rate_hz)
 
     def rest(record: Record, start: Start, residual: Array) -> Array:
         states = start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
         return residual - coasting(model, states, record.n)
 
+    starts = starts_of(data, linear, whitener)
     return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
 
 
