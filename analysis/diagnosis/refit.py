@@ -41,6 +41,9 @@ factor, while rounding leaves 1e-7 of it."""
 
 _HALVINGS = 4
 
+_ROUNDING = 1e-15
+"""Eigenvalues of a matrix of ones on its diagonal are known no better."""
+
 _STRONG_STEPS = 2
 """Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
 
@@ -196,7 +199,7 @@ class Problem:
         # beside a parameter whose column is not finite there is no model: the data say nothing of it
         data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
         precision = (data * sd).T @ (data * sd) + np.eye(x.size)  # in units of the prior's
-        covariance = np.linalg.pinv(precision, rcond=1e-14) * np.outer(sd, sd)
+        covariance = inverse_of(precision) * np.outer(sd, sd)
         occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, data))[1])
         effects = self.effects(x)
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
@@ -238,6 +241,17 @@ class Problem:
             elif s.measures:  # on its logarithm the own size is one
                 unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
         return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + more))
+
+
+def inverse_of(precision: Array) -> Array:
+    """Return the inverse of a precision (n, n) whose entries may differ by 10¹⁵ from one parameter to another.
+
+    Scaled to a unit diagonal, or a direction that only the prior determines would be taken for rounding beside a
+    parameter that the data know to ten digits.
+    """
+    scale = np.sqrt(np.diag(precision))
+    values, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
+    return np.asarray((vectors / np.maximum(values, _ROUNDING)) @ vectors.T / np.outer(scale, scale))
 
 
 class _Slopes:

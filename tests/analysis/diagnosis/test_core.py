@@ -10,6 +10,7 @@ from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import Whitener, fit_ar, whitener_from
+from analysis.diagnosis.refit import inverse_of
 from analysis.diagnosis.responses import free_responses, simulate
 from analysis.diagnosis.shortlist import thresholds
 from analysis.diagnosis.starts import stack_white, start_of
@@ -265,3 +266,16 @@ def test_a_column_that_the_knobs_span_leaves_the_threshold_alone() -> None:
     maxima = gram.null_ratios(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000).max(axis=0)
     # one live column: chi-squared with one degree of freedom, 99 % below 6.63; 4000 draws know that to 0.35
     assert np.quantile(maxima, 0.99) == pytest.approx(6.635, abs=1.1)
+
+
+def test_what_only_the_prior_determines_keeps_its_deviation_beside_what_is_known_to_many_digits() -> None:
+    """Two columns that are the same, 10⁴ strong, each with a prior of one; the third is known to 3e-8 of its prior.
+
+    [[1 + a, a], [a, 1 + a]] has the inverse [[1 + a, -a], [-a, 1 + a]] / (1 + 2 a): half, and minus half.
+    """
+    a, strong = 1e8, 1e15
+    precision = np.array([[1.0 + a, a, 0.0], [a, 1.0 + a, 0.0], [0.0, 0.0, strong]])
+    covariance = inverse_of(precision)
+    # the scaled matrix is known to 1e-16, its smallest eigenvalue is 1e-8
+    np.testing.assert_allclose(covariance[:2, :2], [[0.5, -0.5], [-0.5, 0.5]], rtol=1e-7)
+    assert covariance[2, 2] == pytest.approx(1.0 / strong)

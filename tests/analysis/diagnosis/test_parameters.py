@@ -7,6 +7,7 @@ from analysis.diagnosis.candidates import Candidate, Scales, enumerate_candidate
 from analysis.diagnosis.parameters import parameters_of
 from sim_backend.assembly import Places
 from sim_backend.effects import EFFECTS, Aux
+from sim_backend.effects.amplifier_lag import AmplifierLag
 from sim_backend.effects.periodic_torque import PeriodicTorque
 from sim_backend.effects.view import RecordView
 
@@ -40,6 +41,15 @@ def test_constants_of_a_description_are_not_fitted(effect):
     for candidate in starts(effect):
         scales, _ = parameters_of([candidate], np.ones(max(len(candidate.unit_sizes), 1)))
         assert not fixed & {s.name for s in scales}
+
+
+def test_what_measures_an_effect_by_itself_may_be_of_any_size():
+    """A time constant of a hundredth of a sample is believed as much as one of a sample: both within one deviation."""
+    measuring = {e.name for e in SEARCHED for c in starts(e) for s in parameters_of([c], np.ones(9))[0] if s.measures}
+    assert {"amplifier-lag", "dead-zone"} <= measuring
+    assert not measuring & {"amplifier-saturation", "bouc-wen", "hysteresis", "delay"}
+    (scale,) = parameters_of(list(starts(AmplifierLag))[:1], np.ones(1))[0]
+    assert abs(scale.forth(0.01 / 2000.0) - scale.forth(1.0 / 2000.0)) < scale.sd
 
 
 def test_a_period_stays_within_what_the_motion_repeats():
