@@ -18,14 +18,6 @@ def form_error(effect: Effect) -> float:
     return _EXACT if effect.exact else _LAW
 
 
-def in_any_form(explained: float) -> float:
-    """Return the part of what one effect explains that no simulation in steps gets right, whatever its form.
-
-    A rival that explains as much but for that (a lag of a third of a sample beside a delay) is no worse.
-    """
-    return _EXACT * explained
-
-
 def explained_by(setting: Setting, tuned: Fit, best: Fit) -> float:
     """Return by how much `best` lowers the sum of squares that `tuned` leaves, in units of the present noise."""
     if not best.candidates:

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
-from analysis.diagnosis.leeway import form_error, in_any_form
+from analysis.diagnosis.leeway import form_error
 from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.noise import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
@@ -174,12 +174,11 @@ def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:
 def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[tuple[str, ...], float]]:
     """Return rival names with the logarithm of the evidence by which the best one leads, closest first.
 
-    Fits count with their score, but for what no form of an effect gets right; candidates that were screened but not
-    refitted count with their screened evidence, as rivals of the first effect found.
+    Fits count with their score; candidates that were screened but not refitted count with their screened evidence, as
+    rivals of the first effect found.
     """
     known = found.setting.whitener.repeats
     own, reference = _label(found.best, named), score(found.best, known)
-    alike = in_any_form(found.explained) if len(found.best.candidates) == 1 else 0.0
     gaps: dict[tuple[str, ...], float] = {}
     for rival in found.rivals:
         if len(rival.candidates) < len(named) or not rival.candidates:
@@ -187,7 +186,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         label = _label(rival)
         if set(own) <= set(label):
             continue
-        gap = max(0.5 * (score(rival, known) - reference - alike) / inflation, 0.0)
+        gap = max(0.5 * (score(rival, known) - reference) / inflation, 0.0)
         gaps[label] = min(gaps.get(label, np.inf), gap)
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
