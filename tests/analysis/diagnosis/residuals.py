@@ -42,6 +42,19 @@ def moved(force: Array) -> Array:
     return np.asarray(lfilter(top.ravel(), bottom, force))
 
 
+LADDER = np.exp(-2.0 * np.pi * np.array([[0.2, 0.7], [1.5, 5.0]]) / RATE_HZ)
+"""Poles and zeros of noise that is white above 5 Hz and rises as flicker down to 0.2 Hz."""
+
+
+def flicker(rng: np.random.Generator, n: int) -> Array:
+    """Return noise (n,) of that colour, of unit size where it is white."""
+    settling = 20_000  # samples: 25 times the memory of the slowest pole
+    white = rng.standard_normal(n + settling)
+    for pole, zero in LADDER:
+        white = lfilter([1.0, -zero], [1.0, -pole], white)
+    return np.asarray(white[settling:])
+
+
 def setting_of(force: Array, reading: Array, residual: Array, noise_std: float, period: int = 0) -> tuple[Setting, Fit]:
     """Return a setting of one record with white noise of known size, and the fit that leaves `residual` (n,)."""
     n = force.size

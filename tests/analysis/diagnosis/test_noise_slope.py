@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import freqz, lfilter
+from scipy.signal import freqz
 
 from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.noise import whitener_from
+from tests.analysis.diagnosis.residuals import LADDER, RATE_HZ, flicker
 
-RATE_HZ, ROWS, PERIOD = 1000.0, 12_000, 2000
-LADDER = np.exp(-2.0 * np.pi * np.array([[0.2, 0.7], [1.5, 5.0]]) / RATE_HZ)
-"""Poles and zeros of noise that is white above 5 Hz and rises as flicker down to 0.2 Hz."""
-
-
-def noise(rng):
-    white = rng.standard_normal(ROWS + 20_000)
-    for pole, zero in LADDER:
-        white = lfilter([1.0, -zero], [1.0, -pole], white)
-    return white[20_000:, None]
+ROWS, PERIOD = 12_000, 2000
 
 
 def spectrum(cycles):
@@ -30,7 +22,7 @@ def test_the_level_of_the_lowest_rows_scatters_no_more_than_bands_of_a_dozen_row
     errors = []
     for seed in range(30):
         rng = np.random.default_rng(seed)
-        drive, reading = rng.standard_normal((ROWS, 1)), noise(rng)
+        drive, reading = rng.standard_normal((ROWS, 1)), flicker(rng, ROWS)[:, None]
         drive[: 3 * PERIOD] = np.tile(drive[:PERIOD], (3, 1))
         windows = (Window("periods", 0, 3 * PERIOD, period=PERIOD), Window("once", 3 * PERIOD, ROWS))
         whitener = whitener_from(Dataset(RATE_HZ, (Record("made", drive, reading, windows),)), [reading])

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.verdict import judge
 from sim_backend.effects import EFFECTS
-from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, moved
+from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, flicker, moved
 
 _SLOW = {"sensor-drift", "constant-torque", "fringe-jump", "viscoelastic-creep"}
 _OPTIONS = Options(without=tuple(sorted({e.reported() for e in EFFECTS} - _SLOW)), workers=1)
 _NOISE = 1e-3
-
-
-def _noise(rng: np.random.Generator, n: int) -> np.ndarray:
-    """White noise that rises below 5 Hz as flicker does, down to 0.2 Hz."""
-    corners = 2.0 * np.pi * np.array([[0.2, 0.7], [1.5, 5.0]]) / RATE_HZ
-    white = rng.standard_normal(n + 20_000)
-    for pole, zero in np.exp(-corners):
-        white = lfilter([1.0, -zero], [1.0, -pole], white)
-    return np.asarray(_NOISE * white[20_000:])
 
 
 def _data(seed: int, drift: float) -> Dataset:
@@ -32,7 +22,7 @@ def _data(seed: int, drift: float) -> Dataset:
     forces = [np.tile(rng.standard_normal(1000), 6), *(np.repeat(rng.uniform(-1.0, 1.0, 24), 500) for _ in range(2))]
     records = []
     for i, force in enumerate(forces):
-        reading = moved(force) + _noise(rng, force.size) + drift * np.arange(force.size) / RATE_HZ
+        reading = moved(force) + _NOISE * flicker(rng, force.size) + drift * np.arange(force.size) / RATE_HZ
         window = Window("periods" if i == 0 else "steps", 0, force.size, period=0 if i else 1000)
         records.append(Record(f"run {i}", force[:, None], reading[:, None], (window,)))
     return Dataset(RATE_HZ, tuple(records))
