@@ -30,7 +30,7 @@ def test_every_file_that_is_not_a_source_is_package_data() -> None:
     patterns = SETTINGS["tool"]["setuptools"]["package-data"]["*"]
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*"):
-            if not path.is_file() or path.suffix in (".py", ".pyc", ".nbi", ".nbc"):
+            if not path.is_file() or path.suffix == ".py" or "__pycache__" in path.parts:
                 continue
             inside = PurePosixPath(path.relative_to(ROOT / package).as_posix())
             # "**/" stands for any number of folders, none included: match from the right
