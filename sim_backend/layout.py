@@ -187,3 +187,14 @@ class Bus(NamedTuple):
     speed: Array
     middle: Array
     force: Array
+
+
+class Parts(NamedTuple):
+    """All that a loop is made for and that stays with its bench: what `Loop`, its structure and its table are of."""
+
+    plant: Plant
+    hw: Transducers
+    fx: Effects
+    ctl: Controller
+    mem: Memory
+    bus: Bus

@@ -74,7 +74,7 @@ def replay(
     n_y, n_s = transducers.to_reading.shape
     bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
     fx = wired(fx, bus)
-    kernel.Loop(plant, transducers, fx, ctl, mem, bus).play(n, wave, out)
+    kernel.Loop(layout.Parts(plant, transducers, fx, ctl, mem, bus)).play(n, wave, out)
     reading, position, torque = (np.ascontiguousarray(table.T) for table in (out.reading, out.position, out.torque))
     for effect in effects:
         if effect.site is Site.RECORD:

@@ -178,7 +178,8 @@ class SimBench:
             np.ascontiguousarray(segment.feedforward),
         )
         whole = max(_BLOCK // period, 1) * period  # blocks end where a period does, so that gates keep their place
-        loop = kernel.Loop(self._plant, self._hw, self._fx, ctl, self._mem, self._bus, lasting=True)
+        parts = layout.Parts(self._plant, self._hw, self._fx, ctl, self._mem, self._bus)
+        loop = kernel.Loop(parts, lasting=True)
         for start in range(0, segment.n_samples, whole):
             n = min(whole, segment.n_samples - start)
             wave = layout.Waveform(reference, feedforward, events, self._draw(n))

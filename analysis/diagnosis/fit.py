@@ -53,6 +53,11 @@ class Setting:
         """Number of fitted numbers: rows times outputs."""
         return sum(int(r.fitted().sum()) for r in self.data.records) * self.data.n_outputs
 
+    @property
+    def log_variance(self) -> float:
+        """Sum of the logarithms of the noise variances of all fitted numbers."""
+        return sum(self.whitener.log_variance(r.fitted()) for r in self.data.records)
+
 
 @dataclass(frozen=True)
 class Fit:

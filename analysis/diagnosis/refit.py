@@ -214,7 +214,7 @@ class Problem:
             at.penalty,
             at.stacked.size - x.size,
             occam,
-            sum(self.setting.whitener.log_variance(r.fitted()) for r in self.setting.data.records),
+            self.setting.log_variance,
             names,
             values,
             np.array(std),

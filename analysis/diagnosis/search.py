@@ -212,8 +212,7 @@ class _Stage:
 
 def _under(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` judged by another noise, its parameters as they are."""
-    level = sum(setting.whitener.log_variance(r.fitted()) for r in setting.data.records)
-    return replace(fit, misfit=square_of(setting, fit.residuals), log_variance=level)
+    return replace(fit, misfit=square_of(setting, fit.residuals), log_variance=setting.log_variance)
 
 
 def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:

@@ -140,7 +140,8 @@ def compiled_loop(segment: Segment, noise: Array) -> Contender:
         fx, _ = parts_of_bench()
         bus = bus_of(3, 3, 3, 3, fx)
         memory = refit_memory(fresh_memory(plant, 3, hw.heating[0]), loop)
-        kernel.Loop(plant, hw, wired(fx, bus), loop, memory, bus, lasting=True).play(segment.n_samples, wave, table)
+        parts = layout.Parts(plant, hw, wired(fx, bus), loop, memory, bus)
+        kernel.Loop(parts, lasting=True).play(segment.n_samples, wave, table)
         return {**{name: table.T for name, table in tables.items()}, "temperature": temperature}
 
     return Contender(LOOP, run, segment.n_samples, warm=WARM)

@@ -27,35 +27,24 @@ played: Counter[Structure] = Counter()
 
 
 class Loop:
-    """The loop of one bench with its controllers; `mem` and the states of its effects go on from run to run.
+    """The loop of one bench with its controllers; its memory and the states of its effects go on from run to run.
 
-    All arguments are tuples of `sim_backend.layout`. A `lasting` bench is one that will be played again: it gets a loop
+    A `lasting` bench is one that will be played again: it gets a loop
     with its effects inlined in time.
     """
 
-    def __init__(
-        self,
-        plant: layout.Plant,
-        hw: layout.Transducers,
-        fx: layout.Effects,
-        ctl: layout.Controller,
-        mem: layout.Memory,
-        bus: layout.Bus,
-        *,
-        lasting: bool = False,
-    ) -> None:
-        # the table holds the addresses of their arrays: they must live as long
-        self._parts, self._mem = (plant, hw, fx, ctl, mem, bus), mem
-        self._called = structure_of(*self._parts, inlined=False)
-        self._inlined = structure_of(*self._parts, inlined=True) if lasting else None
-        self._fixed = fixed_entries(*self._parts)
-        self._steps = np.array([plant.dt_s, plant.dt_s / plant.substeps])
+    def __init__(self, parts: layout.Parts, *, lasting: bool = False) -> None:
+        self._parts = parts  # the table holds the addresses of their arrays: they must live as long
+        self._called = structure_of(parts, inlined=False)
+        self._inlined = structure_of(parts, inlined=True) if lasting else None
+        self._fixed = fixed_entries(parts)
+        self._steps = np.array([parts.plant.dt_s, parts.plant.dt_s / parts.plant.substeps])
 
     def play(self, n: int, wave: layout.Waveform, out: layout.Output) -> None:
         """Play `n` samples of `wave` and keep them in `out`."""
-        table = np.array(self._fixed + entries(n, wave, self._mem, out), dtype=np.int64)
+        table = np.array(self._fixed + entries(n, wave, self._parts.mem, out), dtype=np.int64)
         loop_of(self._structure(n))(table.ctypes.data, self._steps.ctypes.data)
-        self._mem.samples[0] += n
+        self._parts.mem.samples[0] += n
 
     def _structure(self, n: int) -> Structure:
         if self._inlined is None:

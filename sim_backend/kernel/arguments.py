@@ -25,7 +25,6 @@ _ARRAYS: dict[str, tuple[str, ...]] = {
     "out": RECORDED,
 }
 _PREFIXED = {"ctl": "ctl.", "out": "out."}  # their names occur elsewhere, too
-_FIXED = ("plant", "hw", "fx", "ctl", "mem", "bus")
 _FIXED_NUMBERS = ("gate", "learn", "substeps", "depth", "n_blocks", "n_blocks_l", "n_taps", "length")
 _NUMBERS = ("n", "samples", "first", "period", "n_events", "n_drawn", *(f"columns.{name}" for name in RECORDED))
 
@@ -34,22 +33,16 @@ def _names(*groups: str) -> list[str]:
     return [_PREFIXED.get(g, "") + name for g in groups for name in _ARRAYS[g]]
 
 
-TABLE = (*_names(*_FIXED), *_FIXED_NUMBERS, *_names("wave", "out"), *_NUMBERS)
+TABLE = (*_names(*layout.Parts._fields), *_FIXED_NUMBERS, *_names("wave", "out"), *_NUMBERS)
 """Names of the table's entries, in order: what stays with a bench, then what a run brings."""
 
 
-def fixed_entries(
-    plant: layout.Plant,
-    hw: layout.Transducers,
-    fx: layout.Effects,
-    ctl: layout.Controller,
-    mem: layout.Memory,
-    bus: layout.Bus,
-) -> list[int]:
+def fixed_entries(parts: layout.Parts) -> list[int]:
     """Return the part of the table that stays with a bench."""
+    plant, _, _, ctl, mem, _ = parts
     numbers = [gate.address, learn.address, plant.substeps, mem.queue.shape[1], ctl.fb.shape[1], ctl.lb.shape[1]]
     numbers += [ctl.taps.shape[1], mem.ring.shape[1]]
-    return [*_addresses(plant=plant, hw=hw, fx=fx, ctl=ctl, mem=mem, bus=bus), *numbers]
+    return [*_addresses(**parts._asdict()), *numbers]
 
 
 def entries(n: int, wave: layout.Waveform, mem: layout.Memory, out: layout.Output) -> list[int]:

@@ -79,19 +79,10 @@ def whole(numbers: bytes) -> NDArray[np.int64]:
     return np.frombuffer(numbers, np.int64)
 
 
-def structure_of(
-    plant: layout.Plant,
-    hw: layout.Transducers,
-    fx: layout.Effects,
-    ctl: layout.Controller,
-    mem: layout.Memory,
-    bus: layout.Bus,
-    *,
-    inlined: bool,
-) -> Structure:
+def structure_of(parts: layout.Parts, *, inlined: bool) -> Structure:
     """Return the structure of the loop that these arguments need; with `inlined` all effects are part of it."""
-    groups = {"plant": plant, "hw": hw, "ctl": ctl, "fx": fx}
-    weights = [getattr(groups[group], name) for group, names in _WEIGHTS for name in names]
+    plant, hw, fx, ctl, mem, bus = parts
+    weights = [getattr(getattr(parts, group), name) for group, names in _WEIGHTS for name in names]
     values = np.concatenate([w.ravel() for w in weights])
     kinds = np.where(values == 0.0, ZERO, np.where(values == 1.0, ONE, ANY)).astype(np.uint8)
     wiring = [np.repeat(np.arange(fx.first.size - 1), np.diff(fx.first)), *(getattr(fx, name) for name in _WIRING)]
