@@ -126,9 +126,10 @@ def test_a_campaign_that_a_full_disk_ended_is_resumed_to_the_same_data(
     tmp_path: Path, model_path: str, campaign: Path
 ) -> None:
     run = mccd("campaign", "run", str(campaign), "--bench", f"sim:{model_path}", "--seed", "4", "--out")
-    # the disk fills while the first run is made, so the second, or what is left of the first, finds no room
+    # The disk fills while the first run is made, so the second, or what is left of the first, finds no room. The
+    # campaign is held meanwhile: a simulated one may be done before a slow disk is full.
     begun = f"{run} c & host=$!; until [ -e c/a.h5 ]; do kill -0 $host || exit 1; sleep 0.01; done; "
-    filled = 'dd if=/dev/zero of=ballast bs=4k 2>"$1"; '
+    filled = 'kill -STOP $host; dd if=/dev/zero of=ballast bs=4k 2>"$1"; kill -CONT $host; '
     ended = f'wait $host; echo "first: $?"; rm ballast; {run} c --resume && {run} whole'
     disk = tmp_path / "disk"
     done = on_small_disk(disk, "150m", begun + filled + ended, os.devnull)
