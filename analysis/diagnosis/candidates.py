@@ -39,8 +39,8 @@ class Candidate:
     """One effect class at one place with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns.
 
     `centres` are the middles of all starts of the shapes: what is known of them before the data speak; `choices` is
-    among how many shapes the starts were chosen by looking at the residual, `highest` beyond what the data could not
-    show some shapes.
+    among how many shapes the starts were chosen by looking at the residual, `limits` within what the data can show
+    some shapes.
     """
 
     effect: type[Effect]
@@ -49,7 +49,7 @@ class Candidate:
     unit_sizes: dict[str, float]
     centres: dict[str, float]
     choices: int = 1
-    highest: dict[str, float] = field(default_factory=dict)
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, str]:
@@ -102,9 +102,9 @@ def enumerate_candidates(
                 continue
             units = unit_sizes(effect, where, places, scales)
             guesses = effect.guess(view)
-            centres, choices, highest = _centres(effect, guesses), max(effect.choices(view), 1), effect.highest(view)
+            centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
             for shapes in guesses:
-                yield Candidate(effect, where, shapes, units, centres, choices, highest)
+                yield Candidate(effect, where, shapes, units, centres, choices, limits)
 
 
 def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:

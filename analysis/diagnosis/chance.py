@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from analysis.diagnosis.noise import Bands
 from sim_backend.effects.base import Effect
 
 FALSE_ALARM = 0.002
@@ -17,7 +18,8 @@ class Chance:
     `evidence` is the natural logarithm of its evidence against nothing, `p_value` the chance of as much without it.
     `allowed` is by how much, at most, it raises the mean square of the whitened residual; `shift` by how many standard
     deviations it moves the readings in all. `rivals` are other explanations of the same, in words, with the logarithm
-    of the evidence by which they trail.
+    of the evidence by which they trail. `louder` says how the noise's spectrum rises, where it is that of a steady
+    noise: such a cause is nowhere gathered in few rows.
     """
 
     effect: Effect
@@ -27,3 +29,4 @@ class Chance:
     allowed: float
     shift: float
     rivals: tuple[tuple[str, float], ...] = ()
+    louder: Bands | None = None

@@ -17,8 +17,9 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.motions import as_simulated
+from analysis.diagnosis.patterns import patterns_of
 from analysis.diagnosis.screening import gathered
-from analysis.diagnosis.shortlist import IMITATED, beside
+from analysis.diagnosis.shortlist import IMITATED, beside, views_of
 from analysis.diagnosis.unlisted import READINGS, TORQUES, columns_at, scenes_of
 from sim_backend.linear import discretise
 
@@ -32,7 +33,7 @@ class Leftover:
     """The part of a residual along one way, `what`, at one place.
 
     `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
-    columns did it.
+    columns did it, chosen among so many `choices` by looking at the residual.
     """
 
     what: str
@@ -40,10 +41,11 @@ class Leftover:
     drop: float
     gain: float
     columns: int
+    choices: int = 1
 
     def p_value(self, allowed: float = 0.0) -> float:
         """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
-        return float(chi2.sf(self.gain - allowed, self.columns))
+        return min(self.choices * float(chi2.sf(self.gain - allowed, self.columns)), 1.0)
 
     def words(self) -> str:
         """Return what it is, where, and how sure."""
@@ -57,21 +59,25 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
         # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
         motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
     scenes, plant = scenes_of(motions, setting.places), discretise(problem.linear, setting.data.rate_hz)
-    ways = [(what, False, i) for i in range(len(setting.places.inputs)) for what in TORQUES]
-    ways += [(what, True, o) for o in range(len(setting.places.outputs)) for what in READINGS]
+    places = setting.places
+    ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
+    ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
+    patterns = list(patterns_of(views_of(setting, motions, problem.linear), places))
 
     def columns(r: int) -> Sequence[np.ndarray]:
         with ThreadPoolExecutor(setting.workers) as pool:
-            return list(pool.map(lambda way: columns_at(scenes[r], plant, *way), ways))
+            general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
+            return [*general, *pool.map(lambda p: p.columns(motions, r, plant, places), patterns)]
 
-    gram = gathered(problem, motions, setting.whitener, columns, (False,) * len(ways))
+    gram = gathered(problem, motions, setting.whitener, columns, (False,) * (len(ways) + len(patterns)))
     reduced = gram.without(gram.knob_columns())
+    asked = [(*way, 1) for way in ways] + [(p.what, p.reading, p.at, p.choices) for p in patterns]
     found = []
-    for i, (what, output, at) in enumerate(ways):
+    for i, (what, output, at, choices) in enumerate(asked):
         drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
         if live:
-            place = (setting.places.outputs if output else setting.places.inputs)[at]
+            place = (places.outputs if output else places.inputs)[at]
             kind = "an error of the reading that follows" if output else "a torque that follows"
-            found.append(Leftover(f"{kind} {what}", place, drop, gain, live))
+            found.append(Leftover(f"{kind} {what}", place, drop, gain, live, choices))
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))

@@ -39,6 +39,22 @@ _MEDIAN_OF_SQUARE = 0.4549
 
 
 @dataclass(frozen=True)
+class Bands:
+    """Levels (n_y, k) of a noise, in units of the filtered one, between `edges` (k + 1,) in cycles per sample."""
+
+    edges: Array
+    levels: Array
+
+    def at(self, frequency: Array) -> Array:
+        """Return the levels (n_y, n) at every `frequency` (n,), one outside all bands."""
+        band = np.searchsorted(self.edges, frequency, side="right") - 1
+        known = (band >= 0) & (band < self.levels.shape[1])
+        found = np.ones((self.levels.shape[0], frequency.size))
+        found[:, known] = self.levels[:, band[known]]
+        return found
+
+
+@dataclass(frozen=True)
 class Whitener:
     """Per output an inverse filter, `taps` (n_y, order + 1) with first tap 1/sd.
 
@@ -62,6 +78,16 @@ class Whitener:
         levels = self.levels.copy()
         levels[:, : self.guessed] = levels[:, [self.guessed]] if self.guessed else 0.0
         return replace(self, levels=levels)
+
+    def with_bands(self, bands: Bands) -> Whitener:
+        """Return the whitener of a noise that is at least as strong as `bands` say wherever they lie.
+
+        The lowest bands keep their edges: their slope tells how noise rises below them.
+        """
+        first = self.edges[min(_SLOPE_BANDS, self.edges.size - 1)]
+        edges = np.unique(np.concatenate([self.edges, bands.edges[bands.edges > first]]))
+        middle = 0.5 * (edges[:-1] + edges[1:])
+        return replace(self, edges=edges, levels=np.maximum(Bands(self.edges, self.levels).at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.

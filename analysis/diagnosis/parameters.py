@@ -97,9 +97,10 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
             measures = log and p.neutral == 0.0 and len(candidate.effect.parameters()) == 1
             mean, sd = _prior(candidate, p, unit, log)
             sd = _ANY if measures else sd
-            high = min(p.high, candidate.highest.get(p.name, p.high))
-            scale = Scale(i, p.name, unit, log, p.size, p.low, high, mean, sd, p.grain, measures)
-            value = float(np.clip(start[p.name], p.low, high))
+            least, most = candidate.limits.get(p.name, (p.low, p.high))
+            low, high = max(p.low, least), min(p.high, most)
+            scale = Scale(i, p.name, unit, log, p.size, low, high, mean, sd, p.grain, measures)
+            value = float(np.clip(start[p.name], low, high))
             scales.append(scale)
             x.append(scale.forth(value))
     return scales, np.array(x)

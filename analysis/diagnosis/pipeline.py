@@ -174,7 +174,8 @@ def diagnose(
     if even:
         judgement = judge_main(found)
     else:
-        judgement = judge(found, spread.allowed, leftovers(found.setting, found.best), spread.share(found.best.rows))
+        left = leftovers(spread.beside(found.setting, found.best), found.best)
+        judgement = judge(found, spread.allowed, left, spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])

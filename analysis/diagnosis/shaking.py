@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.chance import Chance
 from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.noise import Bands
 from analysis.diagnosis.shortlist import SURE_LEAD
 from analysis.diagnosis.starts import without_starts
 from analysis.diagnosis.whittle import Band, Start, Whittle, series_of, spectrum_of
@@ -234,4 +235,5 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
         float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
         math.sqrt(0.5 * float(np.sum(count * (hump / whittle.spectrum.power) ** 2))),
         tuple(rivals),
+        Bands(whittle.spectrum.edges_hz / setting.data.rate_hz, 1.0 + raised),
     )

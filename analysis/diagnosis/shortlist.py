@@ -111,7 +111,7 @@ def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
 def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tuple[Gram, list[Candidate]]:
     """Return the inner products of everything that could be added to `fit`, and the candidates they are of."""
     problem, motions = beside(setting, fit)
-    views = _views(setting, motions, problem.linear)
+    views = views_of(setting, motions, problem.linear)
     taken = {c.key for c in fit.candidates if not c.effect.several}
     candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
     return gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers), candidates
@@ -160,7 +160,7 @@ def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: floa
     return np.array([float(limit) + larger[key] for key in keys])
 
 
-def _views(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
+def views_of(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
     """Return what effects may look at when they guess, per degree of freedom, all records joined."""
     places, views = setting.places, {}
     lowest = float(np.min(setting.nominal.omega_rad_s, initial=0.0)) / (2.0 * np.pi)

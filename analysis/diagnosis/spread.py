@@ -11,12 +11,13 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.chance import FALSE_ALARM, Chance
-from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.lattice import rounded_readings
 from analysis.diagnosis.repeats import lost_samples
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.shaking import shaking
 from analysis.diagnosis.shortlist import SURE, SURE_LEAD
+from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.uneven_noise import uneven_noise
 from analysis.diagnosis.verdict import Judgement, units_of
 from sim_backend.effects.base import Effect
@@ -42,9 +43,21 @@ class Spread:
     def share(self, rows: int) -> float:
         """Return how much of a sum of squares over `rows`, gathered in a few columns, may be theirs.
 
-        As much in a few columns is evidence of them, half of it in logarithms; and no more than they add in all.
+        As much in a few columns is evidence of them, half of it in logarithms; and no more than they add in all. Steady
+        noise is nowhere gathered: it belongs to the noise, see `beside`.
         """
-        return sum(min(2.0 * c.evidence, c.allowed * rows) for c in self.causes)
+        return sum(min(2.0 * c.evidence, c.allowed * rows) for c in self.causes if c.louder is None)
+
+    def beside(self, setting: Setting, fit: Fit) -> Setting:
+        """Return the setting in which the noise holds what these causes add to its spectrum."""
+        added = [c.louder for c in self.causes if c.louder is not None]
+        if not added:
+            return setting
+        whitener = setting.whitener
+        for bands in added:
+            whitener = whitener.with_bands(bands)
+        starts = starts_of(setting.data, linear_of(setting, fit), whitener)
+        return replace(setting, whitener=whitener, starts=starts)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

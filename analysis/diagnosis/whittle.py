@@ -45,6 +45,12 @@ class Spectrum:
     power: Array
     count: Array
 
+    @property
+    def edges_hz(self) -> Array:
+        """Edges of the bins, shape (k + 1,): points are the middles of equal parts of a bin."""
+        half = 0.5 * (self.frequency_hz[:, 1] - self.frequency_hz[:, 0])
+        return np.append(self.frequency_hz[:, 0] - half, self.frequency_hz[-1, -1] + half[-1])
+
 
 @dataclass(frozen=True)
 class Band:

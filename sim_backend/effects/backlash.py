@@ -35,3 +35,8 @@ class Backlash(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return gaps from a small to a large part of the swing."""
         return [{"gap": view.position_peak * part} for part in (0.01, 0.05, 0.2, 0.5)]
+
+    @classmethod
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
+        """Return gaps up to half the largest deflection: what mostly is loose has a stop at either end, and no play."""
+        return {"gap": (0.0, 0.5 * view.position_peak)}

@@ -246,8 +246,8 @@ class Effect:
         return [{}]
 
     @classmethod
-    def highest(cls, view: RecordView) -> dict[str, float]:
-        """Return the largest values of shapes at which `view` could still show the effect for what it is.
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
+        """Return the lowest and highest values of shapes between which `view` can show the effect for what it is.
 
         Beyond them it could stand for anything: what does not repeat within the motion is not periodic.
         """

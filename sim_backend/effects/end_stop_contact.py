@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from sim_backend.effects.base import Effect, Site, shape, size
@@ -40,3 +41,8 @@ class EndStopContact(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return gaps just inside the largest deflection of the record."""
         return [{"gap": view.position_peak * part} for part in (0.98, 0.9, 0.75, 0.5)]
+
+    @classmethod
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
+        """Return gaps of half the largest deflection and more: what lets an axis go twice as far stops nothing."""
+        return {"gap": (0.5 * view.position_peak, math.inf)}

@@ -14,6 +14,10 @@ from sim_backend.linear import ModalModel
 _DAMPING = (0.005, 0.015, 0.05)
 """Damping ratios that are tried: metal, joints, polymer."""
 
+_NO_PEAK = 0.2
+"""Damping ratio above which a mode beside a larger one raises no peak that anybody would call a resonance: its quality
+factor is below 2.5."""
+
 
 @dataclass(frozen=True)
 class ExtraResonance(Effect):
@@ -39,6 +43,11 @@ class ExtraResonance(Effect):
         """Return the modes that a matched filter finds, and the strongest lines of the residual."""
         lines = [(f, z) for f in view.residual_lines_hz(2) if f > 0.0 for z in _DAMPING]
         return [{"frequency_hz": f, "damping_ratio": z} for f, z in (*view.likely_modes(4, _DAMPING), *lines)]
+
+    @classmethod
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
+        """Return damping at which there is a peak: what is damped more creeps, leaks or lags, and has other names."""
+        return {"damping_ratio": (1e-6, _NO_PEAK)}
 
     @classmethod
     def choices(cls, view: RecordView) -> int:

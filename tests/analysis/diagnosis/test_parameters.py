@@ -57,13 +57,13 @@ def test_a_period_stays_within_what_the_motion_repeats():
     position = np.sin(np.linspace(0.0, 20.0 * np.pi, 4000))
     zero = np.zeros(position.size)
     view = RecordView(1000.0, zero, position, zero, zero, None, 10.0)
-    highest = PeriodicTorque.highest(view)
+    limits = PeriodicTorque.limits(view)
     # a sine is within cos(π/20) of its swing for nine tenths of the time
-    assert abs(highest["period"] - 2.0 * np.cos(np.pi / 20.0)) < 1e-2
+    assert abs(limits["period"][1] - 2.0 * np.cos(np.pi / 20.0)) < 1e-2
     unit, middle = {"cosine": 1.0, "sine": 1.0}, {"period": 0.5}
-    for start, expected in ((0.5, 0.5), (40.0, highest["period"])):
-        candidate = Candidate(PeriodicTorque, "x", {"period": start}, unit, middle, 1, highest)
+    for start, expected in ((0.5, 0.5), (40.0, limits["period"][1])):
+        candidate = Candidate(PeriodicTorque, "x", {"period": start}, unit, middle, 1, limits)
         scales, x = parameters_of([candidate], np.ones(2))
         (period,) = [(s, v) for s, v in zip(scales, x, strict=True) if s.name == "period"]
         assert abs(period[0].back(period[1]) - expected) < 1e-12
-        assert period[0].back(100.0) == highest["period"]
+        assert period[0].back(100.0) == limits["period"][1]
