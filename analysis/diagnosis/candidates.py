@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class Candidate:
 
     `centres` are the middles of all starts of the shapes: what is known of them before the data speak; `choices` is
     among how many shapes the starts were chosen by looking at the residual, `limits` within what the data can show
-    some shapes.
+    some shapes; `given` are fields that are no parameters.
     """
 
     effect: type[Effect]
@@ -50,6 +51,7 @@ class Candidate:
     centres: dict[str, float]
     choices: int = 1
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    given: dict[str, Any] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, str]:
@@ -60,7 +62,7 @@ class Candidate:
         """Return the effect with these sizes, clipped into its bounds."""
         bounds = {p.name: (p.low, p.high) for p in self.effect.parameters()}
         values = {n: float(np.clip(v, *bounds[n])) for n, v in {**self.shapes, **sizes}.items()}
-        return self.effect(self.where, **values)
+        return self.effect(self.where, **values, **self.given)
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ def enumerate_candidates(
             guesses = effect.guess(view)
             centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
             for shapes in guesses:
-                yield Candidate(effect, where, shapes, units, centres, choices, limits)
+                yield Candidate(effect, where, shapes, units, centres, choices, limits, effect.given(view, shapes))
 
 
 def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:
@@ -133,11 +135,11 @@ def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales)
 
 
 def signature(
-    candidate: Candidate, linear: ModalModel, places: Places, motion: Motion, rate_hz: float, start: Array
+    candidate: Candidate, linear: ModalModel, places: Places, motion: Motion, rate_hz: float, start: Array, run: int = 0
 ) -> Array:
     """Return the outputs' first-order change, shape (n, n_y, n_columns), one column per size parameter.
 
-    `start` (m, 2) are the states of the linear model in which the motion begins. An effect without sizes has one
+    `start` (m, 2) are the states of the linear model in which the motion of the `run` with that number begins. An effect without sizes has one
     column: its whole contribution.
     """
     if candidate.effect.site is Site.MODEL:
@@ -148,7 +150,7 @@ def signature(
     columns = []
     for name in names:
         sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
-        columns.append(_of_signal(candidate.made(sizes), linear, places, motion, rate_hz))
+        columns.append(_of_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz))
     return np.stack(columns, axis=2)
 
 

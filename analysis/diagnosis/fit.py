@@ -17,7 +17,7 @@ from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob, turned
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
-from sim_backend.effects.base import Effect, Site
+from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
 from sim_backend.linear import ModalModel
 from sim_backend.replay import Motion, replay
 
@@ -115,10 +115,10 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
     substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
     n_blocks = retuned(linear, acting, setting.places).n_blocks  # states of modes that other effects added stay out
 
-    def played(record: Record, states: Array) -> Motion:
+    def played(run: int, record: Record, states: Array) -> Motion:
         return replay(
             linear,
-            acting,
+            [e.in_run(run) for e in acting],
             setting.places,
             setting.transducers,
             record.u,
@@ -128,7 +128,7 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
             substeps=substeps,
         )
 
-    return setting.each(played, setting.data.records, setting.states)
+    return setting.each(played, range(len(setting.data.records)), setting.data.records, setting.states)
 
 
 def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Array, ...]:
@@ -143,7 +143,8 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
     if others:
         rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in others)
         there = replace(setting, data=replace(data, records=tuple(others)), states=rest)
-        moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), fit.effects)
+        unseen = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
+        moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), unseen)
         known |= {id(r.y): left for r, left in zip(others, residuals_of(others, moved), strict=True)}
     return tuple(known[id(r.y)] for r in data.records)
 

@@ -112,7 +112,7 @@ class Problem:
         values = [dict(c.shapes) for c in self.candidates]  # constants among them: no fit moves those
         for scale, xi in zip(self.scales, x[n_knobs:], strict=True):
             values[scale.effect][scale.name] = scale.back(float(xi))
-        return tuple(c.effect(c.where, **v) for c, v in zip(self.candidates, values, strict=True))
+        return tuple(c.effect(c.where, **v, **c.given) for c, v in zip(self.candidates, values, strict=True))
 
     def raw(self, x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return residuals and torques of every record at `x`, infinite where the model cannot be (a delay below 0)."""

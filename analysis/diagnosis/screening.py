@@ -52,7 +52,7 @@ def gram_of(
     def columns(r: int) -> list[Array]:
         def column(candidate: Candidate) -> Array:
             states, rate_hz = problem.states[r], problem.data.rate_hz
-            return signature(candidate, problem.linear, problem.places, motions[r], rate_hz, states)
+            return signature(candidate, problem.linear, problem.places, motions[r], rate_hz, states, r)
 
         with ThreadPoolExecutor(workers) as pool:
             return list(pool.map(column, candidates))

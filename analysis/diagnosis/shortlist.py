@@ -168,6 +168,7 @@ def views_of(setting: Setting, motions: Sequence[Motion], linear: ModalModel) ->
     joined = (
         None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
     )
+    ends = tuple(np.cumsum([m.u.shape[0] for m in motions]).tolist())
     wanted, answers = wanted_inputs(setting, linear, [m.residual for m in motions])
     for name in dict.fromkeys((*places.inputs, *places.outputs)):
         i = places.inputs.index(name) if name in places.inputs else 0
@@ -183,6 +184,7 @@ def views_of(setting: Setting, motions: Sequence[Motion], linear: ModalModel) ->
             lowest,
             wanted[i],
             answers[i],
+            ends,
         )
     return views
 

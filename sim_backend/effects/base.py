@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
+
+
+UNKNOWN_RUN = -1
+"""Number of a run that no fit has seen."""
 
 
 class Site(IntEnum):
@@ -254,12 +258,24 @@ class Effect:
         return {}
 
     @classmethod
+    def given(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, Any]:
+        """Return fields that are no parameters and follow from `view` once the `shapes` are chosen, by name."""
+        return {}
+
+    @classmethod
     def choices(cls, view: RecordView) -> int:
         """Return among how many independent shapes `guess` chose by looking at the residual; 1 when it did not look.
 
         Noise alone stands out somewhere among so many, and a screening has to allow for it.
         """
         return 1
+
+    def in_run(self, run: int) -> Self:
+        """Return the effect as it acts in the run with that number: what goes on by itself is elsewhere in each.
+
+        In an UNKNOWN_RUN it acts as it would from the start.
+        """
+        return self
 
     def start(self) -> Array:
         """Return the state before the first sample, shape (n_state,)."""

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
-from sim_backend.effects.base import Effect, Site, shape, size
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
@@ -23,7 +27,11 @@ _PERIODS = 20.0
 
 @dataclass(frozen=True)
 class VibrationLine(Effect):
-    """Torque cosine · cos(2π frequency_hz t) + sine · sin(2π frequency_hz t), t from the start of the run."""
+    """Torque cosine · cos(2π frequency_hz t) + sine · sin(2π frequency_hz t), t from the start of the run.
+
+    What shakes a bench does not wait for a run: where several were recorded, `runs` holds for each by how many periods
+    the line is ahead of that of the first, middle against middle, and half of by how many seconds it is shorter.
+    """
 
     name = "vibration-line"
     family = "surroundings"
@@ -35,6 +43,19 @@ class VibrationLine(Effect):
     cosine: float = size("torque in phase with the start", u=1)
     sine: float = size("torque a quarter period later", u=1)
     frequency_hz: float = shape("frequency of the vibration", 50.0, s=-1, low=1e-9)
+    runs: tuple[tuple[float, float], ...] = ()
+    ahead: float = 0.0
+
+    def in_run(self, run: int) -> Self:
+        """Return the line with the phase that it begins the run with."""
+        if not self.runs or run == UNKNOWN_RUN:
+            return replace(self, runs=())
+        turn, earlier_s = self.runs[run]
+        return replace(self, ahead=(turn + earlier_s * self.frequency_hz) % 1.0)
+
+    def start(self) -> NDArray[np.float64]:
+        """Return the phase before the first sample in periods, shape (1,)."""
+        return np.array([self.ahead])
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
@@ -43,6 +64,16 @@ class VibrationLine(Effect):
         return [{"frequency_hz": f} for f in view.residual_lines_hz(5) if f * view.duration_s > _PERIODS]
 
     @classmethod
+    def given(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, Any]:
+        """Return how far the line is ahead in each run."""
+        phases = view.line_phases(shapes["frequency_hz"])
+        first, seconds = phases[0]
+        return {"runs": tuple((phase - first, 0.5 * (seconds - own)) for phase, own in phases)}
+
+    @classmethod
     def choices(cls, view: RecordView) -> int:
-        """Return the number of lines that are compared: every frequency of the residual's spectrum."""
-        return view.residual.size // 2
+        """Return the number of lines that are compared: every frequency of the residual's spectrum.
+
+        A phase that is chosen for a run as well counts as two.
+        """
+        return (view.residual.size // 2) * 2 ** max(len(view.ends) - 1, 0)

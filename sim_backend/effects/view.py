@@ -54,7 +54,8 @@ class RecordView:
     `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first
     resonance of the nominal model at this place (0 for a rigid body). `wanted` (n,), where known, is by how much the
     likelihood would rise per unit of a small change of each sample of the input, and `answer` (rows, n_y) what a change
-    by one unit of a single sample makes of the readings, in standard deviations of their noise.
+    by one unit of a single sample makes of the readings, in standard deviations of their noise. `ends` are the rows at
+    which the runs end that are joined here.
     """
 
     rate_hz: float
@@ -66,6 +67,7 @@ class RecordView:
     lowest_mode_hz: float
     wanted: Array | None = None
     answer: Array | None = None
+    ends: tuple[int, ...] = ()
 
     @property
     def seen(self) -> float:
@@ -154,6 +156,23 @@ class RecordView:
             lines.append(i * self.rate_hz / self.residual.size)
             excess[max(0, i - 3) : i + 4] = 0.0
         return lines
+
+    def line_phases(self, frequency_hz: float) -> list[tuple[float, float]]:
+        """Return, for each run, the phase of the residual's line in periods, in the middle of the run, and its seconds.
+
+        In the middle, because a frequency that is a little off turns the phase there least. Rows that no fit may use
+        (`wanted` is zero) take no part.
+        """
+        ends = self.ends or (self.residual.size,)
+        found = []
+        for start, stop in zip((0, *ends[:-1]), ends, strict=True):
+            rows = stop - start
+            used = np.ones(rows) if self.wanted is None else (self.wanted[start:stop] != 0.0).astype(float)
+            at = np.arange(rows) - 0.5 * rows
+            turning = np.exp(-2j * np.pi * frequency_hz / self.rate_hz * at)
+            line = np.sum(np.hanning(rows) * used * self.residual[start:stop] * turning)
+            found.append((float(np.angle(line)) / (2.0 * np.pi), rows / self.rate_hz))
+        return found
 
     def likely_modes(self, n: int, damping_ratios: tuple[float, ...]) -> list[tuple[float, float]]:
         """Return the `n` pairs (frequency in Hz, damping ratio) of a further mode that the residual speaks for most.
