@@ -139,8 +139,8 @@ def signature(
 ) -> Array:
     """Return the outputs' first-order change, shape (n, n_y, n_columns), one column per size parameter.
 
-    `start` (m, 2) are the states of the linear model in which the motion of the `run` with that number begins. An effect without sizes has one
-    column: its whole contribution.
+    `start` (m, 2) are the states of the linear model in which the motion of the `run` with that number begins. An
+    effect without sizes has one column: its whole contribution.
     """
     if candidate.effect.site is Site.MODEL:
         return _of_model(candidate, linear, places, motion.u, rate_hz, start)

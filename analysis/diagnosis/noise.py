@@ -87,7 +87,8 @@ class Whitener:
         first = self.edges[min(_SLOPE_BANDS, self.edges.size - 1)]
         edges = np.unique(np.concatenate([self.edges, bands.edges[bands.edges > first]]))
         middle = 0.5 * (edges[:-1] + edges[1:])
-        return replace(self, edges=edges, levels=np.maximum(Bands(self.edges, self.levels).at(middle), bands.at(middle)))
+        own = Bands(self.edges, self.levels)
+        return replace(self, edges=edges, levels=np.maximum(own.at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.

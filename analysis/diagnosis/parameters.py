@@ -23,6 +23,7 @@ class Scale:
 
     Sizes are thought of as at most about natural, shapes as within their spread of where their effect looks for them.
     A shape that `measures` its effect, which has no size and ends where the shape is zero, may be of any size as well.
+    Over one with a `cusp` the misfit is no parabola anywhere.
     """
 
     effect: int
@@ -36,6 +37,7 @@ class Scale:
     sd: float
     grain: float
     measures: bool = False
+    cusp: bool = False
 
     def bound(self, value: float) -> float:
         """Return a bound on this scale; minus sixty stands for a logarithm of nothing."""
@@ -99,7 +101,7 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
             sd = _ANY if measures else sd
             least, most = candidate.limits.get(p.name, (p.low, p.high))
             low, high = max(p.low, least), min(p.high, most)
-            scale = Scale(i, p.name, unit, log, p.size, low, high, mean, sd, p.grain, measures)
+            scale = Scale(i, p.name, unit, log, p.size, low, high, mean, sd, p.grain, measures, candidate.effect.whole)
             value = float(np.clip(start[p.name], low, high))
             scales.append(scale)
             x.append(scale.forth(value))

@@ -12,14 +12,17 @@ valley they span must be known to far better than the size of the effect, or no 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate
+from analysis.diagnosis.cusp import sharpened
 from analysis.diagnosis.dataset import Record
 from analysis.diagnosis.descent import Descent
 from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
@@ -40,6 +43,10 @@ _KNOB_DIFFERENCE = 1e-6
 factor, while rounding leaves 1e-7 of it."""
 
 _HALVINGS = 4
+
+_ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
+"""How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
+else in between; and the gain below which that ends."""
 
 _ROUNDING = 1e-15
 """Eigenvalues of a matrix of ones on its diagonal are known no better."""
@@ -79,7 +86,10 @@ def refit(
     if exact and slopes.approximate:
         slopes = _Slopes(problem, exact=True)
         x, found = problem.descend(slopes, x, steps)
-    return problem.finish(x, found, slopes.latest(x, found))
+    deviations: dict[int, float] = {}
+    if exact:
+        x, found, deviations = problem.at_cusps(slopes, x, found)
+    return problem.finish(x, found, slopes.latest(x, found), deviations)
 
 
 @dataclass(frozen=True)
@@ -192,15 +202,46 @@ class Problem:
         )
         return descent.run(x, steps)
 
-    def finish(self, x: Array, at: Point, jacobian: Array) -> Fit:
-        """Return the fit at `x`, its standard deviations from `jacobian`."""
+    def at_cusps(self, slopes: _Slopes, x: Array, at: Point) -> tuple[Array, Point, dict[int, float]]:
+        """Return the best point near `x` where a parameter's misfit has a cusp, and the deviations of such parameters.
+
+        What else is fitted follows, and the cusp with it, until neither gains.
+        """
+        deviations: dict[int, float] = {}
+        for i in (len(self.setting.knobs) + k for k, s in enumerate(self.scales) if s.cusp):
+            for _ in range(_ROUNDS):
+                before = at.objective
+                x = self._at_cusp(x, i)[0]
+                x, at = self.descend(slopes, x, _FOLLOWING)
+                if before - at.objective < _GAINED:
+                    break
+            x, deviations[i] = self._at_cusp(x, i)
+            at = self.evaluate(x)
+        return x, at, deviations
+
+    def _at_cusp(self, x: Array, i: int) -> tuple[Array, float]:
+        there = x.copy()
+        there[i], deviation = sharpened(partial(self._along, x, i), float(x[i]), _ROOF)
+        return there, deviation
+
+    def _along(self, x: Array, i: int, value: float) -> float:
+        there = x.copy()
+        there[i] = value
+        return self.evaluate(there).objective
+
+    def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float] = MappingProxyType({})) -> Fit:
+        """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
         n_knobs = len(self.setting.knobs)
         sd = self.prior()[1]
         # beside a parameter whose column is not finite there is no model: the data say nothing of it
         data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
-        precision = (data * sd).T @ (data * sd) + np.eye(x.size)  # in units of the prior's
+        # the slope on one side of a cusp is that of a gain, and says nothing of how far its parameter is known
+        known = np.zeros(x.size)
+        for i, deviation in deviations.items():
+            data[:, i], known[i] = 0.0, 1.0 / deviation
+        precision = (data * sd).T @ (data * sd) + np.eye(x.size) + np.diag((known * sd) ** 2)  # in the prior's units
         covariance = inverse_of(precision) * np.outer(sd, sd)
-        occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, data))[1])
+        occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, data, known))[1])
         effects = self.effects(x)
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
         deviation = np.sqrt(np.maximum(np.diag(covariance)[n_knobs:], 0.0))
@@ -221,8 +262,10 @@ class Problem:
             at.residuals,
         )
 
-    def _narrowed(self, x: Array, data: Array) -> Array:
+    def _narrowed(self, x: Array, data: Array, known: Array) -> Array:
         """Return the posterior's precision in units of the prior's: one where `data` (rows, n) say nothing.
+
+        `known` (n,) are inverse deviations of parameters that the columns of `data` do not speak of.
 
         How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest;
         a shape that measures its effect has its own.
@@ -240,7 +283,7 @@ class Problem:
                 unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
             elif s.measures:  # on its logarithm the own size is one
                 unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
-        return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + more))
+        return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + (unit * known) ** 2 + more))
 
 
 def inverse_of(precision: Array) -> Array:
