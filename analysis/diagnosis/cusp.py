@@ -46,9 +46,7 @@ def sharpened(objective: Callable[[float], float], at: float, reach: float) -> t
 
 
 def _deviation(distances: Array, higher: Array) -> float:
-    """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` to each side.
-
-    """
+    """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways."""
     at = np.concatenate([[0.0], distances[::-1]])
     likelihood = np.append(2.0, np.exp(-0.5 * np.maximum(higher[:, ::-1], 0.0)).sum(axis=0))
     return float(np.sqrt(np.trapezoid(likelihood * at**2, at) / np.trapezoid(likelihood, at)))

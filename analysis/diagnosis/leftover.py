@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -33,7 +33,7 @@ class Leftover:
     """The part of a residual along one way, `what`, at one place.
 
     `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
-    columns did it, chosen among so many `choices` by looking at the residual.
+    columns did it, chosen among so many `choices` by looking at the residual, where noise is so much `louder`.
     """
 
     what: str
@@ -42,10 +42,11 @@ class Leftover:
     gain: float
     columns: int
     choices: int = 1
+    louder: float = 1.0
 
     def p_value(self, allowed: float = 0.0) -> float:
         """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
-        return min(self.choices * float(chi2.sf(self.gain - allowed, self.columns)), 1.0)
+        return min(self.choices * float(chi2.sf((self.gain - allowed) / self.louder, self.columns)), 1.0)
 
     def words(self) -> str:
         """Return what it is, where, and how sure."""
@@ -63,21 +64,32 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
     ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
     patterns = list(patterns_of(views_of(setting, motions, problem.linear), places))
+    waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
     def columns(r: int) -> Sequence[np.ndarray]:
         with ThreadPoolExecutor(setting.workers) as pool:
             general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
-            return [*general, *pool.map(lambda p: p.columns(motions, r, plant, places), patterns)]
+            return [*general, *pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)]
 
-    gram = gathered(problem, motions, setting.whitener, columns, (False,) * (len(ways) + len(patterns)))
+    gram = gathered(problem, motions, setting.whitener, columns, (False,) * (len(ways) + len(waves)))
     reduced = gram.without(gram.knob_columns())
-    asked = [(*way, 1) for way in ways] + [(p.what, p.reading, p.at, p.choices) for p in patterns]
-    found = []
-    for i, (what, output, at, choices) in enumerate(asked):
+
+    def left(i: int, what: str, output: bool, at: int) -> Leftover:
         drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
-        if live:
-            place = (places.outputs if output else places.inputs)[at]
-            kind = "an error of the reading that follows" if output else "a torque that follows"
-            found.append(Leftover(f"{kind} {what}", place, drop, gain, live, choices))
+        kind = "an error of the reading that follows" if output else "a torque that follows"
+        return Leftover(f"{kind} {what}", (places.outputs if output else places.inputs)[at], drop, gain, live)
+
+    found = [left(i, *way) for i, way in enumerate(ways)]
+    for pattern in patterns:
+        at = len(ways) + waves.index(pattern)
+        parts = [left(at + k, pattern.what, pattern.reading, pattern.at) for k in range(1 + len(pattern.neighbours))]
+        found.append(_among(parts, pattern.choices))
+    found = [one for one in found if one.columns]
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
+
+
+def _among(waves: Sequence[Leftover], choices: int) -> Leftover:
+    """Return the first of some waves, in a noise as loud as the others beside it say."""
+    beside = [one.gain / one.columns for one in waves[1:] if one.columns]
+    return replace(waves[0], choices=choices, louder=max(1.0, float(np.mean(beside)) if beside else 1.0))

@@ -87,7 +87,7 @@ class Whitener:
         first = self.edges[min(_SLOPE_BANDS, self.edges.size - 1)]
         edges = np.unique(np.concatenate([self.edges, bands.edges[bands.edges > first]]))
         middle = 0.5 * (edges[:-1] + edges[1:])
-        own = Bands(self.edges, self.levels)
+        own = Bands(self.edges, self.levels.reshape(len(self.outputs), -1))
         return replace(self, edges=edges, levels=np.maximum(own.at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
@@ -154,6 +154,13 @@ class Whitener:
         for start, stop in runs_of(mask):
             total += sum(float(np.sum(np.log(self.band_levels(stop - start, o)))) for o in self.outputs)
         return total
+
+
+def louder(whitener: Whitener, added: Sequence[Bands]) -> Whitener:
+    """Return the whitener of a noise that is at least as strong as all of `added`."""
+    for bands in added:
+        whitener = whitener.with_bands(bands)
+    return whitener
 
 
 def runs_of(mask: Mask) -> list[tuple[int, int]]:

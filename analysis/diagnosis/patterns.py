@@ -1,13 +1,14 @@
 """Patterns that repeat over the position or in time: looked for in the residual, as no few columns hold them all.
 
 Any function of the position, however fine, is a sum of waves over it, and whatever goes on by itself one of waves in
-time. The strongest waves of the residual are tried; that they were chosen among so many is part of their price.
+time. The strongest waves of the residual are tried; that they were chosen among so many is part of their price, and
+noise is taken for as loud as it is at their neighbours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,6 @@ from sim_backend.linear import DiscreteModel
 
 Array = NDArray[np.float64]
 
-_STRONGEST = 3
-"""Waves that are tried per place: the second and third because one of them may be another cause's."""
-
 _DISTANCES = 1024
 """Waves over the position among which the strongest are chosen."""
 
@@ -30,24 +28,34 @@ _PERIODS = 20.0
 """A wave in time of fewer periods is a drift: noise down there is known from a handful of rows."""
 
 
+_BESIDE = (-2.5, -1.5, 1.5, 2.5)
+"""Neighbours of a wave, in cycles over its span: next to nothing of it, and all of the noise that is there."""
+
+
 @dataclass(frozen=True)
 class Pattern:
-    """A wave at one place, the number `at` of an input or, as an error of the `reading`, of an output.
+    """A wave over the position, or `timed`, at one place: the number `at` of an input, or of an output for a `reading`.
 
-    Over the position it repeats after `distance` (unit of the position), in time at `frequency_hz`; the other is zero.
-    `choices` is among how many it was chosen.
+    It has so many `cycles` over the `span`: where positions mostly are (in their unit), or the shortest record in
+    seconds. `choices` is among how many it was chosen.
     """
 
+    timed: bool
     reading: bool
     at: int
+    cycles: float
+    span: float
     choices: int
-    distance: float = 0.0
-    frequency_hz: float = 0.0
 
     @property
     def what(self) -> str:
         """What it follows, in words."""
-        return "the position, over and over" if self.distance > 0.0 else "time, at one frequency"
+        return "time, at one frequency" if self.timed else "the position, over and over"
+
+    @property
+    def neighbours(self) -> list[Pattern]:
+        """Waves beside this one, which tell how strong noise is there."""
+        return [replace(self, cycles=self.cycles + by) for by in _BESIDE if self.cycles + by > 1.0]
 
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
         """Return the outputs' change (n, n_y, k) in the record with that number, by the wave and a quarter of it later.
@@ -56,13 +64,13 @@ class Pattern:
         the start of a run.
         """
         motion = motions[record]
-        if self.frequency_hz > 0.0:
-            angle = 2.0 * np.pi * self.frequency_hz / plant.rate_hz * np.arange(motion.u.shape[0])
+        if self.timed:
+            angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
             out = np.zeros((*motion.sensed.shape, 2 * len(motions)))
             out[:, self.at, 2 * record : 2 * record + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             return out
         seen = motion.sensed[:, self.at] if self.reading else motion.position @ places.coordinates[self.at]
-        angle = 2.0 * np.pi / self.distance * seen
+        angle = 2.0 * np.pi * self.cycles / self.span * seen
         out = np.zeros((*motion.sensed.shape, 2))
         for k, wave in enumerate((np.cos(angle), np.sin(angle))):
             if self.reading:
@@ -73,14 +81,16 @@ class Pattern:
 
 
 def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Pattern]:
-    """Yield the strongest waves at every place; those in time as errors of a reading, which they look like as well."""
+    """Yield the strongest wave at every place; those in time as errors of a reading, which they look like as well."""
     for i, name in enumerate(places.inputs):
-        for distance in views[name].force_periods(_STRONGEST):
-            yield Pattern(False, i, _DISTANCES, distance=distance)
+        view = views[name]
+        for distance in view.force_periods(1):
+            yield Pattern(False, False, i, view.position_spread / distance, view.position_spread, _DISTANCES)
     for o, name in enumerate(places.outputs):
         view = views[name]
-        for distance in view.residual_periods(_STRONGEST):
-            yield Pattern(True, o, _DISTANCES, distance=distance)
-        for frequency in view.residual_lines_hz(_STRONGEST):
+        for distance in view.residual_periods(1):
+            yield Pattern(False, True, o, view.position_spread / distance, view.position_spread, _DISTANCES)
+        shortest_s = float(np.min(np.diff((0, *view.ends)))) / view.rate_hz
+        for frequency in view.residual_lines_hz(1):
             if frequency * view.duration_s > _PERIODS:
-                yield Pattern(True, o, view.residual.size // 2, frequency_hz=frequency)
+                yield Pattern(True, True, o, frequency * shortest_s, shortest_s, view.residual.size // 2)

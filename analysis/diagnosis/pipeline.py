@@ -17,14 +17,14 @@ from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, rema
 from analysis.diagnosis.leftover import leftovers
 from analysis.diagnosis.lines import without_lines
 from analysis.diagnosis.next_experiment import choose
-from analysis.diagnosis.noise import whitener_from
+from analysis.diagnosis.noise import Bands, louder, whitener_from
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search import Found, Progress, search
 from analysis.diagnosis.sentence import sentence
 from analysis.diagnosis.settling import tune
 from analysis.diagnosis.shortlist import Rules
-from analysis.diagnosis.spread import spread_causes
+from analysis.diagnosis.spread import Spread, spread_causes
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.stranger import beside_strangers
 from analysis.diagnosis.testimony import Testimony, hear
@@ -85,8 +85,10 @@ def searched_effects(options: Options) -> tuple[type[Effect], ...]:
     return tuple(e for e in EFFECTS if not {e.reported(), e.name} & set(options.without))
 
 
-def search_causes(data: Dataset, model: Model, options: Options, progress: Progress = _silent) -> Found:
-    """Return everything the search finds."""
+def search_causes(
+    data: Dataset, model: Model, options: Options, progress: Progress = _silent, added: Sequence[Bands] = ()
+) -> Found:
+    """Return everything the search finds, the noise being at least as strong as `added` say."""
     searched = searched_effects(options)
     linear, places = model.linear(), places_of(model)
     known = tuple(
@@ -97,7 +99,7 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
     knobs = knobs_of(linear, OWN_TOLERANCE if own else options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.y - simulate(discrete, r.u) for r in data.records]
-    whitener = whitener_from(data, residuals)
+    whitener = louder(whitener_from(data, residuals), added)
     starts = starts_of(data, linear, whitener)
     rest = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
     fine = max(options.substeps, substeps_for(linear, data.rate_hz))
@@ -114,6 +116,20 @@ def search_causes(data: Dataset, model: Model, options: Options, progress: Progr
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
     return beside_strangers(search(setting, tuned, rules, scales, progress), rules, scales, progress)
+
+
+def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:
+    """Return what the search finds, and the causes that show only in the noise.
+
+    Where one of these makes noise louder, whatever was found beside it has to be found again in that noise.
+    """
+    searched = searched_effects(options)
+    found = without_lines(search_causes(data, model, options, progress))
+    spread = spread_causes(found.setting, found.best, searched, found.leeway)
+    if not (spread.louder and found.best.candidates and found.setting.whitener.repeats):
+        return found, spread
+    found = without_lines(search_causes(data, model, options, progress, spread.louder))
+    return found, spread_causes(found.setting, found.best, searched, found.leeway)
 
 
 def fitted_here(model: Model, data: Dataset) -> bool:
@@ -166,10 +182,8 @@ def diagnose(
     tell apart. Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
     """
     options = options or Options()
-    found = without_lines(search_causes(data.for_fitting(), model, options, progress))
+    found, spread = found_and_spread(data.for_fitting(), model, options, progress)
     progress("weighing the evidence", 0.9)
-    searched = searched_effects(options)
-    spread = spread_causes(found.setting, found.best, searched, found.leeway)
     even = bool(found.setting.whitener.even)
     if even:
         judgement = judge_main(found)

@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.cusp import sharpened
 from analysis.diagnosis.dataset import Record
-from analysis.diagnosis.descent import Descent
+from analysis.diagnosis.descent import Descent, inverse_of
 from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.parameters import Scale, parameters_of
 from analysis.diagnosis.starts import Start, stack_white
@@ -47,9 +46,6 @@ _HALVINGS = 4
 _ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
 """How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
 else in between; and the gain below which that ends."""
-
-_ROUNDING = 1e-15
-"""Eigenvalues of a matrix of ones on its diagonal are known no better."""
 
 _STRONG_STEPS = 2
 """Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
@@ -229,7 +225,7 @@ class Problem:
         there[i] = value
         return self.evaluate(there).objective
 
-    def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float] = MappingProxyType({})) -> Fit:
+    def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
         """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
         n_knobs = len(self.setting.knobs)
         sd = self.prior()[1]
@@ -237,8 +233,8 @@ class Problem:
         data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
         # the slope on one side of a cusp is that of a gain, and says nothing of how far its parameter is known
         known = np.zeros(x.size)
-        for i, deviation in deviations.items():
-            data[:, i], known[i] = 0.0, 1.0 / deviation
+        for i, sure in deviations.items():
+            data[:, i], known[i] = 0.0, 1.0 / sure
         precision = (data * sd).T @ (data * sd) + np.eye(x.size) + np.diag((known * sd) ** 2)  # in the prior's units
         covariance = inverse_of(precision) * np.outer(sd, sd)
         occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, data, known))[1])
@@ -284,17 +280,6 @@ class Problem:
             elif s.measures:  # on its logarithm the own size is one
                 unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
         return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + (unit * known) ** 2 + more))
-
-
-def inverse_of(precision: Array) -> Array:
-    """Return the inverse of a precision (n, n) whose entries may differ by 10¹⁵ from one parameter to another.
-
-    Scaled to a unit diagonal, or a direction that only the prior determines would be taken for rounding beside a
-    parameter that the data know to ten digits.
-    """
-    scale = np.sqrt(np.diag(precision))
-    values, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
-    return np.asarray((vectors / np.maximum(values, _ROUNDING)) @ vectors.T / np.outer(scale, scale))
 
 
 class _Slopes:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.chance import FALSE_ALARM, Chance
 from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.lattice import rounded_readings
+from analysis.diagnosis.noise import Bands, louder
 from analysis.diagnosis.repeats import lost_samples
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.shaking import shaking
@@ -48,16 +49,17 @@ class Spread:
         """
         return sum(min(2.0 * c.evidence, c.allowed * rows) for c in self.causes if c.louder is None)
 
+    @property
+    def louder(self) -> tuple[Bands, ...]:
+        """What steady noise among them adds to the spectrum of all noise."""
+        return tuple(c.louder for c in self.causes if c.louder is not None)
+
     def beside(self, setting: Setting, fit: Fit) -> Setting:
         """Return the setting in which the noise holds what these causes add to its spectrum."""
-        added = [c.louder for c in self.causes if c.louder is not None]
-        if not added:
+        if not self.louder:
             return setting
-        whitener = setting.whitener
-        for bands in added:
-            whitener = whitener.with_bands(bands)
-        starts = starts_of(setting.data, linear_of(setting, fit), whitener)
-        return replace(setting, whitener=whitener, starts=starts)
+        whitener = louder(setting.whitener, self.louder)
+        return replace(setting, whitener=whitener, starts=starts_of(setting.data, linear_of(setting, fit), whitener))
 
     @property
     def effects(self) -> tuple[Effect, ...]:

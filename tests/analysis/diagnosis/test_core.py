@@ -7,10 +7,9 @@ from scipy.signal import dlsim, lfilter
 
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates, signature
 from analysis.diagnosis.dataset import Dataset, Record, Window
-from analysis.diagnosis.descent import Descent
+from analysis.diagnosis.descent import Descent, inverse_of
 from analysis.diagnosis.gram import Gram
 from analysis.diagnosis.noise import Whitener, fit_ar, whitener_from
-from analysis.diagnosis.refit import inverse_of
 from analysis.diagnosis.responses import free_responses, simulate
 from analysis.diagnosis.shortlist import thresholds
 from analysis.diagnosis.starts import stack_white, start_of

@@ -18,7 +18,7 @@ def roof(x: float) -> float:
 
 @pytest.mark.parametrize("off", [1e-3, -3e-5, 0.0])
 def test_a_roof_is_found_and_as_wide_as_it_is(off: float) -> None:
-    """The likelihood falls as exp(-|x| 1e6 / 2), whose mean square is 2 (2e-6)²; the grid's steps are of the root of two."""
+    """The likelihood falls as exp(-|x| 1e6 / 2), whose mean square is 2 (2e-6)²; the grid is of roots of two."""
     at, deviation = sharpened(roof, TRUE + off, 0.01)
     assert abs(at - TRUE) < 0.1 / SLOPE + 0.01 / 2**24
     assert deviation == pytest.approx(math.sqrt(8.0) * 1e-6, rel=0.15)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from analysis.diagnosis.chance import Chance
+from analysis.diagnosis.noise import Bands
 from analysis.diagnosis.spread import Spread, spread_causes
 from analysis.diagnosis.verdict import Judgement
 from sim_backend.effects import EFFECTS
@@ -34,6 +37,24 @@ def test_a_sure_cause_names_itself_and_joins_others() -> None:
     assert spread.allowed == pytest.approx(0.3)
     # of 1000 rows they add 200 and 100 in all; their evidence alone would allow 100 and 180
     assert spread.share(1000) == pytest.approx(100.0 + 100.0)
+
+
+def test_steady_noise_belongs_to_the_noise_and_gathers_nowhere() -> None:
+    """A hump between a tenth and a fifth of the rate is in the whitener beside it, and in nothing else."""
+    rng = np.random.default_rng(3)
+    force, noise = rng.standard_normal(4000), 0.01 * rng.standard_normal(4000)
+    setting, fit = setting_of(force, moved(force) + noise, noise, 0.01)
+    hump = replace(APEX, louder=Bands(np.array([0.1, 0.2]), np.array([[9.0]])))
+    spread = Spread((hump, LOST), 4)
+    assert spread.share(1000) == pytest.approx(100.0)  # of the lost samples alone
+    wave = 0.01 * np.sqrt(2.0) * np.cos(2.0 * np.pi * np.outer([0.05, 0.15, 0.3], np.arange(4000)))
+    everywhere = np.ones(4000, dtype=bool)
+    before, after = (
+        np.mean(s.whitener.rows(wave.T, everywhere, 0) ** 2, axis=0) for s in (setting, spread.beside(setting, fit))
+    )
+    # what leaks over a band's edges is less than a tenth
+    assert after / before == pytest.approx([1.0, 1.0 / 9.0, 1.0], rel=0.1)
+    assert Spread((LOST,), 4).beside(setting, fit) is setting
 
 
 def test_a_close_rival_makes_it_ambiguous() -> None:
