@@ -43,10 +43,11 @@ def run_challenge(
     *,
     jobs: int = 1,
     limit_s: float = 300.0,
+    first: str | None = None,
     command: Sequence[str] = DIAGNOSE,
     report: Callable[[float, float, str], None] = lambda done, total, what: None,
 ) -> list[Outcome]:
-    """Diagnose every case that has no outcome yet and return the outcomes of all, in order.
+    """Diagnose every case from the `first` on that has no outcome yet and return the outcomes of these, in order.
 
     For cases whose family is to be left out of the search, its name is read from the sealed truth and passed on as
     `--without`: that says what the answer is not. Raises ConfigError when `folder` holds no challenge, DataError when
@@ -57,7 +58,7 @@ def run_challenge(
         for name, case in reveal(folder).cases.items()
         if case.stratum == "outside"
     }
-    cases = cases_of(folder)
+    cases = cases_of(folder, first)
     waiting = [name for name in cases if not was_run(folder, name)]
     work = _Work(folder, limit_s, tuple(command))
     with ThreadPoolExecutor(jobs) as pool:
@@ -72,13 +73,18 @@ def run_challenge(
     return [outcome_of(folder, name) for name in cases]
 
 
-def cases_of(folder: Path) -> list[str]:
-    """Return the names of all cases; raises ConfigError when there is no challenge in `folder`."""
+def cases_of(folder: Path, first: str | None = None) -> list[str]:
+    """Return the names of all cases from `first` on.
+
+    Raises ConfigError when there is no challenge in `folder` or no such case.
+    """
     public = folder / "challenge.json"
     if not public.is_file():
         raise ConfigError(f"{folder} holds no challenge.json: make a challenge there first")
     names: list[str] = json.loads(public.read_text(encoding="utf-8"))["cases"]
-    return names
+    if first is not None and first not in names:
+        raise ConfigError(f"{folder} has no case '{first}'; its cases are {names[0]} to {names[-1]}")
+    return names if first is None else names[names.index(first) :]
 
 
 def was_run(folder: Path, name: str) -> bool:

@@ -23,8 +23,9 @@ from mccdcli.progress import progress
     metavar="SECONDS",
     help="Stop a diagnosis after this time.",
 )
+@click.option("--from", "first", metavar="CASE", help="Leave out the cases before this one.")
 @common_options("json")
-def run(folder: Path, jobs: int, limit_s: float, as_json: bool) -> None:
+def run(folder: Path, jobs: int, limit_s: float, first: str | None, as_json: bool) -> None:
     """Diagnose every case of a challenge that has no result yet.
 
     Each diagnosis is `mccd diagnose` in a process of its own. It gets the case's logs and nominal model, and, for a
@@ -37,7 +38,7 @@ def run(folder: Path, jobs: int, limit_s: float, as_json: bool) -> None:
     from campaigns.challenge.run import run_challenge
 
     with progress("diagnosing") as report:
-        outcomes = run_challenge(folder, jobs=jobs, limit_s=limit_s, report=report)
+        outcomes = run_challenge(folder, jobs=jobs, limit_s=limit_s, first=first, report=report)
     stopped = sum(o.exit_code is None for o in outcomes)
     slowest_s = max((o.wall_s for o in outcomes), default=0.0)
     summary = f"{len(outcomes)} diagnoses, {stopped} stopped at {limit_s:g} s, the slowest took {slowest_s:.1f} s"

@@ -15,8 +15,11 @@ from mccdcli.output import emit, plain, table
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR")
 @click.option("--made-by", "commands", multiple=True, metavar="TEXT", help="Command to print on the page; repeatable.")
 @click.option("--so-far", is_flag=True, help="Score the cases before the first that was not run yet.")
+@click.option("--from", "first", metavar="CASE", help="Leave out the cases before this one.")
 @common_options("out", "json")
-def score(folder: Path, commands: tuple[str, ...], so_far: bool, out: Path | None, as_json: bool) -> int:
+def score(
+    folder: Path, commands: tuple[str, ...], so_far: bool, first: str | None, out: Path | None, as_json: bool
+) -> int:
     """Reveal the truth of a challenge, check its seal, and score the diagnoses.
 
     Writes OUT.md and OUT.json (default: score in DIR). The exit code is 1 when a measure misses what it must reach.
@@ -26,6 +29,7 @@ def score(folder: Path, commands: tuple[str, ...], so_far: bool, out: Path | Non
       mccd challenge score DIR
       mccd challenge score DIR -o benchmarks/results/challenge
       mccd challenge score DIR --so-far
+      mccd challenge score DIR --from 0278
     """
     from datetime import UTC, datetime
 
@@ -33,14 +37,15 @@ def score(folder: Path, commands: tuple[str, ...], so_far: bool, out: Path | Non
     from campaigns.challenge.score import score_challenge
     from campaigns.version import tool_commit, tool_version
 
-    result = score_challenge(folder, so_far=so_far)
+    result = score_challenge(folder, so_far=so_far, first=first)
     target = out or folder / "score"
     version = f"{tool_version()} (commit {tool_commit()})"
     date = datetime.now(UTC).date().isoformat()
     result_text = json.dumps({"date": date, "version": version, **plain(result.plain())}, indent=1, allow_nan=False)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.with_suffix(".json").write_text(result_text + "\n", encoding="utf-8")
-    made_by = commands or (f"mccd challenge run {folder}", f"mccd challenge score {folder}{' --so-far' * so_far}")
+    part = f"{f' --from {first}' if first else ''}{' --so-far' * so_far}"
+    made_by = commands or (f"mccd challenge run {folder}", f"mccd challenge score {folder}{part}")
     target.with_suffix(".md").write_text(page(result, date=date, commands=made_by, version=version), encoding="utf-8")
     rows = [
         (

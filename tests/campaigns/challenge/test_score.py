@@ -203,6 +203,9 @@ def test_a_score_so_far_ends_before_the_first_case_that_was_not_run(tmp_path: Pa
     write(tmp_path, {f"0{i}": (case("none"), said("consistent")) for i in (1, 2, 3)})
     (tmp_path / "results" / "02" / "run.json").unlink()
     assert [row["case"] for row in score_challenge(tmp_path, so_far=True).cases] == ["01"]
+    assert [row["case"] for row in score_challenge(tmp_path, first="03").cases] == ["03"]
+    with pytest.raises(ConfigError, match="has no case '07'; its cases are 01 to 03"):
+        score_challenge(tmp_path, so_far=True, first="07")
     (tmp_path / "results" / "01" / "run.json").unlink()
     with pytest.raises(ConfigError, match="run the challenge first"):
         score_challenge(tmp_path, so_far=True)
