@@ -18,6 +18,9 @@ _DISTANCES, _FINEST = 48, 2.0**-24
 """How many distances are tried on either side, and the smallest in parts of the widest."""
 
 _PASSES = 20
+_FLAT = 6.0
+"""Rise of the objective at the widest distance that ends a likelihood: a twentieth is left."""
+
 _CLOSE = 0.1
 """A pass that gains less (twice a log-likelihood) was the last."""
 
@@ -25,7 +28,7 @@ _CLOSE = 0.1
 def sharpened(objective: Callable[[float], float], at: float, reach: float) -> tuple[float, float]:
     """Return where `objective`, twice a negative log-likelihood, is least within `reach` of `at`, and the deviation.
 
-    The standard deviation is that of the likelihood itself.
+    The standard deviation is that of the likelihood itself, all else being held; infinite where it does not end.
     """
     distances = reach * np.geomspace(1.0, _FINEST, _DISTANCES)
 
@@ -46,7 +49,12 @@ def sharpened(objective: Callable[[float], float], at: float, reach: float) -> t
 
 
 def _deviation(distances: Array, higher: Array) -> float:
-    """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways."""
+    """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways.
+
+    Infinite where the likelihood does not end there: the data say nothing then.
+    """
+    if float(np.min(higher[:, 0])) < _FLAT:
+        return np.inf
     at = np.concatenate([[0.0], distances[::-1]])
     likelihood = np.append(2.0, np.exp(-0.5 * np.maximum(higher[:, ::-1], 0.0)).sum(axis=0))
     return float(np.sqrt(np.trapezoid(likelihood * at**2, at) / np.trapezoid(likelihood, at)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.dataset import Dataset, Record
-from analysis.diagnosis.noise import Whitener
+from analysis.diagnosis.noise import Bands, Whitener
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob, turned
 from sim_backend import layout
@@ -27,7 +27,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Setting:
-    """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record."""
+    """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record.
+
+    `added` is noise that is there beside what the data show of it by themselves.
+    """
 
     data: Dataset
     nominal: ModalModel
@@ -40,6 +43,7 @@ class Setting:
     states: tuple[Array, ...]
     substeps: int
     workers: int = 2
+    added: tuple[Bands, ...] = ()
 
     def each(self, work: Callable[..., T], *of: Sequence[Any]) -> list[T]:
         """Return `work` done for each record (or whatever `of` lists), side by side where compiled code lets go."""

@@ -8,11 +8,13 @@ re-tuned beside it. The name of a neighbour leaves a part, the right one does no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from analysis.diagnosis.fit import Fit, Setting
@@ -22,6 +24,8 @@ from analysis.diagnosis.screening import gathered
 from analysis.diagnosis.shortlist import IMITATED, beside, views_of
 from analysis.diagnosis.unlisted import READINGS, TORQUES, columns_at, scenes_of
 from sim_backend.linear import discretise
+
+Array = NDArray[np.float64]
 
 ONE_IN_A_MILLION = 1e-6
 """Chance of as much along one way at one place below which it is no noise. Some hundred are looked at; the rest of the
@@ -66,7 +70,7 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     patterns = list(patterns_of(views_of(setting, motions, problem.linear), places))
     waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
-    def columns(r: int) -> Sequence[np.ndarray]:
+    def columns(r: int) -> Sequence[Array]:
         with ThreadPoolExecutor(setting.workers) as pool:
             general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
             return [*general, *pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)]
@@ -74,7 +78,7 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     gram = gathered(problem, motions, setting.whitener, columns, (False,) * (len(ways) + len(waves)))
     reduced = gram.without(gram.knob_columns())
 
-    def left(i: int, what: str, output: bool, at: int) -> Leftover:
+    def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:
         drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
         kind = "an error of the reading that follows" if output else "a torque that follows"
@@ -83,13 +87,18 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     found = [left(i, *way) for i, way in enumerate(ways)]
     for pattern in patterns:
         at = len(ways) + waves.index(pattern)
-        parts = [left(at + k, pattern.what, pattern.reading, pattern.at) for k in range(1 + len(pattern.neighbours))]
-        found.append(_among(parts, pattern.choices))
+        wave = left(at, pattern.what, pattern.reading, pattern.at)
+        without = gram.without(np.concatenate([gram.knob_columns(), gram.groups[at]]))
+        others = range(at + 1, at + 1 + len(pattern.neighbours))
+        around = [left(i, pattern.what, pattern.reading, pattern.at, without) for i in others]
+        # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says
+        louder = max(_loudness(np.mean, around), _loudness(np.median, found[: len(ways)]))
+        found.append(replace(wave, choices=pattern.choices, louder=louder))
     found = [one for one in found if one.columns]
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
 
 
-def _among(waves: Sequence[Leftover], choices: int) -> Leftover:
-    """Return the first of some waves, in a noise as loud as the others beside it say."""
-    beside = [one.gain / one.columns for one in waves[1:] if one.columns]
-    return replace(waves[0], choices=choices, louder=max(1.0, float(np.mean(beside)) if beside else 1.0))
+def _loudness(middle: Callable[[Array], Any], parts: Sequence[Leftover]) -> float:
+    """Return how many times as strong as unit noise the residual is in the `middle` of some parts, at least once."""
+    found = [one.gain / one.columns for one in parts if one.columns]
+    return max(1.0, float(middle(np.array(found)))) if found else 1.0

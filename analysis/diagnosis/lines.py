@@ -26,7 +26,8 @@ def without_lines(found: Found) -> Found:
         return found
     candidates, sizes = best.held(keep)
     rest = refit(setting, candidates, sizes, best.change, exact=True)
-    price = SURE_LEAD + 0.5 * len(VibrationLine.parameters()) * count * math.log(best.rows)
+    numbers = len(VibrationLine.parameters()) * count + sum(effect.chosen() for effect in best.effects)
+    price = SURE_LEAD + 0.5 * numbers * math.log(best.rows)
     worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
     if worth > price or not math.isfinite(rest.misfit):
         return found

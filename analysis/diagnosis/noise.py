@@ -32,6 +32,9 @@ _STEEPEST = 2.0
 _SLOPE_BANDS = 4
 """Bands that tell how noise rises below the lowest: of a dozen rows, one knows its level to a factor of two."""
 
+_SAME_EDGE = 1e-9
+"""Edges (cycles per sample) that are no farther apart than this are one."""
+
 _GROWTH = 1.5
 """Ratio of a band's edges: spectra of noise are smooth on a logarithmic scale, and high bands hold rows enough."""
 _MEDIAN_OF_SQUARE = 0.4549
@@ -82,10 +85,11 @@ class Whitener:
     def with_bands(self, bands: Bands) -> Whitener:
         """Return the whitener of a noise that is at least as strong as `bands` say wherever they lie.
 
-        The lowest bands keep their edges: their slope tells how noise rises below them.
+        The lowest bands keep their edges: their slope tells how noise rises below them, and some may be guessed.
         """
-        first = self.edges[min(_SLOPE_BANDS, self.edges.size - 1)]
-        edges = np.unique(np.concatenate([self.edges, bands.edges[bands.edges > first]]))
+        first = self.edges[min(max(_SLOPE_BANDS, self.guessed), self.edges.size - 1)]
+        apart = np.min(np.abs(bands.edges[:, None] - self.edges), axis=1) > _SAME_EDGE
+        edges = np.unique(np.concatenate([self.edges, bands.edges[(bands.edges > first) & apart]]))
         middle = 0.5 * (edges[:-1] + edges[1:])
         own = Bands(self.edges, self.levels.reshape(len(self.outputs), -1))
         return replace(self, edges=edges, levels=np.maximum(own.at(middle), bands.at(middle)))

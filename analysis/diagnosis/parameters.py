@@ -101,7 +101,20 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
             sd = _ANY if measures else sd
             least, most = candidate.limits.get(p.name, (p.low, p.high))
             low, high = max(p.low, least), min(p.high, most)
-            scale = Scale(i, p.name, unit, log, p.size, low, high, mean, sd, p.grain, measures, candidate.effect.whole)
+            scale = Scale(
+                i,
+                p.name,
+                unit,
+                log,
+                p.size,
+                low,
+                high,
+                mean,
+                sd,
+                p.grain,
+                measures,
+                candidate.effect.whole or p.grain > 0.0,
+            )
             value = float(np.clip(start[p.name], low, high))
             scales.append(scale)
             x.append(scale.forth(value))

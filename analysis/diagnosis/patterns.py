@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 _DISTANCES = 1024
 """Waves over the position among which the strongest are chosen."""
 
+_REPEATED = 2.0
+"""What comes again less often within where the positions mostly are is no pattern."""
+
+_RUNS = 12
+"""A line in time is looked for in so many of the longest records, each with a phase of its own."""
+
 _PERIODS = 20.0
 """A wave in time of fewer periods is a drift: noise down there is known from a handful of rows."""
 
@@ -36,7 +42,7 @@ _BESIDE = (-2.5, -1.5, 1.5, 2.5)
 class Pattern:
     """A wave over the position, or `timed`, at one place: the number `at` of an input, or of an output for a `reading`.
 
-    It has so many `cycles` over the `span`: where positions mostly are (in their unit), or the shortest record in
+    It has so many `cycles` over the `span`: where positions mostly are (in their unit), or a middling record in
     seconds. `choices` is among how many it was chosen.
     """
 
@@ -66,8 +72,11 @@ class Pattern:
         motion = motions[record]
         if self.timed:
             angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
-            out = np.zeros((*motion.sensed.shape, 2 * len(motions)))
-            out[:, self.at, 2 * record : 2 * record + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            own = sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
+            out = np.zeros((*motion.sensed.shape, 2 * len(own)))
+            if record in own:
+                k = 2 * own.index(record)
+                out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             return out
         seen = motion.sensed[:, self.at] if self.reading else motion.position @ places.coordinates[self.at]
         angle = 2.0 * np.pi * self.cycles / self.span * seen
@@ -83,14 +92,18 @@ class Pattern:
 def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Pattern]:
     """Yield the strongest wave at every place; those in time as errors of a reading, which they look like as well."""
     for i, name in enumerate(places.inputs):
-        view = views[name]
-        for distance in view.force_periods(1):
-            yield Pattern(False, False, i, view.position_spread / distance, view.position_spread, _DISTANCES)
+        yield from _over_position(views[name], False, i, views[name].force_periods(1))
     for o, name in enumerate(places.outputs):
         view = views[name]
-        for distance in view.residual_periods(1):
-            yield Pattern(False, True, o, view.position_spread / distance, view.position_spread, _DISTANCES)
-        shortest_s = float(np.min(np.diff((0, *view.ends)))) / view.rate_hz
+        yield from _over_position(view, True, o, view.residual_periods(1))
+        span_s = float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
         for frequency in view.residual_lines_hz(1):
-            if frequency * view.duration_s > _PERIODS:
-                yield Pattern(True, True, o, frequency * shortest_s, shortest_s, view.residual.size // 2)
+            if frequency * span_s > _PERIODS:
+                yield Pattern(True, True, o, frequency * span_s, span_s, view.residual.size // 2)
+
+
+def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence[float]) -> Iterator[Pattern]:
+    span = view.position_spread
+    for distance in distances:
+        if span > _REPEATED * distance:
+            yield Pattern(False, reading, at, span / distance, span, _DISTANCES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +86,7 @@ def searched_effects(options: Options) -> tuple[type[Effect], ...]:
 
 
 def search_causes(
-    data: Dataset, model: Model, options: Options, progress: Progress = _silent, added: Sequence[Bands] = ()
+    data: Dataset, model: Model, options: Options, progress: Progress = _silent, added: tuple[Bands, ...] = ()
 ) -> Found:
     """Return everything the search finds, the noise being at least as strong as `added` say."""
     searched = searched_effects(options)
@@ -106,7 +106,8 @@ def search_causes(
     # effects that the model has already are there to stay: coarse steps would make an error of them
     first = fine if known else max(fine // _COARSER, 1)
     transducers = transducers_of(model)
-    setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, rest, first, options.workers)
+    workers = options.workers
+    setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, rest, first, workers, added)
     rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
@@ -129,7 +130,12 @@ def found_and_spread(data: Dataset, model: Model, options: Options, progress: Pr
     if not (spread.louder and found.best.candidates and found.setting.whitener.repeats):
         return found, spread
     found = without_lines(search_causes(data, model, options, progress, spread.louder))
-    return found, spread_causes(found.setting, found.best, searched, found.leeway)
+    again = spread_causes(found.setting, found.best, searched, found.leeway)
+    # what made the noise louder is there, whether or not it stands out once more
+    same = {(type(c.effect), c.effect.where) for c in again.causes}
+    kept = [replace(c, allowed=0.0) for c in spread.causes if c.louder is not None]
+    more = tuple(c for c in kept if (type(c.effect), c.effect.where) not in same)
+    return found, replace(again, causes=(*again.causes, *more))
 
 
 def fitted_here(model: Model, data: Dataset) -> bool:

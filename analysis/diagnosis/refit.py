@@ -12,6 +12,7 @@ valley they span must be known to far better than the size of the effect, or no 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -60,13 +61,15 @@ def refit(
     steps: int = 25,
     exact: bool = False,
     strong: bool = False,
+    sharp: bool = False,
 ) -> Fit:
     """Return the best fit of a hypothesis from screened `sizes` and knob `change`; without candidates, of the knobs.
 
     `sizes` are in units of each candidate's columns. A hypothesis that cannot be simulated ends with an infinite
     misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
     motion, slopes with torques held lead astray: differences of full simulations are taken from the start, and anew;
-    the screened start goes too far there, and is shortened until it is better than nothing.
+    the screened start goes too far there, and is shortened until it is better than nothing. Parameters over which the
+    misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`.
     """
     scales, start = parameters_of(candidates, sizes)
     problem = Problem(setting, tuple(candidates), scales)
@@ -83,7 +86,7 @@ def refit(
         slopes = _Slopes(problem, exact=True)
         x, found = problem.descend(slopes, x, steps)
     deviations: dict[int, float] = {}
-    if exact:
+    if sharp and np.isfinite(found.misfit):
         x, found, deviations = problem.at_cusps(slopes, x, found)
     return problem.finish(x, found, slopes.latest(x, found), deviations)
 
@@ -216,8 +219,8 @@ class Problem:
         return x, at, deviations
 
     def _at_cusp(self, x: Array, i: int) -> tuple[Array, float]:
-        there = x.copy()
-        there[i], deviation = sharpened(partial(self._along, x, i), float(x[i]), _ROOF)
+        there, grain = x.copy(), self.scales[i - len(self.setting.knobs)].grain
+        there[i], deviation = sharpened(partial(self._along, x, i), float(x[i]), max(_ROOF, 2.0 * grain))
         return there, deviation
 
     def _along(self, x: Array, i: int, value: float) -> float:
@@ -237,8 +240,10 @@ class Problem:
             data[:, i], known[i] = 0.0, 1.0 / sure
         precision = (data * sd).T @ (data * sd) + np.eye(x.size) + np.diag((known * sd) ** 2)  # in the prior's units
         covariance = inverse_of(precision) * np.outer(sd, sd)
-        occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, data, known))[1])
         effects = self.effects(x)
+        rows = at.stacked.size - x.size
+        chosen = sum(effect.chosen() for effect in effects)
+        occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, data, known))[1]) + chosen * math.log(rows))
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
         deviation = np.sqrt(np.maximum(np.diag(covariance)[n_knobs:], 0.0))
         std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in zip(deviation, values, self.scales, strict=True)]
@@ -249,7 +254,7 @@ class Problem:
             effects,
             at.misfit,
             at.penalty,
-            at.stacked.size - x.size,
+            rows,
             occam,
             self.setting.log_variance,
             names,

@@ -15,7 +15,7 @@ from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.leeway import explained_by, leeway_of
 from analysis.diagnosis.noise import unseen
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.settling import again, lined_up, score, settle, square_of
+from analysis.diagnosis.settling import again, lined_up, score, settle, sharpened, square_of
 from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.takeover import part_to_take, taken_over
@@ -100,10 +100,13 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         if not depth:
             passed = {f.candidates[0].key: 0.5 * (score(f, known) - score(top, known)) for f in trials}
         setting, trials, before = _settled(replace(setting, substeps=rules.substeps), chosen, rivals[0])
-        best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
+        best = sharpened(setting, min(trials, key=lambda f: score(f, setting.whitener.repeats)))
         rivals = [*trials, before]
         last = screen(setting, best, rules, scales)
-    best, pruned = _pruned(setting, best, first.price)
+    whole = best
+    best, pruned = _pruned(setting, whole, first.price)
+    if best is not whole:
+        best = sharpened(setting, best)
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)

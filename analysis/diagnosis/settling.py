@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fit import Fit, Setting, linear_of
-from analysis.diagnosis.noise import even_weights, whitener_from
+from analysis.diagnosis.noise import even_weights, louder, whitener_from
 from analysis.diagnosis.refit import Problem, refit
 from analysis.diagnosis.starts import stack_white, starts_of
 from sim_backend.linear import ModalModel
@@ -36,7 +36,7 @@ def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array],
     if even:
         whitener = even_weights(setting.data, residuals, even)
     else:
-        whitener = whitener_from(setting.data, list(residuals), order=order)
+        whitener = louder(whitener_from(setting.data, list(residuals), order=order), setting.added)
     starts = starts_of(setting.data, linear, whitener)
     found = (
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
@@ -102,6 +102,14 @@ def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None
     """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
     candidates, sizes = fit.held(keep)
     return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
+
+
+def sharpened(setting: Setting, fit: Fit) -> Fit:
+    """Return `fit` with parameters over which the misfit has a cusp where it is least; as it is without such."""
+    if not any(c.effect.whole or any(p.grain > 0.0 for p in c.effect.parameters()) for c in fit.candidates):
+        return fit
+    candidates, sizes = fit.held()
+    return refit(setting, candidates, sizes, fit.change, steps=1, exact=True, sharp=True)
 
 
 def square_of(setting: Setting, residuals: Sequence[Array]) -> float:

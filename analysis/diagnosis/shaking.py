@@ -40,6 +40,9 @@ _STARTS = 3
 _NARROW = 4.0
 """A band below so many times the frequency resolution is a line, which is another effect."""
 
+_THERE = 0.1
+"""Part of the filtered noise from which a band makes it louder."""
+
 _CHUNK = 2048
 _STEADY = 0.5
 """Whether the band is there as well when little moves, at least to this part, is seen on chunks of so many rows."""
@@ -223,7 +226,10 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
     hump = band.rms**2 * whittle.hump(band.input, band.centre_hz, band.width_hz, band.steep)
     f = whittle.spectrum.frequency_hz.mean(axis=1) / setting.data.rate_hz
     line = np.exp(-2j * np.pi * np.outer(f, np.arange(setting.whitener.order + 1)))
-    raised = hump * np.abs(line @ setting.whitener.taps.T).T ** 2
+    passed = np.abs(line @ setting.whitener.taps.T).T ** 2
+    raised = hump * passed
+    # as strong as it is there, for part of the hump may be in the filter already
+    louder = np.where(raised > _THERE, np.maximum(whittle.spectrum.power * passed, 1.0), 1.0)
     count = whittle.spectrum.count
     # what rounding leaves of a lively command is a torque of all frequencies as well
     rivals = [(name, found.lead) for name in (AmplifierNoise.name, CommandQuantisation.name)]
@@ -232,8 +238,8 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
         std,
         found.evidence,
         found.p_value,
-        float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
+        0.0 if setting.added else float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
         math.sqrt(0.5 * float(np.sum(count * (hump / whittle.spectrum.power) ** 2))),
         tuple(rivals),
-        Bands(whittle.spectrum.edges_hz / setting.data.rate_hz, 1.0 + raised),
+        Bands(whittle.spectrum.edges_hz / setting.data.rate_hz, louder),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
@@ -134,7 +135,7 @@ def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Sc
     reduced = gram.without(gram.knob_columns())
     solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them
-    chosen = 2.0 * np.log([max(c.choices, 1) for c in candidates])
+    chosen = np.array([2.0 * math.log(max(c.choices, 1)) for c in candidates])
     drops = np.array([drop for drop, _ in solved])
     gains = np.maximum(gram.ratios(drops, float(reduced[0, 0])) - chosen, 0.0)
     ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)

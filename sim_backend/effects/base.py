@@ -277,6 +277,10 @@ class Effect:
         """
         return self
 
+    def chosen(self) -> int:
+        """Return how many of its fields that are no parameters were fitted to data all the same."""
+        return 0
+
     def start(self) -> Array:
         """Return the state before the first sample, shape (n_state,)."""
         return np.zeros(self.n_state)

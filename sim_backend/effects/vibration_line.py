@@ -31,6 +31,7 @@ class VibrationLine(Effect):
 
     What shakes a bench does not wait for a run: where several were recorded, `runs` holds for each by how many periods
     the line is ahead of that of the first, middle against middle, and half of by how many seconds it is shorter.
+    `ahead` is the phase, in periods, in which the run at hand begins. A model file holds the phase of the first run.
     """
 
     name = "vibration-line"
@@ -52,6 +53,10 @@ class VibrationLine(Effect):
             return replace(self, runs=())
         turn, earlier_s = self.runs[run]
         return replace(self, ahead=(turn + earlier_s * self.frequency_hz) % 1.0)
+
+    def chosen(self) -> int:
+        """Return the number of phases beside that of the first run."""
+        return max(len(self.runs) - 1, 0)
 
     def start(self) -> NDArray[np.float64]:
         """Return the phase before the first sample in periods, shape (1,)."""

@@ -36,3 +36,8 @@ def test_a_valley_of_the_usual_form_is_as_wide_as_its_curvature_says() -> None:
     at, deviation = sharpened(lambda x: ((x - TRUE) / 1e-4) ** 2, TRUE + 3e-3, 0.01)
     assert abs(at - TRUE) < 0.4e-4
     assert deviation == pytest.approx(1e-4, rel=0.15)
+
+
+def test_where_nothing_ends_it_nothing_is_known() -> None:
+    """A misfit that rises by three over the whole reach leaves a quarter of the likelihood at its ends."""
+    assert sharpened(lambda x: 3.0 * abs(x - TRUE) / 0.01, TRUE, 0.01)[1] == math.inf

@@ -54,9 +54,9 @@ def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     peak = view().position_peak
     stop, play = (effect_class(slug).limits(view())["gap"] for slug in ("end-stop-contact", "backlash"))
     assert stop == (0.5 * peak, np.inf) and play == (0.0, 0.5 * peak)
-    for slug in ("end-stop-contact", "backlash"):
-        low, high = effect_class(slug).limits(view())["gap"]
-        assert all(low <= start["gap"] <= high for start in effect_class(slug).guess(view()))
+    for slug, name in (("end-stop-contact", "gap"), ("backlash", "gap"), ("extra-resonance", "damping_ratio")):
+        low, high = effect_class(slug).limits(view())[name]
+        assert all(low <= start[name] <= high for start in effect_class(slug).guess(view()))
 
 
 @pytest.mark.parametrize("slug", ["periodic-torque", "periodic-sensor-error"])
