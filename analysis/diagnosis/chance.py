@@ -18,8 +18,8 @@ class Chance:
     `evidence` is the natural logarithm of its evidence against nothing, `p_value` the chance of as much without it.
     `allowed` is by how much, at most, it raises the mean square of the whitened residual; `shift` by how many standard
     deviations it moves the readings in all. `rivals` are other explanations of the same, in words, with the logarithm
-    of the evidence by which they trail. `louder` says how the noise's spectrum rises, where it is that of a steady
-    noise: such a cause is nowhere gathered in few rows.
+    of the evidence by which they trail. `louder` says how strong it makes the noise in which other causes have to be
+    seen, where they cannot be told from it otherwise.
     """
 
     effect: Effect

@@ -122,12 +122,13 @@ def search_causes(
 def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:
     """Return what the search finds, and the causes that show only in the noise.
 
-    Where one of these makes noise louder, whatever was found beside it has to be found again in that noise.
+    Where one of these makes noise louder, whatever stood out beside it has to stand out again in that noise.
     """
     searched = searched_effects(options)
     found = without_lines(search_causes(data, model, options, progress))
     spread = spread_causes(found.setting, found.best, searched, found.leeway)
-    if not (spread.louder and found.best.candidates and found.setting.whitener.repeats):
+    stood_out = found.best.candidates or np.any(found.last.gains > found.last.threshold)
+    if not (spread.louder and stood_out and found.setting.whitener.repeats):
         return found, spread
     found = without_lines(search_causes(data, model, options, progress, spread.louder))
     again = spread_causes(found.setting, found.best, searched, found.leeway)
@@ -204,7 +205,8 @@ def diagnose(
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = (residuals_on(data, setting, fit) for fit in (found.tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
-    noise = setting.whitener if setting.whitener.repeats else whitener_from(data, list(after))
+    own = setting.whitener.repeats and not setting.added
+    noise = setting.whitener if own else whitener_from(data, list(after))
     gain = gain_of(data, before, after, noise, setting.nominal, linear, options.seed)
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     return Diagnosis(

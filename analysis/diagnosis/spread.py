@@ -44,18 +44,18 @@ class Spread:
     def share(self, rows: int) -> float:
         """Return how much of a sum of squares over `rows`, gathered in a few columns, may be theirs.
 
-        As much in a few columns is evidence of them, half of it in logarithms; and no more than they add in all. Steady
-        noise is nowhere gathered: it belongs to the noise, see `beside`.
+        As much in a few columns is evidence of them, half of it in logarithms; and no more than they add in all. What
+        makes noise louder has its share in that, see `beside`.
         """
         return sum(min(2.0 * c.evidence, c.allowed * rows) for c in self.causes if c.louder is None)
 
     @property
     def louder(self) -> tuple[Bands, ...]:
-        """What steady noise among them adds to the spectrum of all noise."""
+        """How strong some of them make the noise."""
         return tuple(c.louder for c in self.causes if c.louder is not None)
 
     def beside(self, setting: Setting, fit: Fit) -> Setting:
-        """Return the setting in which the noise holds what these causes add to its spectrum."""
+        """Return the setting in which the noise is as strong as these causes make it."""
         if not self.louder:
             return setting
         whitener = louder(setting.whitener, self.louder)

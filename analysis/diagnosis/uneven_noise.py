@@ -21,7 +21,7 @@ from scipy.stats import norm
 
 from analysis.diagnosis.chance import Chance
 from analysis.diagnosis.fit import Fit, Setting
-from analysis.diagnosis.noise import Whitener, runs_of
+from analysis.diagnosis.noise import Bands, Whitener, runs_of
 from sim_backend.effects.apex_noise import ApexNoise
 
 Array = NDArray[np.float64]
@@ -97,9 +97,21 @@ def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
                 power * float(np.sum(setting.whitener.taps[o] ** 2)) / setting.data.n_outputs,
                 math.sqrt(0.5 * (BLOCK // 2) * float(np.sum((grown - grown.mean()) ** 2))),
                 tuple(sorted(((k, evidence - v) for k, v in rivals.items()), key=lambda pair: pair[1])),
+                _louder(blocks, law, o, setting.data.n_outputs),
             )
         )
     return found
+
+
+def _louder(blocks: Blocks, law: Law, output: int, n_outputs: int) -> Bands:
+    """Return how much louder than on the average the noise is where the deflection is large.
+
+    What acts there is seen in that noise: rows count by the fourth power of the position, as of a law of second order.
+    """
+    where = blocks.position[:, 2]
+    levels = np.ones((n_outputs, 1))
+    levels[output] = max(float(where @ law.variance) / float(where.sum()) / float(law.variance.mean()), 1.0)
+    return Bands(np.array([0.0, 0.5]), levels)
 
 
 def blocks_of(setting: Setting, fit: Fit, output: int) -> Blocks | None:
