@@ -8,6 +8,7 @@ re-tuned beside it. The name of a neighbour leaves a part, the right one does no
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,14 +16,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.motions import as_simulated
+from analysis.diagnosis.noise import BAND_ROWS
 from analysis.diagnosis.patterns import patterns_of
 from analysis.diagnosis.screening import gathered
 from analysis.diagnosis.shortlist import IMITATED, beside, views_of
-from analysis.diagnosis.unlisted import READINGS, TORQUES, columns_at, scenes_of
+from analysis.diagnosis.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from sim_backend.linear import discretise
 
 Array = NDArray[np.float64]
@@ -38,6 +40,7 @@ class Leftover:
 
     `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
     columns did it, chosen among so many `choices` by looking at the residual, where noise is so much `louder`.
+    `known_from` is from how many numbers that noise is known.
     """
 
     what: str
@@ -47,10 +50,14 @@ class Leftover:
     columns: int
     choices: int = 1
     louder: float = 1.0
+    known_from: float = math.inf
 
     def p_value(self, allowed: float = 0.0) -> float:
         """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
-        return min(self.choices * float(chi2.sf((self.gain - allowed) / self.louder, self.columns)), 1.0)
+        gain = max((self.gain - allowed) / self.louder, 0.0)
+        if math.isfinite(self.known_from):
+            return min(self.choices * float(f.sf(gain / self.columns, self.columns, self.known_from)), 1.0)
+        return min(self.choices * float(chi2.sf(gain, self.columns)), 1.0)
 
     def words(self) -> str:
         """Return what it is, where, and how sure."""
@@ -82,7 +89,9 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
         drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
         kind = "an error of the reading that follows" if output else "a torque that follows"
-        return Leftover(f"{kind} {what}", (places.outputs if output else places.inputs)[at], drop, gain, live)
+        known_from = float(BAND_ROWS) if what in SLOWEST else math.inf
+        place = (places.outputs if output else places.inputs)[at]
+        return Leftover(f"{kind} {what}", place, drop, gain, live, known_from=known_from)
 
     found = [left(i, *way) for i, way in enumerate(ways)]
     for pattern in patterns:

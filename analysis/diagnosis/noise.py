@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MAX_ORDER = 40
-_BAND_ROWS, _MAX_BANDS = 12, 24
+BAND_ROWS, _MAX_BANDS = 12, 24
 _KNOWN_ROWS = 24
 """The mean square of so many normal numbers is known to 30 %."""
 
@@ -335,12 +335,12 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
 def _levels(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
     """Return edges and levels of the bands below `highest` from medians; nothing where there are too few rows."""
     below = np.sort(spectra[0][0][spectra[0][0] < highest])
-    count = min(below.size // _BAND_ROWS, _MAX_BANDS)
+    count = min(below.size // BAND_ROWS, _MAX_BANDS)
     if count < 1:
         return np.zeros(1), np.zeros((len(spectra), 0))
     # bands hold growing numbers of rows, so that they are narrow where the level changes fast
     share = np.linspace(0.0, 1.0, count + 1) ** 2
-    at = np.unique(np.maximum((share * below.size).astype(int), _BAND_ROWS * np.arange(count + 1)))
+    at = np.unique(np.maximum((share * below.size).astype(int), BAND_ROWS * np.arange(count + 1)))
     edges = np.append(below[np.minimum(at[:-1], below.size - 1)], highest)
     levels = np.ones((len(spectra), edges.size - 1))
     for o, (frequency, power) in enumerate(spectra):

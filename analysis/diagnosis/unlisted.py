@@ -114,6 +114,9 @@ TORQUES: dict[str, Way] = {
 }
 """What a torque at an input may depend on."""
 
+SLOWEST = frozenset({"time"})
+"""Ways that lie among the lowest rows of a record, where its noise is known from a dozen numbers."""
+
 READINGS: dict[str, Way] = {
     "position and rate": _reading_of_motion,
     "time": _of_time,

@@ -17,7 +17,7 @@ from analysis.diagnosis.noise import Whitener, whitener_from
 from analysis.diagnosis.responses import simulate
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.tuning import knobs_of, sensitivities, turned
-from analysis.diagnosis.unlisted import READINGS, TORQUES
+from analysis.diagnosis.unlisted import READINGS, SLOWEST, TORQUES
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Mode, Model, Port
@@ -169,8 +169,11 @@ def test_noise_alone_makes_p_values_uniform() -> None:
             seen.setdefault((one.what, one.where), []).append(one.p_value())
     general = {(_words(what, reading), a) for reading in (False, True) for what in WAYS[reading] for a in AXES}
     assert general <= set(seen)
-    for key in general:
+    slow = {(_words(what, reading), a) for reading in (False, True) for what in SLOWEST for a in AXES}
+    for key in general - slow:
         assert kstest(seen[key], "uniform").pvalue > 1e-4, key
+    # the level of the lowest rows counts as known from a dozen numbers, which is too careful where it is known
+    assert np.mean(np.concatenate([seen[key] for key in slow]) < 0.1) < 0.1
     # waves are chosen by looking, and pay for all among which they are: rather too much than too little
     chosen = np.concatenate([values for key, values in seen.items() if key not in general])
     assert chosen.size > 40

@@ -2,14 +2,11 @@
 
 from dataclasses import replace
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from sim_backend.effects import effect_class, make_effect
-from sim_backend.effects.base import UNKNOWN_RUN
 from sim_backend.effects.base import UNKNOWN_RUN
 from sim_backend.effects.view import RecordView
 from tests.sim_backend.effects.along import along
@@ -60,33 +57,6 @@ def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     for slug, name in (("end-stop-contact", "gap"), ("backlash", "gap"), ("extra-resonance", "damping_ratio")):
         low, high = effect_class(slug).limits(view())[name]
         assert all(low <= start[name] <= high for start in effect_class(slug).guess(view()))
-
-
-def test_a_line_may_be_elsewhere_at_the_start_of_each_run():
-    """Three runs of 0.5, 0.9 and 0.6 s: the phase of each in its middle, whatever the guessed frequency is off by."""
-    f_hz, ends, begin = 123.4, (5000, 14_000, 20_000), (0.1, 0.45, -0.3)
-    parts = [
-        np.sin(2 * np.pi * (f_hz * np.arange(stop - start) / RATE_HZ + turn))
-        for start, stop, turn in zip((0, *ends[:-1]), ends, begin, strict=True)
-    ]
-    seen = replace(view(3e-7 * np.concatenate(parts)), ends=ends)
-    for guess_hz in (f_hz, f_hz + 0.2):
-        given = effect_class("vibration-line").given(seen, {"frequency_hz": guess_hz})
-        line = effect_class("vibration-line")("theta_x", frequency_hz=f_hz, **given)
-        ahead = [line.in_run(run).start()[0] for run in range(3)]
-        off = (np.array(ahead) - ahead[0] - np.array(begin) + begin[0] + 0.5) % 1.0 - 0.5
-        assert np.max(np.abs(off)) < 0.01
-    assert line.in_run(UNKNOWN_RUN).start()[0] == 0.0
-    assert len({effect_class("vibration-line").choices(one) for one in (seen, view())}) == 2  # phases are paid for
-
-
-def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
-    peak = view().position_peak
-    stop, play = (effect_class(slug).limits(view())["gap"] for slug in ("end-stop-contact", "backlash"))
-    assert stop == (0.5 * peak, np.inf) and play == (0.0, 0.5 * peak)
-    for slug in ("end-stop-contact", "backlash"):
-        low, high = effect_class(slug).limits(view())["gap"]
-        assert all(low <= start["gap"] <= high for start in effect_class(slug).guess(view()))
 
 
 @pytest.mark.parametrize("slug", ["periodic-torque", "periodic-sensor-error"])
