@@ -97,7 +97,7 @@ def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Patter
         view = views[name]
         yield from _over_position(view, True, o, view.residual_periods(1))
         span_s = float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
-        for frequency in view.residual_lines_hz(1):
+        for frequency in view.residual_lines_hz(1, _PERIODS / span_s):
             if frequency * span_s > _PERIODS:
                 yield Pattern(True, True, o, frequency * span_s, span_s, view.residual.size // 2)
 

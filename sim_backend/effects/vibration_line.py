@@ -66,7 +66,8 @@ class VibrationLine(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the strongest lines of the residual."""
         # fewer periods than this are drift: the noise down there is known from a handful of rows
-        return [{"frequency_hz": f} for f in view.residual_lines_hz(5) if f * view.duration_s > _PERIODS]
+        lowest = _PERIODS / view.duration_s
+        return [{"frequency_hz": f} for f in view.residual_lines_hz(5, lowest) if f > lowest]
 
     @classmethod
     def given(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, Any]:

@@ -141,20 +141,30 @@ class RecordView:
             scores[max(0, i - 2) : i + 3] = -np.inf
         return found
 
-    def residual_lines_hz(self, n: int) -> list[float]:
-        """Return the `n` frequencies at which the residual's spectrum stands highest above its surroundings."""
-        power = np.abs(np.fft.rfft(self.residual * np.hanning(self.residual.size))) ** 2
-        if power.size < 32:
+    def residual_lines_hz(self, n: int, above_hz: float = 0.0) -> list[float]:
+        """Return the `n` frequencies above a lowest at which the residual's spectrum is highest over its surroundings.
+
+        What goes on by itself has another phase in every run, so the spectra of runs are added without their phases,
+        each in units of its own surroundings.
+        """
+        size = self.residual.size
+        excess = np.zeros(size // 2 + 1)
+        if excess.size < 32:
             return []
-        width = max(power.size // 64, 8)
-        floor = np.array([np.median(power[max(0, i - width) : i + width]) for i in range(0, power.size, width)])
-        excess = power / np.maximum(np.repeat(floor, width)[: power.size], np.finfo(float).tiny)
-        excess[:2] = 0.0
+        width = max(excess.size // 64, 8)
+        ends = self.ends or (size,)
+        for start, stop in zip((0, *ends[:-1]), ends, strict=True):
+            power = np.abs(np.fft.rfft(self.residual[start:stop] * np.hanning(stop - start), size)) ** 2
+            floor = np.array([np.median(power[max(0, i - width) : i + width]) for i in range(0, power.size, width)])
+            excess += power / np.maximum(np.repeat(floor, width)[: power.size], np.finfo(float).tiny)
+        excess[: max(2, int(np.ceil(above_hz * size / self.rate_hz)))] = 0.0
+        # a line is as wide as the spectrum of a middling run makes it
+        beside = 3 * max(round(size / float(np.median(np.diff((0, *ends))))), 1)
         lines: list[float] = []
         for _ in range(n):
             i = int(np.argmax(excess))
-            lines.append(i * self.rate_hz / self.residual.size)
-            excess[max(0, i - 3) : i + 4] = 0.0
+            lines.append(i * self.rate_hz / size)
+            excess[max(0, i - beside) : i + beside + 1] = 0.0
         return lines
 
     def line_phases(self, frequency_hz: float) -> list[tuple[float, float]]:

@@ -50,6 +50,16 @@ def test_a_line_may_be_elsewhere_at_the_start_of_each_run():
     assert len({effect_class("vibration-line").choices(one) for one in (seen, view())}) == 2  # phases are paid for
 
 
+def test_a_line_is_found_although_each_run_begins_elsewhere_in_it():
+    """Half a period between two equal runs: in one spectrum of both nothing is left at the line. Drift is no line."""
+    f_hz, half = 120.0, N // 2
+    line = 2e-8 * np.sin(2 * np.pi * f_hz * T_S[:half])
+    drift = 1e-6 * np.cumsum(np.random.default_rng(4).standard_normal(N)) / np.sqrt(N)
+    seen = replace(view(np.concatenate([line, -line]) + drift), ends=(half, N))
+    assert abs(seen.residual_lines_hz(1, 20.0)[0] - f_hz) <= RATE_HZ / N
+    assert all(f > 20.0 for f in seen.residual_lines_hz(5, 20.0))
+
+
 def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     peak = view().position_peak
     stop, play = (effect_class(slug).limits(view())["gap"] for slug in ("end-stop-contact", "backlash"))
