@@ -167,11 +167,7 @@ def noise_density(whitener: Whitener, output: int, rate_hz: float, lines: int) -
     taps = whitener.taps[output]
     gain = np.abs(np.exp(-2j * np.pi * np.outer(part, np.arange(taps.size))) @ taps)
     power = 2.0 / rate_hz / np.maximum(gain, np.finfo(float).tiny) ** 2
-    if whitener.levels.size:
-        band = np.searchsorted(whitener.edges, part, side="right") - 1
-        inside = (band >= 0) & (band < whitener.levels.shape[1])
-        power[inside] *= whitener.levels[output][band[inside]]
-    return _banded(part * rate_hz, power)
+    return _banded(part * rate_hz, power * whitener.bands.at(part)[output])
 
 
 def _banded(f: Array, power: Array) -> tuple[Array, Array]:

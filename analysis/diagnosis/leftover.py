@@ -94,15 +94,15 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
         return Leftover(f"{kind} {what}", place, drop, gain, live, known_from=known_from)
 
     found = [left(i, *way) for i, way in enumerate(ways)]
+    # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says
+    everywhere = _loudness(np.median, found)
     for pattern in patterns:
         at = len(ways) + waves.index(pattern)
-        wave = left(at, pattern.what, pattern.reading, pattern.at)
+        of = (pattern.what, pattern.reading, pattern.at)
         without = gram.without(np.concatenate([gram.knob_columns(), gram.groups[at]]))
-        others = range(at + 1, at + 1 + len(pattern.neighbours))
-        around = [left(i, pattern.what, pattern.reading, pattern.at, without) for i in others]
-        # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says
-        louder = max(_loudness(np.mean, around), _loudness(np.median, found[: len(ways)]))
-        found.append(replace(wave, choices=pattern.choices, louder=louder))
+        around = [left(at + k, *of, without) for k in range(1, 1 + len(pattern.neighbours))]
+        louder = max(_loudness(np.mean, around), everywhere)
+        found.append(replace(left(at, *of), choices=pattern.choices, louder=louder))
     found = [one for one in found if one.columns]
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
 

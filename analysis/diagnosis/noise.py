@@ -76,6 +76,11 @@ class Whitener:
     even: float = 0.0
     guessed: int = 0
 
+    @property
+    def bands(self) -> Bands:
+        """The levels with their edges; one everywhere where there are none."""
+        return Bands(self.edges, self.levels.reshape(len(self.outputs), -1))
+
     def flat(self) -> Whitener:
         """Return the whitener of a noise that rises no further where nothing but the residual tells that it does."""
         levels = self.levels.copy()
@@ -91,8 +96,7 @@ class Whitener:
         apart = np.min(np.abs(bands.edges[:, None] - self.edges), axis=1) > _SAME_EDGE
         edges = np.unique(np.concatenate([self.edges, bands.edges[(bands.edges > first) & apart]]))
         middle = 0.5 * (edges[:-1] + edges[1:])
-        own = Bands(self.edges, self.levels.reshape(len(self.outputs), -1))
-        return replace(self, edges=edges, levels=np.maximum(own.at(middle), bands.at(middle)))
+        return replace(self, edges=edges, levels=np.maximum(self.bands.at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
         """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.

@@ -114,9 +114,6 @@ TORQUES: dict[str, Way] = {
 }
 """What a torque at an input may depend on."""
 
-SLOWEST = frozenset({"time"})
-"""Ways that lie among the lowest rows of a record, where its noise is known from a dozen numbers."""
-
 READINGS: dict[str, Way] = {
     "position and rate": _reading_of_motion,
     "time": _of_time,
@@ -124,6 +121,9 @@ READINGS: dict[str, Way] = {
     "other readings": _reading_of_others,
 }
 """What the error of a reading may depend on."""
+
+SLOWEST = frozenset({"time"})
+"""Ways that lie among the lowest rows of a record, where its noise is known from a dozen numbers."""
 
 
 def _memories(x: Array, longest: int) -> list[Array]:
