@@ -19,6 +19,9 @@ from sim_backend.effects.view import LEAST_PART
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+IMITATED = 1e-4
+"""A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
+
 _ROUNDING = 1e-14
 """Relative rounding of an inner product after projection: some tens of operations on numbers of 1e-16."""
 

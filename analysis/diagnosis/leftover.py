@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.gram import IMITATED
 from analysis.diagnosis.motions import as_simulated
 from analysis.diagnosis.noise import BAND_ROWS
 from analysis.diagnosis.patterns import patterns_of
 from analysis.diagnosis.screening import gathered
-from analysis.diagnosis.shortlist import IMITATED, beside, views_of
+from analysis.diagnosis.shortlist import beside, views_of
 from analysis.diagnosis.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from sim_backend.linear import discretise
 
@@ -66,15 +67,15 @@ class Leftover:
 
 def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     """Return what is left of the residual of `fit` along every way at every place, least likely first."""
-    problem, motions = beside(setting, fit)
+    footing, motions = beside(setting, fit)
     if not setting.whitener.repeats:
         # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
         motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
-    scenes, plant = scenes_of(motions, setting.places), discretise(problem.linear, setting.data.rate_hz)
+    scenes, plant = scenes_of(motions, setting.places), discretise(footing.linear, setting.data.rate_hz)
     places = setting.places
     ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
     ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
-    patterns = list(patterns_of(views_of(setting, motions, problem.linear), places))
+    patterns = list(patterns_of(views_of(setting, motions, footing.linear), places))
     waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
     def columns(r: int) -> Sequence[Array]:
@@ -82,7 +83,7 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
             general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
             return [*general, *pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)]
 
-    gram = gathered(problem, motions, setting.whitener, columns, (False,) * (len(ways) + len(waves)))
+    gram = gathered(footing, motions, setting.whitener, columns, (False,) * (len(ways) + len(waves)))
     reduced = gram.without(gram.knob_columns())
 
     def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:

@@ -368,31 +368,3 @@ class _Slopes:
         acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]
         names = {name for where in acting for name in where.split("->")}
         return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}
-
-
-def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
-    """Return, per record, the outputs' change per unit of each knob and each effect parameter, (n, n_y, k).
-
-    By differences of the full simulation: what is screened beside these columns is compared with noise, and an error of
-    a thousandth in a knob's column can be far above it.
-    """
-    held, sizes = fit.held()
-    scales, x = parameters_of(held, sizes)
-    problem = Problem(setting, tuple(held), scales)
-    x = np.concatenate([fit.change, x])
-    if not (held or setting.known):
-        linear = turned(setting.nominal, setting.knobs, fit.change)
-        return tuple(
-            sensitivities(linear, setting.knobs, record.u, setting.data.rate_hz, states)
-            for record, states in zip(setting.data.records, setting.states, strict=True)
-        )
-
-    here, _ = problem.raw(x)  # the starts may have been found anew since the fit
-
-    def column(i: int) -> list[Array]:
-        found = problem.slope(x, i, here)
-        return [np.zeros_like(r) for r in here] if found is None else [-slope for slope in found]
-
-    with ThreadPoolExecutor(setting.workers) as pool:
-        columns = list(pool.map(column, range(x.size)))
-    return tuple(np.stack([c[r] for c in columns], axis=2) for r in range(len(setting.data.records)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Motion, signature
 from analysis.diagnosis.dataset import Dataset, Record
-from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.gram import IMITATED, Gram
 from analysis.diagnosis.noise import Whitener
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob
@@ -22,11 +22,12 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Problem:
+class Footing:
     """What screening starts from: the data, the re-tuned linear model, its knobs and their present change.
 
     `exact` (one (n, n_y, k) per record) holds the sensitivities to the knobs and then to the parameters of effects
-    that are already in the model; `states` (m, 2) per record are those in which they start.
+    that are already in the model; `plain` those to the knobs of the linear model by itself, nothing where that is all
+    there is. `states` (m, 2) per record are those in which they start.
     """
 
     data: Dataset
@@ -36,11 +37,12 @@ class Problem:
     change: Array
     starts: tuple[Start, ...]
     exact: tuple[Array, ...]
+    plain: tuple[Array, ...]
     states: tuple[Array, ...]
 
 
 def gram_of(
-    problem: Problem,
+    footing: Footing,
     motions: Sequence[Motion],
     whitener: Whitener,
     candidates: Sequence[Candidate],
@@ -51,18 +53,18 @@ def gram_of(
 
     def columns(r: int) -> list[Array]:
         def column(candidate: Candidate) -> Array:
-            states, rate_hz = problem.states[r], problem.data.rate_hz
-            return signature(candidate, problem.linear, problem.places, motions[r], rate_hz, states, r)
+            states, rate_hz = footing.states[r], footing.data.rate_hz
+            return signature(candidate, footing.linear, footing.places, motions[r], rate_hz, states, r)
 
         with ThreadPoolExecutor(workers) as pool:
             return list(pool.map(column, candidates))
 
-    gram = gathered(problem, motions, whitener, columns, tuple(map(_one_sided, candidates)))
+    gram = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)))
     return replace(gram, whole=tuple(c.effect.whole for c in candidates))
 
 
 def gathered(
-    problem: Problem,
+    footing: Footing,
     motions: Sequence[Motion],
     whitener: Whitener,
     columns: Callable[[int], Sequence[Array]],
@@ -76,23 +78,51 @@ def gathered(
     total: Array = np.zeros((0, 0))
     widths: list[int] = []
     rows = 0
-    for r, (record, motion, start) in enumerate(zip(problem.data.records, motions, problem.starts, strict=True)):
-        rows += int(record.fitted().sum()) * problem.data.n_outputs
+    for r, (record, motion, start) in enumerate(zip(footing.data.records, motions, footing.starts, strict=True)):
+        rows += int(record.fitted().sum()) * footing.data.n_outputs
         found = columns(r)
         widths = [c.shape[2] for c in found]
-        products = _products([motion.residual[:, :, None], problem.exact[r], *found], record, whitener, start)
+        known = [footing.exact[r], *(p[r] for p in (footing.plain,) if p)]
+        products = _products([motion.residual[:, :, None], *known, *found], record, whitener, start)
         total = products if r == 0 else total + products
+    n_before = footing.exact[0].shape[2]
+    if footing.plain:
+        total = _carried(total, n_before, len(footing.knobs))
     # prior: the total change of each knob from the nominal model is normal with its sd
-    precision = np.array([1.0 / k.sd**2 for k in problem.knobs])
-    at = np.arange(1, 1 + len(problem.knobs))
+    precision = np.array([1.0 / k.sd**2 for k in footing.knobs])
+    at = np.arange(1, 1 + len(footing.knobs))
     total[at, at] += precision
-    total[0, at] -= precision * problem.change
-    total[at, 0] -= precision * problem.change
-    total[0, 0] += float(precision @ problem.change**2)
-    n_before = problem.exact[0].shape[2]
+    total[0, at] -= precision * footing.change
+    total[at, 0] -= precision * footing.change
+    total[0, 0] += float(precision @ footing.change**2)
     ends = 1 + n_before + np.cumsum(widths, dtype=np.int64)
     groups = tuple(np.arange(end - width, end) for end, width in zip(ends, widths, strict=True))
     return Gram(total, n_before, groups, one_sided, rows, whitener.repeats)
+
+
+def _carried(products: Array, n_exact: int, n_knobs: int) -> Array:
+    """Return products without the linear model's own sensitivities, by which columns that knobs imitate are put right.
+
+    A column is the linear model's response to a change. Where the model holds more, the knobs' exact columns are
+    another matter, and a change that is theirs (a stiffness, a gain) would stand out by what the two differ by, or be
+    drowned in it. Such a column takes the exact ones' place in the same proportions.
+    """
+    exact = np.arange(1, 1 + n_knobs)
+    plain = 1 + n_exact + np.arange(n_knobs)
+    kept = np.delete(np.arange(products.shape[0]), plain)
+    own = kept[kept > n_exact]
+    scale = np.sqrt(np.maximum(np.diag(products)[plain], np.finfo(float).tiny))
+    inner = products[np.ix_(plain, plain)] / np.outer(scale, scale)
+    cross = products[np.ix_(plain, own)] / scale[:, None]
+    shares = np.linalg.lstsq(inner, cross, rcond=1e-14)[0]
+    left = np.diag(products)[own] - np.sum(cross * shares, axis=0)
+    imitated = left < IMITATED * np.diag(products)[own]
+    move = np.eye(products.shape[0])
+    parts = (shares / scale[:, None])[:, imitated]
+    move[np.ix_(exact, own[imitated])] += parts
+    move[np.ix_(plain, own[imitated])] -= parts
+    move = move[:, kept]
+    return np.asarray(move.T @ products @ move)
 
 
 def _one_sided(candidate: Candidate) -> bool:

@@ -23,7 +23,7 @@ from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.fit import Setting, residuals_of, simulated
 from analysis.diagnosis.hypotheses import Hypothesis
 from analysis.diagnosis.parameters import parameters_of
-from analysis.diagnosis.refit import exact_sensitivities
+from analysis.diagnosis.sensitivity import exact_sensitivities
 from analysis.diagnosis.starts import Start, stack_white, start_of
 from analysis.diagnosis.tuning import sensitivities, turned
 

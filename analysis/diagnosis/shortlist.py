@@ -12,11 +12,11 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.candidates import Candidate, Motion, Scales, enumerate_candidates
 from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
-from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.gram import IMITATED, Gram
 from analysis.diagnosis.matched import wanted_inputs
 from analysis.diagnosis.motions import measured_motion
-from analysis.diagnosis.refit import exact_sensitivities
-from analysis.diagnosis.screening import Problem, gram_of
+from analysis.diagnosis.screening import Footing, gram_of
+from analysis.diagnosis.sensitivity import exact_sensitivities, plain_sensitivities
 from sim_backend.effects.base import Effect
 from sim_backend.effects.view import RecordView
 from sim_backend.linear import ModalModel
@@ -28,9 +28,6 @@ SURE = 0.99
 
 SURE_LEAD = float(np.log(SURE / (1.0 - SURE)))
 """The lead in evidence, as a natural logarithm, over all else that this takes."""
-
-IMITATED = 1e-4
-"""A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
 
 MOST = 6
 """Effects at most, however many a place has of one kind."""
@@ -111,23 +108,24 @@ def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
 
 def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tuple[Gram, list[Candidate]]:
     """Return the inner products of everything that could be added to `fit`, and the candidates they are of."""
-    problem, motions = beside(setting, fit)
-    views = views_of(setting, motions, problem.linear)
+    footing, motions = beside(setting, fit)
+    views = views_of(setting, motions, footing.linear)
     taken = {c.key for c in fit.candidates if not c.effect.several}
     candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
-    return gram_of(problem, motions, setting.whitener, candidates, workers=setting.workers), candidates
+    return gram_of(footing, motions, setting.whitener, candidates, workers=setting.workers), candidates
 
 
-def beside(setting: Setting, fit: Fit) -> tuple[Problem, list[Motion]]:
-    """Return what a screening of anything that could be added to `fit` starts from: problem and motions."""
+def beside(setting: Setting, fit: Fit) -> tuple[Footing, list[Motion]]:
+    """Return what a screening of anything that could be added to `fit` starts from: footing and motions."""
     linear = linear_of(setting, fit)
     motions = [
         measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
         for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
     ]
     exact = exact_sensitivities(setting, fit)
-    data, places = setting.data, setting.places
-    return Problem(data, linear, places, setting.knobs, fit.change, setting.starts, exact, setting.states), motions
+    plain = plain_sensitivities(setting, linear) if fit.effects or setting.known else ()
+    data, places, knobs = setting.data, setting.places, setting.knobs
+    return Footing(data, linear, places, knobs, fit.change, setting.starts, exact, plain, setting.states), motions
 
 
 def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:

@@ -10,13 +10,14 @@ from scipy.stats import chi2
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
+from analysis.diagnosis.gram import IMITATED
 from analysis.diagnosis.leeway import form_error
 from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.noise import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search import Found
 from analysis.diagnosis.settling import score
-from analysis.diagnosis.shortlist import IMITATED, SURE, SURE_LEAD
+from analysis.diagnosis.shortlist import SURE, SURE_LEAD
 from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
 
@@ -92,7 +93,8 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
     deviations = found.best.change / np.array([k.sd for k in found.setting.knobs])
     strain = float(deviations @ deviations)
-    if deviations.size and chi2.sf(strain, deviations.size) < ONE_IN_A_MILLION:
+    # what the form of an effect gets wrong, knobs make up for where they can
+    if deviations.size and strain > found.leeway and chi2.sf(strain, deviations.size) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(strain / deviations.size):.2g} times their "
             f"tolerance (rms of {deviations.size})"
