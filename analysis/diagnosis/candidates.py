@@ -104,9 +104,10 @@ def enumerate_candidates(
                 continue
             units = unit_sizes(effect, where, places, scales)
             guesses = effect.guess(view)
-            centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
+            centres, choices = _centres(effect, guesses), max(effect.choices(view), 1)
             for shapes in guesses:
-                yield Candidate(effect, where, shapes, units, centres, choices, limits, effect.given(view, shapes))
+                limits, given = effect.limits(view, shapes), effect.given(view, shapes)
+                yield Candidate(effect, where, shapes, units, centres, choices, limits, given)
 
 
 def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Candidate, Scales
 from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.gram import Gram
+from analysis.diagnosis.leeway import Leeway
 from analysis.diagnosis.noise import above_noise, even_weights
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.search import Found, Progress
@@ -107,7 +108,7 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
     first = evidence_of(gram, candidates, rules)
     kinds = _kinds(gram, candidates, first)
     if not kinds:
-        return Found(setting, tuned, tuned, (tuned,), first, first, 0.0, 0.0)
+        return Found(setting, tuned, tuned, (tuned,), first, first, 0.0, Leeway((), (0.0,)))
     fits = []
     for k, kind in enumerate(kinds):
         progress(f"fitting {_told(kind.candidates)}", 0.2 + 0.3 * k / len(kinds))
@@ -117,7 +118,7 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
     fits.sort(key=lambda fit: _cost(fit, rows))
     best = _settled(setting, fits[0], progress)
     worth = tuned.misfit - best.misfit
-    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, worth)
+    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, Leeway((), (worth,)))
 
 
 def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:

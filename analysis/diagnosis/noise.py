@@ -20,6 +20,7 @@ from analysis.diagnosis.dataset import Dataset
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 _MAX_ORDER = 40
 BAND_ROWS, _MAX_BANDS = 12, 24
@@ -153,6 +154,14 @@ class Whitener:
             spectrum[:, : levels.size] /= np.sqrt(levels)
             parts.append(spectrum)
         return np.asarray((np.concatenate(parts, axis=1) if parts else white[:, mask]).T)
+
+    def band_of_rows(self, mask: Mask) -> Ints:
+        """Return the band of each of the rows that `rows` returns, -1 above all bands or where there are none."""
+        parts = [np.zeros(0)]
+        for start, stop in runs_of(mask) if self.levels.size else ():
+            parts.append(np.arange(stop - start) / (2.0 * (stop - start)))
+        band = np.searchsorted(self.edges, np.concatenate(parts), side="right") - 1
+        return np.asarray(np.where(band < self.levels.shape[1], band, -1))
 
     def log_variance(self, mask: Mask) -> float:
         """Return the sum of the logarithms of the variances by which the masked rows of a record are divided."""
@@ -306,23 +315,10 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     more, upper = _repeated_levels([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest)
     if edges.size < 2:
         edges, levels = np.array([highest]), np.ones((len(repeated), 0))
+    # noise does not fall towards low frequencies, so what few rows show of it is no less than it is above them
+    levels = np.maximum.accumulate(levels[:, ::-1], axis=1)[:, ::-1]
     joined = np.concatenate([levels, upper], axis=1)
     return Whitener(plain.taps, True, np.concatenate([edges, more]), joined, guessed=levels.shape[1])
-
-
-def unseen(whitener: Whitener, data: Dataset, residuals: Sequence[Array]) -> tuple[int, float]:
-    """Return how many rows of `residuals` lie where levels are guessed, and their whitened sum of squares."""
-    rows, total = 0, 0.0
-    if not whitener.guessed:
-        return rows, total
-    for o in whitener.outputs:
-        parts = [(r[:, o], record.fitted()) for r, record in zip(residuals, data.records, strict=True)]
-        frequency, power = _powers(whitener, parts, o)
-        band = np.searchsorted(whitener.edges, frequency, side="right") - 1
-        low = band < whitener.guessed
-        rows += int(low.sum())
-        total += float(np.sum(power[low] / whitener.levels[o][band[low]]))
-    return rows, total
 
 
 def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tuple[Array, Array]:

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
 from analysis.diagnosis.fit import Fit, Setting, linear_of
-from analysis.diagnosis.leeway import explained_by, leeway_of
-from analysis.diagnosis.noise import unseen
+from analysis.diagnosis.leeway import Leeway, explained_by, leeway_of
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.settling import again, lined_up, score, settle, sharpened, square_of
+from analysis.diagnosis.settling import again, guessed_squares, lined_up, score, settle, sharpened, squares_of
 from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.takeover import part_to_take, taken_over
@@ -54,7 +53,7 @@ class Found:
     first: Screen
     last: Screen
     explained: float
-    leeway: float
+    leeway: Leeway
     passed: dict[tuple[str, str], float] = field(default_factory=dict)
     strangers: tuple[tuple[str, float], ...] = ()
 
@@ -93,7 +92,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         if not trials:
             break
         top = min(trials, key=lambda f: score(f, known))
-        if score(top, known) + last.price >= score(best, known):
+        if _lead(setting, top, best) <= last.price:
             rivals += trials
             break
         chosen = sorted(trials, key=lambda f: score(f, known))[:3]
@@ -107,6 +106,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     best, pruned = _pruned(setting, whole, first.price)
     if best is not whole:
         best = sharpened(setting, best)
+        last = screen(setting, best, rules, scales)
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
@@ -140,7 +140,7 @@ def _unmasked(flat: Setting, fit: Fit, rules: Rules, scales: Scales, price: floa
     It falls no lower than where it is flat, and what lowers the misfit elsewhere needs no such screening.
     """
     found = screen(flat, fit, rules, scales)
-    rows, before = unseen(flat.whitener, flat.data, fit.residuals)
+    rows, before = (float(np.sum(a)) for a in guessed_squares(flat, fit.residuals))
     gains = rows * -np.log1p(-np.minimum(found.drops / before, max(1.0 - rows / before, 0.0)))
     return replace(found, gains=np.asarray(gains, dtype=float), threshold=np.full(gains.size, price))
 
@@ -148,15 +148,32 @@ def _unmasked(flat: Setting, fit: Fit, rules: Rules, scales: Scales, price: floa
 def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
     """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
 
-    What takes a little of the noise away is worth something under either's own noise, but not under the same.
+    What takes a little of the noise away is worth something under either's own noise, but not under the same. That
+    noise is a guess from what the trial leaves, and no surer than it.
     """
     upheld = []
     for trial in trials:
         own = settle(flat, trial)
-        refitted = again(own, trial)
-        if score(refitted, True) + price < score(again(own, best), True):
+        refitted, other = again(own, trial), again(own, best)
+        if _lead(own, refitted, other) > price:
             upheld.append(refitted)
     return upheld
+
+
+def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
+    """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
+
+    Where the noise is guessed from n rows, a sum of squares S in its units has the likelihood of Student's t: twice its
+    negative logarithm is 2n log(1 + S/n), and S only where the variance is certain. Less than the guess is no merit.
+    """
+    known = setting.whitener.repeats
+    lead = score(other, known) - score(fit, known)
+    if not (known and setting.whitener.guessed and np.isfinite(lead)):
+        return lead
+    rows, least = guessed_squares(setting, fit.residuals)
+    n = np.maximum(rows, 1.0)
+    least, more = np.maximum(least, n), np.maximum(guessed_squares(setting, other.residuals)[1], n)
+    return lead - float(np.sum((more - least) - 2.0 * n * np.log((n + more) / (n + least))))
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
@@ -175,7 +192,7 @@ class _Stage:
     """One more of the `allowed` effects beside those of `best`, and where in the whole search that is."""
 
     best: Fit
-    least: float
+    least: Leeway
     allowed: Collection[type[Effect]]
     done: float
     share: float
@@ -194,7 +211,7 @@ class _Stage:
         return fits
 
     def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
-        if not picks or max(found.drops[i] for i in picks) < self.least:
+        if not any(found.drops[i] >= self.least.at(found.candidates[i].where) for i in picks):
             return []
 
         def trial(k: int) -> Fit:
@@ -215,7 +232,7 @@ class _Stage:
 
 def _under(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` judged by another noise, its parameters as they are."""
-    return replace(fit, misfit=square_of(setting, fit.residuals), log_variance=setting.log_variance)
+    return replace(fit, misfit=float(np.sum(squares_of(setting, fit.residuals))), log_variance=setting.log_variance)
 
 
 def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
@@ -256,17 +273,21 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
 
 
 def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
-    """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way."""
+    """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
+
+    The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
+    is no such noise.
+    """
     tried: list[Fit] = []
     known = setting.whitener.repeats
-    while len(best.candidates) > 1:
+    while len(best.candidates) > (0 if known else 1):
         smaller = []
         for i in range(len(best.candidates)):
             keep = [k for k in range(len(best.candidates)) if k != i]
             smaller.append(again(setting, best, keep=keep))
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
-        if score(least, known) > score(best, known) + price:
+        if _lead(setting, best, least) > price:
             break
         best = least
     return best, tried

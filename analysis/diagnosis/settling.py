@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.dataset import Record
 from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.noise import even_weights, louder, whitener_from
-from analysis.diagnosis.refit import Problem, refit
-from analysis.diagnosis.starts import stack_white, starts_of
+from analysis.diagnosis.refit import refit
+from analysis.diagnosis.starts import Start, stack_white, starts_of
 from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
@@ -112,7 +113,27 @@ def sharpened(setting: Setting, fit: Fit) -> Fit:
     return refit(setting, candidates, sizes, fit.change, steps=1, exact=True, sharp=True)
 
 
-def square_of(setting: Setting, residuals: Sequence[Array]) -> float:
-    """Return the sum of squares of residuals, (n, n_y) per record, in units of the noise of `setting`."""
-    white = Problem(setting, (), []).whiten(residuals)
-    return float(white @ white)
+def guessed_squares(setting: Setting, residuals: Sequence[Array]) -> tuple[Array, Array]:
+    """Return rows and sum of squares of residuals, (n, n_y) per record, in every output's every band of guessed noise.
+
+    Both have the shape (n_y, guessed).
+    """
+    whitener = setting.whitener
+    rows, squares = np.zeros((2, setting.data.n_outputs, whitener.guessed))
+    for record, values, start in zip(setting.data.records, residuals, setting.starts, strict=True):
+        white = start.project(stack_white(whitener, record, values[:, :, None])[:, 0]).reshape(values.shape[1], -1)
+        band = whitener.band_of_rows(record.fitted())
+        for b in range(whitener.guessed):
+            rows[:, b] += np.sum(band == b)
+            squares[:, b] += np.sum(white[:, band == b] ** 2, axis=1)
+    return rows, squares
+
+
+def squares_of(setting: Setting, residuals: Sequence[Array]) -> Array:
+    """Return the sums of squares (n_y,) of residuals, (n, n_y) per record, in units of the noise of `setting`."""
+
+    def squares(record: Record, values: Array, start: Start) -> Array:
+        white = start.project(stack_white(setting.whitener, record, values[:, :, None])[:, 0])
+        return np.asarray(np.sum(white.reshape(values.shape[1], -1) ** 2, axis=1))
+
+    return np.sum(setting.each(squares, setting.data.records, residuals, setting.starts), axis=0)

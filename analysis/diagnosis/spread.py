@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.chance import FALSE_ALARM, Chance
 from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.lattice import rounded_readings
+from analysis.diagnosis.leeway import Leeway
 from analysis.diagnosis.noise import Bands, louder
 from analysis.diagnosis.repeats import lost_samples
 from analysis.diagnosis.result import Cause, Estimate, Verdict
@@ -115,11 +116,11 @@ def _estimates(cause: Chance, model: Model) -> dict[str, Estimate]:
     }
 
 
-def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], leeway: float) -> Spread:
+def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], leeway: Leeway) -> Spread:
     """Return the causes of this kind that stand out of what `fit` leaves.
 
-    Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by (`leeway`,
-    in units of the noise), none is among them.
+    Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by (`leeway`),
+    none is among them.
     """
     tests = KINDS * setting.data.n_outputs
     if setting.whitener.even:  # the spread of a gross error hides that of the noise
@@ -141,6 +142,6 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         and 2.0 * c.evidence > least
         and c.shift**2 > least
         # lost samples are seen on the readings alone, so no error of the model can stand for them
-        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > leeway)
+        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > leeway.at(c.effect.where))
     ]
     return Spread(tuple(kept), tests)

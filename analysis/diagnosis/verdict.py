@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit
 from analysis.diagnosis.gram import IMITATED
-from analysis.diagnosis.leeway import form_error
+from analysis.diagnosis.leeway import form_error, target_of
 from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.noise import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
@@ -85,7 +85,7 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     What it leaves along a general way is no noise and more than the form of its effects may be wrong by, a force that
     is no listed cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
     """
-    telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > found.leeway]
+    telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > found.leeway.at(one.where)]
     if telling:
         return f"what the best model leaves holds {telling[0].words()}"
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
@@ -94,7 +94,7 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     deviations = found.best.change / np.array([k.sd for k in found.setting.knobs])
     strain = float(deviations @ deviations)
     # what the form of an effect gets wrong, knobs make up for where they can
-    if deviations.size and strain > found.leeway and chi2.sf(strain, deviations.size) < ONE_IN_A_MILLION:
+    if deviations.size and strain > found.leeway.total and chi2.sf(strain, deviations.size) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(strain / deviations.size):.2g} times their "
             f"tolerance (rms of {deviations.size})"
@@ -164,8 +164,12 @@ def _material(found: Found) -> tuple[int, ...]:
         # where nothing repeats each fit has a noise of its own, and only their evidence can be compared
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
-    leeway = [form_error(e) * cost for e, cost in zip(best.effects, costs, strict=True) if np.isfinite(cost)]
-    return tuple(i for i, cost in enumerate(costs) if not cost < max(leeway, default=0.0))
+    places = [target_of(e.where) for e in best.effects]
+    leeway = {place: 0.0 for place in places}
+    for effect, place, cost in zip(best.effects, places, costs, strict=True):
+        if np.isfinite(cost):
+            leeway[place] = max(leeway[place], form_error(effect) * cost)
+    return tuple(i for i, cost in enumerate(costs) if not cost < leeway[places[i]])
 
 
 def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
+from sim_backend.effects.presliding_friction import MOST_GIVE
 from sim_backend.effects.view import RecordView
+
+_RUNGS = 27.0
+"""Ratio of the largest reach to the smallest."""
 
 
 @compiled
@@ -47,9 +52,14 @@ class Hysteresis(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return reaches in each quarter of the rung below the swing, and one for small loops.
+        """Return reaches in each quarter of the lowest rung.
 
         A third of a reach is nearly the same ladder again, and a spring that reaches beyond the swing never slips;
         between them a fit has several places to settle in.
         """
-        return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.1, 0.38, 0.50, 0.66, 0.87)]
+        return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.57, 0.75, 1.0, 1.3)]
+
+    @classmethod
+    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+        """Return reaches at which the first spring slips later than what rubs gives way."""
+        return {"reach": (max(_RUNGS * MOST_GIVE * view.position_peak, 1e-15), math.inf)}

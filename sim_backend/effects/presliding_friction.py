@@ -9,6 +9,9 @@ from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
+MOST_GIVE = 0.02
+"""Part of the largest deflection within which friction has turned; what takes longer is called hysteresis."""
+
 
 @compiled
 def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
@@ -45,3 +48,8 @@ class PreslidingFriction(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return gives around a 500th of the largest deflection."""
         return [{"give": max(view.position_peak * part, 1e-15)} for part in (0.5e-3, 2e-3, 8e-3)]
+
+    @classmethod
+    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+        """Return gives that are a small part of the motion: beyond them what turns is a loop."""
+        return {"give": (1e-15, max(MOST_GIVE * view.position_peak, 1e-15))}

@@ -104,6 +104,11 @@ class RecordView:
         """Length of the record."""
         return self.u.size / self.rate_hz
 
+    @property
+    def longest_s(self) -> float:
+        """Length of the longest of the joined records."""
+        return float(np.max(np.diff((0, *(self.ends or (self.u.size,)))))) / self.rate_hz
+
     def rounding_steps(self) -> Array:
         """Return every step of a rounding of the input that is told apart from its neighbours, ascending."""
         moving = self.u[self.wanted != 0.0] if self.wanted is not None else self.u[:0]

@@ -57,7 +57,7 @@ def test_a_period_stays_within_what_the_motion_repeats():
     position = np.sin(np.linspace(0.0, 20.0 * np.pi, 4000))
     zero = np.zeros(position.size)
     view = RecordView(1000.0, zero, position, zero, zero, None, 10.0)
-    limits = PeriodicTorque.limits(view)
+    limits = PeriodicTorque.limits(view, {"period": 0.5})
     # a sine is within cos(π/20) of its swing for nine tenths of the time
     assert abs(limits["period"][1] - 2.0 * np.cos(np.pi / 20.0)) < 1e-2
     unit, middle = {"cosine": 1.0, "sine": 1.0}, {"period": 0.5}

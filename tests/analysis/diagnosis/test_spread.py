@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.chance import Chance
+from analysis.diagnosis.leeway import Leeway
 from analysis.diagnosis.noise import Bands
 from analysis.diagnosis.spread import Spread, spread_causes
 from analysis.diagnosis.verdict import Judgement
@@ -16,6 +17,7 @@ from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.effects.dropped_samples import DroppedSamples
 from tests.analysis.diagnosis.residuals import MODEL, moved, setting_of
 
+_NONE = Leeway(("x",), (0.0,))
 APEX = Chance(ApexNoise("x", linear=0.1), {"linear": 0.01}, 50.0, 1e-20, 0.2, 20.0, (("noise by rate", 30.0),))
 TIED = Chance(ApexNoise("x", linear=0.1), {"linear": 0.01}, 50.0, 1e-20, 0.2, 20.0, (("noise by rate", 1.0),))
 LOST = Chance(DroppedSamples("x", fraction=0.01), {"fraction": 1e-3}, 90.0, 1e-30, 0.1, 9.0)
@@ -92,7 +94,7 @@ def test_one_rate_for_all_kinds_holds_on_noise_alone() -> None:
         elif seed % 3 == 2:
             reading = np.round(reading, 4)
         setting, fit = setting_of(force, reading, reading - x, 0.01)
-        assert spread_causes(setting, fit, EFFECTS, 0.0).causes == (), f"seed {seed}"
+        assert spread_causes(setting, fit, EFFECTS, _NONE).causes == (), f"seed {seed}"
 
 
 def test_what_is_left_out_or_immaterial_is_not_among_them() -> None:
@@ -102,8 +104,8 @@ def test_what_is_left_out_or_immaterial_is_not_among_them() -> None:
     x = moved(force)
     reading = 0.005 * np.rint((x + 0.01 * rng.standard_normal(x.size)) / 0.005)
     setting, fit = setting_of(force, reading, reading - x, 0.01)
-    assert [c.effect.name for c in spread_causes(setting, fit, EFFECTS, 0.0).causes] == ["sensor-quantisation"]
+    assert [c.effect.name for c in spread_causes(setting, fit, EFFECTS, _NONE).causes] == ["sensor-quantisation"]
     others = tuple(e for e in EFFECTS if e.name != "sensor-quantisation")
-    assert spread_causes(setting, fit, others, 0.0).causes == ()
+    assert spread_causes(setting, fit, others, _NONE).causes == ()
     # its energy is 8000 · 0.25 / 12 = 167, which is less than 3 parts in a thousand of a million
-    assert spread_causes(setting, fit, EFFECTS, 1e6).causes == ()
+    assert spread_causes(setting, fit, EFFECTS, Leeway(("x",), (1e6,))).causes == ()

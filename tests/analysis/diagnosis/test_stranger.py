@@ -10,6 +10,7 @@ import pytest
 from analysis.diagnosis.dataset import Dataset, Record, Window
 from analysis.diagnosis.fit import Fit, Setting
 from analysis.diagnosis.holding import with_held_out
+from analysis.diagnosis.leeway import Leeway
 from analysis.diagnosis.leftover import Leftover
 from analysis.diagnosis.pipeline import Options, diagnose
 from analysis.diagnosis.search import Found
@@ -30,7 +31,7 @@ def _found(change: float = 0.0, leeway: float = 0.0, strangers: tuple[tuple[str,
     turned[0] = change * 0.02
     fit: Fit = replace(fit, change=turned)
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
-    return Found(setting, fit, fit, (fit,), nothing, nothing, 1e4, leeway, strangers=strangers)
+    return Found(setting, fit, fit, (fit,), nothing, nothing, 1e4, Leeway(("x",), (leeway,)), strangers=strangers)
 
 
 def _left(gain: float) -> tuple[Leftover, ...]:
