@@ -67,7 +67,6 @@ def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     named = {
         "end-stop-contact": "gap",
         "backlash": "gap",
-        "extra-resonance": "damping_ratio",
         "hysteresis": "reach",
         "presliding-friction": "give",
     }
