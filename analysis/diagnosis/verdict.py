@@ -148,8 +148,12 @@ def _realised(found: Found, candidate: Candidate) -> float:
     """
     known, tuned = found.setting.whitener.repeats, found.tuned
     fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
-    gained = [score(tuned, known) - score(r, known) + 2.0 * (r.occam - tuned.occam) for r in fits]
-    return max(gained, default=np.inf)
+    return max((_worth(tuned, r, known) for r in fits), default=np.inf)
+
+
+def _worth(tuned: Fit, fit: Fit, known: bool = False) -> float:
+    """Return twice the log-likelihood that a fit gains over the tuned nominal model, each in its own noise or not."""
+    return score(tuned, known) - score(fit, known) + 2.0 * (fit.occam - tuned.occam)
 
 
 def _material(found: Found) -> tuple[int, ...]:
@@ -197,7 +201,8 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
         # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
-        top = max(float(np.max(found.first.gains, initial=0.0)), found.explained if known else 0.0)
+        shown = found.explained if known else _worth(found.tuned, found.best)
+        top = max(float(np.max(found.first.gains, initial=0.0)), shown)
         # what the parameters of the best cost is known from its fit, those of the others are taken as well determined;
         # what the knobs cost less beside it is part of what stands out
         knobs = sum((x / k.sd) ** 2 for x, k in zip(found.best.change, found.setting.knobs, strict=True))

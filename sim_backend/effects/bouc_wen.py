@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
+from sim_backend.effects.presliding_friction import MOST_GIVE
 from sim_backend.effects.view import RecordView
 
 
@@ -67,3 +69,8 @@ class BoucWen(Effect):
             for bend in (0.5, -1.5)
             for part in (0.15, 0.5, 1.5)
         ]
+
+    @classmethod
+    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+        """Return reaches beyond those within which friction turns."""
+        return {"reach": (max(MOST_GIVE * view.position_peak, 1e-15), math.inf)}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sim_backend.effects.base import Effect, Site, constant, shape, size
 from sim_backend.effects.compiled import compiled
+from sim_backend.effects.presliding_friction import MOST_GIVE
 from sim_backend.effects.view import RecordView
 
 
@@ -90,3 +91,8 @@ class JilesAtherton(Effect):
         """Return pinning from a small to a large part of the swing, on a bent and on a straight anhysteretic curve."""
         swing = max(view.position_peak, 1e-9)
         return [{"a": swing * bend, "pinning": swing * lag, "c": 0.2} for bend in (1.0, 30.0) for lag in (0.05, 0.3)]
+
+    @classmethod
+    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+        """Return fields of pinning beyond those within which friction turns."""
+        return {"pinning": (max(MOST_GIVE * view.position_peak, 1e-12), math.inf)}
