@@ -63,4 +63,18 @@ def _answer(setting: Setting, linear: ModalModel, j: int) -> Array:
     pulse = np.zeros(min(max(r.n for r in setting.data.records), _LONGEST))
     pulse[0] = 1.0
     moved = response(discretise(linear, setting.data.rate_hz), pulse, j)
-    return np.hstack([setting.whitener.apply(moved[:, o, None], o) for o in setting.whitener.outputs])
+    return np.hstack(
+        [_even(setting.whitener, setting.whitener.apply(moved[:, o, None], o), o) for o in range(moved.shape[1])]
+    )
+
+
+def _even(whitener: Whitener, white: Array, output: int) -> Array:
+    """Return a filtered answer (n, 1) divided by the roots of the noise's levels in its low bands, without a delay."""
+    n = white.shape[0]
+    levels = np.ones(n)
+    if whitener.levels.size:
+        low = whitener.band_levels(n, output)
+        levels[: low.size] = low
+    spectrum = np.fft.rfft(white, 2 * n, axis=0)
+    spectrum[:n] /= np.sqrt(levels)[:, None]
+    return np.asarray(np.fft.irfft(spectrum, axis=0)[:n])

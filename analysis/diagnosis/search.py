@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
 from analysis.diagnosis.fit import Fit, Setting, linear_of
+from analysis.diagnosis.gram import IMITATED
 from analysis.diagnosis.leeway import Leeway, explained_by, leeway_of
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.settling import again, guessed_squares, lined_up, score, settle, sharpened, squares_of
@@ -211,7 +212,10 @@ class _Stage:
         return fits
 
     def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
-        if not any(found.drops[i] >= self.least.at(found.candidates[i].where) for i in picks):
+        # what knobs do as well is worth what it spares them, which no wrong form of another effect makes up
+        if not any(
+            found.freshness[i] < IMITATED or found.drops[i] >= self.least.at(found.candidates[i].where) for i in picks
+        ):
             return []
 
         def trial(k: int) -> Fit:

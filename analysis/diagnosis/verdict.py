@@ -82,10 +82,11 @@ def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), ran
 def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
-    What it leaves along a general way is no noise and more than the form of its effects may be wrong by, a force that
+    What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
     is no listed cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
     """
-    telling = [one for one in left if one.p_value(random) < ONE_IN_A_MILLION and one.drop > found.leeway.at(one.where)]
+    allowed = {one.where: random + found.leeway.at(one.where) for one in left}
+    telling = [one for one in left if one.p_value(allowed[one.where]) < ONE_IN_A_MILLION]
     if telling:
         return f"what the best model leaves holds {telling[0].words()}"
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
@@ -94,7 +95,7 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     deviations = found.best.change / np.array([k.sd for k in found.setting.knobs])
     strain = float(deviations @ deviations)
     # what the form of an effect gets wrong, knobs make up for where they can
-    if deviations.size and strain > found.leeway.total and chi2.sf(strain, deviations.size) < ONE_IN_A_MILLION:
+    if deviations.size and chi2.sf(strain - found.leeway.total, deviations.size) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(strain / deviations.size):.2g} times their "
             f"tolerance (rms of {deviations.size})"
@@ -162,18 +163,20 @@ def _material(found: Found) -> tuple[int, ...]:
     if len(best.candidates) == 1:
         return (0,)
     whole = {c.key for c in best.candidates}
-    costs = []
+    costs, spared = [], []
     for c in best.candidates:
         without = [r for r in found.rivals if {x.key for x in r.candidates} == whole - {c.key}]
         # where nothing repeats each fit has a noise of its own, and only their evidence can be compared
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
+        # what spares the knobs more than it explains has no form that could be another's error
+        spared.append(known and any(2.0 * (r.penalty - best.penalty) > w for r, w in zip(without, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
     leeway = {place: 0.0 for place in places}
     for effect, place, cost in zip(best.effects, places, costs, strict=True):
         if np.isfinite(cost):
             leeway[place] = max(leeway[place], form_error(effect) * cost)
-    return tuple(i for i, cost in enumerate(costs) if not cost < leeway[places[i]])
+    return tuple(i for i, cost in enumerate(costs) if spared[i] or not cost < leeway[places[i]])
 
 
 def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-_VISIBLE, _FINE, _MOST = 4.0, 0.2, 60_000
+_VISIBLE, _FINE, _MOST, _LOOKED_AT = 4.0, 0.2, 60_000, 8_000_000
 """Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
-that shift the input by so much of a step; at most so many are tried."""
+that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely."""
 
 
 LEAST_PART = 0.25
@@ -20,15 +23,22 @@ LEAST_PART = 0.25
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
-def _rounding_scores(u, wanted, steps, scores):  # type: ignore[no-untyped-def]
-    """Fill `scores` with the sum of `wanted` times what rounding `u` (both n,) to each of `steps` adds, per step."""
+def _rounding_scores(u, wanted, energy, steps, scores):  # type: ignore[no-untyped-def]
+    """Fill `scores` with by how much rounding levels `u` (n,) to each of `steps` would lower the sum of squares.
+
+    `wanted` (n,) is the slope of that by each level, `energy` (n,) the squared answer to a unit of each; a step that is
+    a little off is a part of the true one.
+    """
     for i in range(steps.size):
-        q, total = steps[i], 0.0
+        q, agreed, size = steps[i], 0.0, 0.0
         per = 1.0 / q
         for k in range(u.size):
             x = u[k] * per
-            total += wanted[k] * (np.floor(x + 0.5) - x)
-        scores[i] = total
+            error = np.floor(x + 0.5) - x
+            agreed += wanted[k] * error
+            size += energy[k] * error * error
+        part = min(max(agreed / max(size * q, 1e-300), LEAST_PART), 1.0)
+        scores[i] = part * q * (2.0 * agreed - part * q * size)
 
 
 @njit(cache=True, nogil=True)
@@ -129,22 +139,54 @@ class RecordView:
         used = self.wanted != 0.0
         # commands are held and played again: each level needs to be rounded once
         u, levels = np.unique(self.u[used], return_inverse=True)
-        wanted = np.bincount(levels, self.wanted[used])
-        agreed = np.empty(steps.size)
-        _rounding_scores(u, wanted, steps, agreed)
-        # what a rounding moves: q²/12 of each sample, if its errors do not depend on each other
-        energy = self.seen**2 * np.count_nonzero(used) * steps**2 / 12.0
-        part = np.clip(agreed / energy, LEAST_PART, 1.0)
-        scores = part * (2.0 * agreed - part * energy)
-        found = []
-        for _ in range(min(n, steps.size)):
-            i = int(np.argmax(scores))
-            near = 1.0 / (1.0 / steps[i] + np.linspace(-1.0, 1.0, 21) * _FINE / float(np.sqrt(np.mean(u**2))))
-            finer = np.empty(near.size)
-            _rounding_scores(u, wanted, near, finer)
-            found.append(float(near[int(np.argmax(finer))]))
-            scores[max(0, i - 2) : i + 3] = -np.inf
-        return found
+        wanted, energy = np.bincount(levels, self.wanted[used]), self._energy_of_levels(levels)
+        size = float(np.sqrt(np.mean(u**2)))
+
+        def scores(steps: Array) -> Array:
+            out = np.empty(steps.size)
+            _rounding_scores(u, wanted, energy, steps, out)
+            return out
+
+        coarse, sums = scores(steps), self._squares_of_answers()
+        found: list[tuple[float, float]] = []
+        # between two steps of the grid a large command is shifted by half of one, and errors of levels that a slow
+        # command passes through are alike: many are looked at closely
+        for _ in range(min(max(_LOOKED_AT // self.u.size, 2 * n), steps.size)):
+            i = int(np.argmax(coarse))
+            near = 1.0 / (1.0 / steps[i] + np.linspace(-1.0, 1.0, 21) * _FINE / size)
+            step = float(near[int(np.argmax(scores(near)))])
+            error = np.where(used, step * np.floor(self.u / step + 0.5) - self.u, 0.0)
+            agreed, moved = float(error @ self.wanted), sums(error)
+            part = min(max(agreed / max(moved, 1e-300), LEAST_PART), 1.0)
+            found.append((part * (2.0 * agreed - part * moved), step))
+            coarse[max(0, i - 2) : i + 3] = -np.inf
+        return [step for _, step in sorted(found, reverse=True)[:n]]
+
+    def _squares_of_answers(self) -> Callable[[Array], float]:
+        """Return a function that gives the squared answer of the readings to a change (n,) of the input."""
+        n = next_fast_len(self.u.size, real=True)
+        pulse = np.zeros((1, 1)) if self.answer is None else self.answer
+        gain = np.sum(np.abs(rfft(pulse[:n], n, axis=0)) ** 2, axis=1)
+        gain[1 : (n + 1) // 2] *= 2.0  # each stands for its conjugate too
+        return lambda change: float(gain @ np.abs(rfft(change, n)) ** 2) / n
+
+    def _energy_of_levels(self, levels: Ints) -> Array:
+        """Return the squared answer of the readings to a unit of each level of the input, by the rows' `levels` (n,).
+
+        Samples of a stretch that holds one level add up in the answer, stretches apart from each other only in its
+        square: that of m samples is the sum of (m - |k|) r(k) over the autocorrelation r of the answer to one.
+        """
+        if self.answer is None:
+            return np.ones(int(levels.max()) + 1)
+        n = self.answer.shape[0]
+        spectrum = np.sum(np.abs(np.fft.rfft(self.answer, 2 * n, axis=0)) ** 2, axis=1)
+        alike = np.fft.irfft(spectrum)[:n]
+        # second sums: S(m + 1) - S(m) = r(0) + 2 (r(1) + … + r(m))
+        energy = np.concatenate([[0.0], np.cumsum(2.0 * np.cumsum(alike) - alike[0])])
+        ends = np.append(np.flatnonzero(np.diff(levels)) + 1, levels.size)
+        held = np.diff(ends, prepend=0)
+        whole = energy[np.minimum(held, n)] * np.maximum(held / n, 1.0)
+        return np.asarray(np.bincount(levels[ends - 1], whole), dtype=float)
 
     def residual_lines_hz(self, n: int, above_hz: float = 0.0) -> list[float]:
         """Return the `n` frequencies above a lowest at which the residual's spectrum is highest over its surroundings.

@@ -142,3 +142,19 @@ def test_thermal_drift_needs_a_temperature_and_takes_its_mean():
     cls = effect_class("thermal-stiffness-drift")
     assert cls.guess(view()) == []
     assert cls.guess(view(temperature_k=70 + np.sin(2 * np.pi * T_S))) == [{"reference_k": pytest.approx(70, abs=1e-6)}]
+
+
+def test_the_step_of_a_rounded_command_is_found_where_it_is_held_and_where_it_moves_slowly():
+    """Held levels and slow sweeps round alike for many samples: wrong steps agree with a few of them by chance."""
+    rng = np.random.default_rng(5)
+    held = np.repeat(rng.uniform(-0.05, 0.05, 12), 400)
+    slow = 0.05 * np.sin(2 * np.pi * np.arange(6000) / 5000.0)
+    u = np.concatenate([0.02 * rng.standard_normal(4000), held, slow])
+    q = 3.217e-4
+    rounded = q * np.floor(u / q + 0.5)
+    pulse = 0.95 ** np.arange(200)
+    error = 3000.0 * lfilter([1.0], [1.0, -0.95], rounded - u) + 4.0 * rng.standard_normal(u.size)
+    wanted = 3000.0 * lfilter([1.0], [1.0, -0.95], error[::-1])[::-1] / 16.0
+    seen = replace(view(), u=u, wanted=wanted, answer=3000.0 * pulse[:, None] / 4.0)
+    # so near that the largest command is shifted by a tenth of a step against its lattice: a fit goes on from there
+    assert abs(seen.likely_roundings(1)[0] / q - 1.0) < 0.1 * q / np.max(np.abs(u))
