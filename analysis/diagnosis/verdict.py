@@ -30,6 +30,9 @@ _EXPLAINED = 0.997
 leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
 friction's)."""
 
+_NEAR = 0.05
+"""So near the limit of a shape, as a part of it, both names that meet there hold."""
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -66,6 +69,10 @@ def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), ran
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
     if against or not adequate(found, allowed):
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
+    border = _on_border(found, named)
+    if probability >= SURE and border:
+        sure = tuple(i for i in named if i not in border)
+        return Judgement("ambiguous", sure, tuple(border.values()), probability, inflation, rivals)
     if probability >= SURE:
         return Judgement("named", named, (), probability, inflation, rivals)
     own = set(_label(best, named))
@@ -177,6 +184,21 @@ def _material(found: Found) -> tuple[int, ...]:
         if np.isfinite(cost):
             leeway[place] = max(leeway[place], form_error(effect) * cost)
     return tuple(i for i, cost in enumerate(costs) if spared[i] or not cost < leeway[places[i]])
+
+
+def _on_border(found: Found, named: tuple[int, ...]) -> dict[int, tuple[str, ...]]:
+    """Return which of the effects `named` lie so near the limit of their name that another fits them as well, and both.
+
+    What the other is called beyond the limit says the effect.
+    """
+    tied = {}
+    for i in named:
+        effect, limits = found.best.effects[i], found.best.candidates[i].limits
+        for shape, other in effect.beyond.items():
+            value = float(getattr(effect, shape))
+            if any(0.0 < limit < np.inf and abs(value - limit) < _NEAR * limit for limit in limits.get(shape, ())):
+                tied[i] = tuple(sorted((effect.reported(), other)))
+    return tied
 
 
 def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:

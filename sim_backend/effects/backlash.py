@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
@@ -27,6 +28,7 @@ class Backlash(Effect):
     site = Site.STRUCTURE
     symptom = "switches sign at the centre, has the same size at any larger deflection and no loop"
     step = _step
+    beyond: ClassVar = {"gap": "end-stop-contact"}
 
     stiffness: float = size("stiffness that is missing within the play", u=1, y=-1, low=0.0)
     gap: float = shape("free play to either side", 1e-4, y=1)

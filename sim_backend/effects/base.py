@@ -11,6 +11,7 @@ physics.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
@@ -181,8 +182,9 @@ def _declare(
 class Effect:
     """One physical effect at one place, with its parameters as fields.
 
-    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `several`, `aux`, `n_state`, `step`,
-    `guess`, `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not finite or outside its bounds.
+    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `several`, `beyond`, `aux`,
+    `n_state`, `step`, `guess`, `limits`, `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not finite
+    or outside its bounds.
     """
 
     where: str
@@ -196,6 +198,7 @@ class Effect:
         False  # one place may have several of it, told apart by their shapes, as modes by frequency
     )
     aux: ClassVar[Aux] = Aux.NONE
+    beyond: ClassVar[Mapping[str, str]] = {}  # by a shape, what it would be called beyond the limit of that shape
     whole: ClassVar[bool] = False  # a small part of what it adds is not what it adds at any other shape
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled

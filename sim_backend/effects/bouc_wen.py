@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
@@ -54,6 +55,7 @@ class BoucWen(Effect):
     symptom = "is a smooth loop over the position that depends on the last reversals and not on the speed"
     n_state = 2
     step = _step
+    beyond: ClassVar = {"reach": "coulomb-friction"}
 
     stiffness: float = size("slope right after a reversal at z = 0", u=1, y=-1, low=0.0)
     reach: float = shape("deflection at which the loop has bent away from that slope", 1e-3, y=1, low=1e-15, spread=1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
@@ -32,6 +33,7 @@ class EndStopContact(Effect):
     site = Site.STRUCTURE
     symptom = "appears suddenly beyond a fixed deflection and pushes back"
     step = _step
+    beyond: ClassVar = {"gap": "backlash"}
 
     stiffness: float = size("stiffness of the stop", u=1, y=-1, low=0.0)
     damping: float = size("damping of the stop per depth", u=1, y=-2, s=1, low=0.0)

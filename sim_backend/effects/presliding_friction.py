@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sim_backend.effects.base import Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
@@ -40,6 +41,7 @@ class PreslidingFriction(Effect):
     symptom = "switches sign soon after the motion turns and has the same size at any speed"
     n_state = 2
     step = _step
+    beyond: ClassVar = {"give": "hysteresis"}
 
     torque: float = size("friction torque in sliding", u=1, low=0.0)
     give: float = shape("path over which it turns", 1e-6, y=1, low=1e-15, spread=1.0)
