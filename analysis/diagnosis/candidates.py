@@ -104,10 +104,9 @@ def enumerate_candidates(
                 continue
             units = unit_sizes(effect, where, places, scales)
             guesses = effect.guess(view)
-            centres, choices = _centres(effect, guesses), max(effect.choices(view), 1)
+            centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
             for shapes in guesses:
-                limits, given = effect.limits(view, shapes), effect.given(view, shapes)
-                yield Candidate(effect, where, shapes, units, centres, choices, limits, given)
+                yield Candidate(effect, where, shapes, units, centres, choices, limits, effect.given(view, shapes))
 
 
 def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:

@@ -8,7 +8,7 @@ being re-tuned jointly under their prior every time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ class Gram:
 
     `products` (1 + n_knobs + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells
     which can only be positive; `rows` counts the samples. Of candidates that are `whole` a small part is nothing of
-    the kind.
+    the kind. `by_output` (n_y, 1 + n_knobs + n_columns) is how the squares of the columns share out over the outputs.
     """
 
     products: Array
@@ -42,6 +42,7 @@ class Gram:
     rows: int
     known_noise: bool
     whole: tuple[bool, ...] = ()
+    by_output: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def without(self, columns: Ints) -> Array:
         """Return the products of what is left after the given columns are projected out (Schur complement)."""
@@ -55,6 +56,11 @@ class Gram:
         live = values > 1e-14 * values[-1]
         cross = (vectors[:, live] / np.sqrt(values[live])).T @ (g[columns] / scale[:, None])
         return np.asarray(g - cross.T @ cross, dtype=float)
+
+    def shares(self, group: int) -> Array:
+        """Return the part (n_y,) of a candidate's energy that is in each output; nothing where that is not known."""
+        energy = np.sum(self.by_output[:, self.groups[group]], axis=1) if self.by_output.size else np.zeros(0)
+        return np.asarray(energy / max(float(np.sum(energy)), 1e-300))
 
     def knob_columns(self) -> Ints:
         """Return the column numbers of the knobs."""

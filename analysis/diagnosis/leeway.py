@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,15 @@ class Leeway:
     def total(self) -> float:
         """In all readings together."""
         return sum(self.parts)
+
+    def of(self, shares: Sequence[float] | Array) -> float:
+        """Return it for what shows in the readings by these `shares` of its energy; in total for what has none.
+
+        No more than that of a wrong form lies along a signature: in each reading the part that the signature has there.
+        """
+        if len(shares) != len(self.parts) or not np.sum(shares) > 0.0:
+            return self.total
+        return float(np.dot(self.parts, shares))
 
     def at(self, where: str) -> float:
         """Return it in the reading of a place, in all of them where the place has none of its own."""

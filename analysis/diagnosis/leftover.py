@@ -41,7 +41,7 @@ class Leftover:
 
     `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
     columns did it, chosen among so many `choices` by looking at the residual, where noise is so much `louder`.
-    `known_from` is from how many numbers that noise is known.
+    `known_from` is from how many numbers that noise is known, `shares` how the way shares out over the readings.
     """
 
     what: str
@@ -52,6 +52,7 @@ class Leftover:
     choices: int = 1
     louder: float = 1.0
     known_from: float = math.inf
+    shares: tuple[float, ...] = ()
 
     def p_value(self, allowed: float = 0.0) -> float:
         """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
@@ -92,7 +93,8 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
         kind = "an error of the reading that follows" if output else "a torque that follows"
         known_from = float(BAND_ROWS) if what in SLOWEST else math.inf
         place = (places.outputs if output else places.inputs)[at]
-        return Leftover(f"{kind} {what}", place, drop, gain, live, known_from=known_from)
+        shares = tuple(gram.shares(i).tolist())
+        return Leftover(f"{kind} {what}", place, drop, gain, live, known_from=known_from, shares=shares)
 
     found = [left(i, *way) for i, way in enumerate(ways)]
     # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says

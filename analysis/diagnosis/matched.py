@@ -28,7 +28,7 @@ def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Arra
     """Return per input the gradient of the log-likelihood by its samples, all records joined, and one sample's answer.
 
     `residuals` are one (n, n_y) per record. The gradient is zero outside the rows that are fitted; the answer (rows,
-    n_y) is what one unit at one sample makes of the readings, whitened.
+    n_y) is what one unit at one sample makes of the readings, whitened; it may begin before that sample.
     """
     model = discretise(linear, setting.data.rate_hz)
     whitener = setting.whitener
@@ -69,7 +69,10 @@ def _answer(setting: Setting, linear: ModalModel, j: int) -> Array:
 
 
 def _even(whitener: Whitener, white: Array, output: int) -> Array:
-    """Return a filtered answer (n, 1) divided by the roots of the noise's levels in its low bands, without a delay."""
+    """Return a filtered answer (n, 1) divided by the roots of the noise's levels in its low bands, shape (2 n, 1).
+
+    Without a delay, so that it begins before the change that it answers: the change is at row n / 2.
+    """
     n = white.shape[0]
     levels = np.ones(n)
     if whitener.levels.size:
@@ -77,4 +80,4 @@ def _even(whitener: Whitener, white: Array, output: int) -> Array:
         levels[: low.size] = low
     spectrum = np.fft.rfft(white, 2 * n, axis=0)
     spectrum[:n] /= np.sqrt(levels)[:, None]
-    return np.asarray(np.fft.irfft(spectrum, axis=0)[:n])
+    return np.asarray(np.roll(np.fft.irfft(spectrum, axis=0), n // 2, axis=0))

@@ -157,9 +157,7 @@ class Whitener:
 
     def band_of_rows(self, mask: Mask) -> Ints:
         """Return the band of each of the rows that `rows` returns, -1 above all bands or where there are none."""
-        parts = [np.zeros(0)]
-        for start, stop in runs_of(mask) if self.levels.size else ():
-            parts.append(np.arange(stop - start) / (2.0 * (stop - start)))
+        parts = [np.zeros(0), *(np.arange(n) / (2.0 * n) for n in (stop - start for start, stop in runs_of(mask)))]
         band = np.searchsorted(self.edges, np.concatenate(parts), side="right") - 1
         return np.asarray(np.where(band < self.levels.shape[1], band, -1))
 
@@ -316,7 +314,7 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     if edges.size < 2:
         edges, levels = np.array([highest]), np.ones((len(repeated), 0))
     # noise does not fall towards low frequencies, so what few rows show of it is no less than it is above them
-    levels = np.maximum.accumulate(levels[:, ::-1], axis=1)[:, ::-1]
+    levels = np.maximum.accumulate(np.hstack([upper[:, :1], levels[:, ::-1]]), axis=1)[:, :0:-1]
     joined = np.concatenate([levels, upper], axis=1)
     return Whitener(plain.taps, True, np.concatenate([edges, more]), joined, guessed=levels.shape[1])
 

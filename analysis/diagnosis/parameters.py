@@ -91,11 +91,12 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
             if p.log and not p.size and start[p.name] == 0.0:  # a fit ended where a logarithm has no scale
                 start[p.name] = _FAINT * candidate.centres.get(p.name, 0.0)
             log = (not p.size) and p.log and start[p.name] > 0.0
-            unit = (
-                candidate.unit_sizes.get(p.name, 1.0)
-                if p.size
-                else (start[p.name] if log else max(abs(start[p.name]), 1e-12))
-            )
+            if p.size:
+                unit = candidate.unit_sizes.get(p.name, 1.0)
+            else:
+                # a shape that a fit has left at zero keeps the scale of its starts: steps of zero's size never leave it
+                middle = abs(candidate.centres.get(p.name, 0.0))
+                unit = start[p.name] if log else max(abs(start[p.name]), middle, 1e-12)
             measures = log and p.neutral == 0.0 and len(candidate.effect.parameters()) == 1
             mean, sd = _prior(candidate, p, unit, log)
             sd = _ANY if measures else sd

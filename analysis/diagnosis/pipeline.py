@@ -34,7 +34,7 @@ from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, make_effect
-from sim_backend.effects.base import Effect
+from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel, discretise
@@ -95,6 +95,7 @@ def search_causes(
         make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
     )
     linear = retuned(linear, known, places)
+    known = tuple(e for e in known if e.site is not Site.MODEL)  # the linear model has those already
     own = fitted_here(model, data)
     knobs = knobs_of(linear, OWN_TOLERANCE if own else options.tolerance)
     discrete = discretise(linear, data.rate_hz)

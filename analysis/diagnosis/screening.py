@@ -19,6 +19,7 @@ from sim_backend.assembly import Places
 from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def gathered(
     `columns` gives those of a record by its number, one (n, n_y, k) for each group; `one_sided` tells which groups can
     only be positive. Records and outputs are taken one after another, so that memory holds one record's columns only.
     """
-    total: Array = np.zeros((0, 0))
+    total, by_output = np.zeros((0, 0)), np.zeros((0, 0))
     widths: list[int] = []
     rows = 0
     for r, (record, motion, start) in enumerate(zip(footing.data.records, motions, footing.starts, strict=True)):
@@ -83,11 +84,14 @@ def gathered(
         found = columns(r)
         widths = [c.shape[2] for c in found]
         known = [footing.exact[r], *(p[r] for p in (footing.plain,) if p)]
-        products = _products([motion.residual[:, :, None], *known, *found], record, whitener, start)
+        products, energies = _products([motion.residual[:, :, None], *known, *found], record, whitener, start)
         total = products if r == 0 else total + products
+        by_output = energies if r == 0 else by_output + energies
     n_before = footing.exact[0].shape[2]
     if footing.plain:
         total = _carried(total, n_before, len(footing.knobs))
+        plain = 1 + n_before + np.arange(len(footing.knobs))
+        by_output = np.delete(by_output, plain, axis=1)
     # prior: the total change of each knob from the nominal model is normal with its sd
     precision = np.array([1.0 / k.sd**2 for k in footing.knobs])
     at = np.arange(1, 1 + len(footing.knobs))
@@ -97,7 +101,7 @@ def gathered(
     total[0, 0] += float(precision @ footing.change**2)
     ends = 1 + n_before + np.cumsum(widths, dtype=np.int64)
     groups = tuple(np.arange(end - width, end) for end, width in zip(ends, widths, strict=True))
-    return Gram(total, n_before, groups, one_sided, rows, whitener.repeats)
+    return Gram(total, n_before, groups, one_sided, rows, whitener.repeats, by_output=by_output)
 
 
 def _carried(products: Array, n_exact: int, n_knobs: int) -> Array:
@@ -111,18 +115,24 @@ def _carried(products: Array, n_exact: int, n_knobs: int) -> Array:
     plain = 1 + n_exact + np.arange(n_knobs)
     kept = np.delete(np.arange(products.shape[0]), plain)
     own = kept[kept > n_exact]
-    scale = np.sqrt(np.maximum(np.diag(products)[plain], np.finfo(float).tiny))
-    inner = products[np.ix_(plain, plain)] / np.outer(scale, scale)
-    cross = products[np.ix_(plain, own)] / scale[:, None]
-    shares = np.linalg.lstsq(inner, cross, rcond=1e-14)[0]
-    left = np.diag(products)[own] - np.sum(cross * shares, axis=0)
-    imitated = left < IMITATED * np.diag(products)[own]
-    move = np.eye(products.shape[0])
-    parts = (shares / scale[:, None])[:, imitated]
-    move[np.ix_(exact, own[imitated])] += parts
-    move[np.ix_(plain, own[imitated])] -= parts
-    move = move[:, kept]
-    return np.asarray(move.T @ products @ move)
+    shares, left = _imitated(products, plain, own)
+    # a reading's error runs along the motion as it is, and is the exact columns' already
+    moved = (left < IMITATED * np.diag(products)[own]) & (left < _imitated(products, exact, own)[1])
+    at, parts = own[moved], shares[:, moved]
+    change = (products[:, exact] - products[:, plain]) @ parts
+    out = products.copy()
+    out[:, at] += change
+    out[at] += change.T
+    out[np.ix_(at, at)] += parts.T @ (change[exact] - change[plain])
+    return np.asarray(out[np.ix_(kept, kept)])
+
+
+def _imitated(products: Array, by: Ints, columns: Ints) -> tuple[Array, Array]:
+    """Return in which proportions (n_by, n) the columns `by` imitate others best, and what they leave of each (n,)."""
+    scale = np.sqrt(np.maximum(np.diag(products)[by], np.finfo(float).tiny))
+    cross = products[np.ix_(by, columns)] / scale[:, None]
+    shares = np.linalg.lstsq(products[np.ix_(by, by)] / np.outer(scale, scale), cross, rcond=1e-14)[0]
+    return shares / scale[:, None], np.diag(products)[columns] - np.sum(cross * shares, axis=0)
 
 
 def _one_sided(candidate: Candidate) -> bool:
@@ -130,8 +140,10 @@ def _one_sided(candidate: Candidate) -> bool:
     return all(p.low >= 0.0 for p in candidate.effect.parameters() if p.size)
 
 
-def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start: Start) -> Array:
+def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start: Start) -> tuple[Array, Array]:
     """Return the inner products of one record's columns after whitening, its unknown start projected out.
+
+    The second are the squares of the columns in each output, (n_y, n), before that projection.
 
     Output by output, because most columns move one output only and need no arithmetic in the others.
     """
@@ -139,10 +151,13 @@ def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start:
     mask = record.fitted()
     rows = int(mask.sum())
     total, seen = np.zeros((width, width)), np.zeros((start.q.shape[1], width))
+    energies = np.zeros((record.y.shape[1], width))
     for o in range(record.y.shape[1]):
         columns = np.concatenate([p[:, o] for p in parts], axis=1)
         live = np.flatnonzero(np.any(columns != 0.0, axis=0))
         white = record.weight * whitener.rows(columns[:, live], mask, o)
-        total[np.ix_(live, live)] += white.T @ white
+        own = white.T @ white
+        total[np.ix_(live, live)] += own
+        energies[o, live] = np.diag(own)
         seen[:, live] += start.q[o * rows : (o + 1) * rows].T @ white
-    return total - seen.T @ seen
+    return total - seen.T @ seen, energies

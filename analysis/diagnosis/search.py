@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate, Scales
 from analysis.diagnosis.fit import Fit, Setting, linear_of
-from analysis.diagnosis.gram import IMITATED
 from analysis.diagnosis.leeway import Leeway, explained_by, leeway_of
 from analysis.diagnosis.refit import refit
-from analysis.diagnosis.settling import again, guessed_squares, lined_up, score, settle, sharpened, squares_of
+from analysis.diagnosis.settling import again, guessed_squares, lined_up, score, settle, sharpened, squares_of, strain
 from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.takeover import part_to_take, taken_over
@@ -82,30 +81,32 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             # white noise cannot, so the shapes that stand out against white noise are tried as well
             plain = settle(setting, best, order=0)
             found = screen(plain, best, rules, scales)
-            ahead = min((score(f, False) for f in trials), default=np.inf)
-            trials += [lined_up(plain, f, ahead)[1] for f in stage.trials(plain, found, _keys(trials))]
-        if known and _lowest(trials) + last.price >= score(best, True) and (flat := _flat(setting, best, last.price)):
+            lowest = min((score(f, False) for f in trials), default=np.inf)
+            trials += [lined_up(plain, f, lowest)[1] for f in stage.trials(plain, found, _keys(trials))]
+        ahead = [(_lead(setting, f, best), f) for f in trials]
+        if known and _top(ahead) <= last.price and (flat := _flat(setting, best, last.price)):
             found = _unmasked(flat, best, rules, scales, last.price)
             upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
-            trials += upheld
+            ahead += [(score(best, True) - score(f, True), f) for f in upheld]
             if upheld and not depth:  # causes are compared where they stand out
                 first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
-        if not trials:
-            break
-        top = min(trials, key=lambda f: score(f, known))
-        if _lead(setting, top, best) <= last.price:
+        ahead.sort(key=lambda pair: -pair[0])
+        trials = [f for _, f in ahead]
+        if _top(ahead) <= last.price:
             rivals += trials
             break
-        chosen = sorted(trials, key=lambda f: score(f, known))[:3]
         if not depth:
-            passed = {f.candidates[0].key: 0.5 * (score(f, known) - score(top, known)) for f in trials}
-        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), chosen, rivals[0])
-        best = sharpened(setting, min(trials, key=lambda f: score(f, setting.whitener.repeats)))
+            passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
+        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), trials[:3], rivals[0])
+        best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
         last = screen(setting, best, rules, scales)
     whole = best
     best, pruned = _pruned(setting, whole, first.price)
     if best is not whole:
+        if not best.candidates:  # the noise was that beside a cause
+            setting = settle(setting, best)
+            best = again(setting, best)
         best = sharpened(setting, best)
         last = screen(setting, best, rules, scales)
     explained = explained_by(setting, tuned, best)
@@ -113,9 +114,14 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
 
 
-def _lowest(fits: Sequence[Fit]) -> float:
-    """Return the best score where the noise is known, infinite of none."""
-    return min((score(f, True) for f in fits), default=np.inf)
+def _top(ahead: Sequence[tuple[float, Fit]]) -> float:
+    """Return the largest lead, minus infinity of none."""
+    return max((lead for lead, _ in ahead), default=-np.inf)
+
+
+def _best_of(setting: Setting, trials: Sequence[Fit], before: Fit) -> Fit:
+    """Return the trial that leads most over the fit `before` them all."""
+    return max(trials, key=lambda f: _lead(setting, f, before))
 
 
 def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
@@ -171,10 +177,11 @@ def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
     lead = score(other, known) - score(fit, known)
     if not (known and setting.whitener.guessed and np.isfinite(lead)):
         return lead
-    rows, least = guessed_squares(setting, fit.residuals)
+    rows, own = guessed_squares(setting, fit.residuals)
+    others = guessed_squares(setting, other.residuals)[1]
     n = np.maximum(rows, 1.0)
-    least, more = np.maximum(least, n), np.maximum(guessed_squares(setting, other.residuals)[1], n)
-    return lead - float(np.sum((more - least) - 2.0 * n * np.log((n + more) / (n + least))))
+    told = 2.0 * n * np.log((n + np.maximum(others, n)) / (n + np.maximum(own, n)))
+    return lead - float(np.sum(others - own - told))
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
@@ -212,10 +219,7 @@ class _Stage:
         return fits
 
     def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
-        # what knobs do as well is worth what it spares them, which no wrong form of another effect makes up
-        if not any(
-            found.freshness[i] < IMITATED or found.drops[i] >= self.least.at(found.candidates[i].where) for i in picks
-        ):
+        if not any(self._telling(setting, found, i) for i in picks):
             return []
 
         def trial(k: int) -> Fit:
@@ -232,6 +236,15 @@ class _Stage:
                 fits.append(next(trials))
         self.progress("refitting the best", self.done + self.share)
         return fits
+
+    def _telling(self, setting: Setting, found: Screen, i: int) -> bool:
+        """Tell whether a candidate explains more than the form of other effects may be wrong by.
+
+        Or spares the knobs most of it: they are known too well for a wrong form to move them so far.
+        """
+        now = self.best.change
+        spared = strain(setting, now) - strain(setting, now + found.knobs[i][: now.size])
+        return bool(found.drops[i] >= self.least.of(found.shares[i]) or 2.0 * spared >= found.drops[i])
 
 
 def _under(setting: Setting, fit: Fit) -> Fit:

@@ -82,6 +82,11 @@ def score(fit: Fit, known_noise: bool) -> float:
     return float(level + fit.log_variance + 2.0 * fit.occam)
 
 
+def strain(setting: Setting, change: Array) -> float:
+    """Return how far a change of the knobs is off, as the sum of its squares in units of their tolerances."""
+    return float(np.sum((change / np.array([k.sd for k in setting.knobs])) ** 2))
+
+
 def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
     """Return the setting and the fit in which the noise is what the fit leaves.
 

@@ -72,7 +72,8 @@ class Rules:
 class Screen:
     """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and their thresholds.
 
-    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it.
+    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it, `shares`
+    (n_y,) how its energy is shared out over the readings.
     """
 
     candidates: tuple[Candidate, ...]
@@ -82,6 +83,7 @@ class Screen:
     knobs: tuple[Array, ...]
     freshness: Array
     threshold: Array
+    shares: tuple[Array, ...] = ()
 
     @property
     def price(self) -> float:
@@ -140,7 +142,8 @@ def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Sc
     threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
     sizes = tuple(s for _, s in solved)
     knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
-    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold)
+    shares = tuple(gram.shares(i) for i in range(len(candidates)))
+    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold, shares)
 
 
 def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: float) -> Array:

@@ -16,7 +16,7 @@ from analysis.diagnosis.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.noise import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search import Found
-from analysis.diagnosis.settling import score
+from analysis.diagnosis.settling import score, strain
 from analysis.diagnosis.shortlist import SURE, SURE_LEAD
 from sim_backend.effects.base import Effect, Site
 from sim_backend.model import Model
@@ -92,20 +92,18 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
     is no listed cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
     """
-    allowed = {one.where: random + found.leeway.at(one.where) for one in left}
-    telling = [one for one in left if one.p_value(allowed[one.where]) < ONE_IN_A_MILLION]
+    telling = [one for one in left if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION]
     if telling:
         return f"what the best model leaves holds {telling[0].words()}"
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
-    deviations = found.best.change / np.array([k.sd for k in found.setting.knobs])
-    strain = float(deviations @ deviations)
-    # what the form of an effect gets wrong, knobs make up for where they can
-    if deviations.size and chi2.sf(strain - found.leeway.total, deviations.size) < ONE_IN_A_MILLION:
+    count, off = len(found.setting.knobs), strain(found.setting, found.best.change)
+    # what the form of an effect gets wrong, knobs that the data do not hold make up for
+    if count and chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
         return (
-            f"the best model needs nominal numbers that are off by {np.sqrt(strain / deviations.size):.2g} times their "
-            f"tolerance (rms of {deviations.size})"
+            f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
+            f"(rms of {count})"
         )
     return ""
 
@@ -177,7 +175,8 @@ def _material(found: Found) -> tuple[int, ...]:
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
         # what spares the knobs more than it explains has no form that could be another's error
-        spared.append(known and any(2.0 * (r.penalty - best.penalty) > w for r, w in zip(without, worth, strict=True)))
+        eased = (strain(found.setting, r.change) - strain(found.setting, best.change) for r in without)
+        spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
     leeway = {place: 0.0 for place in places}
     for effect, place, cost in zip(best.effects, places, costs, strict=True):

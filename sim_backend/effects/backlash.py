@@ -39,6 +39,6 @@ class Backlash(Effect):
         return [{"gap": view.position_peak * part} for part in (0.01, 0.05, 0.2, 0.5)]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return gaps up to half the largest deflection: what mostly is loose has a stop at either end, and no play."""
         return {"gap": (0.0, 0.5 * view.position_peak)}

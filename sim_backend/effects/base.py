@@ -253,8 +253,8 @@ class Effect:
         return [{}]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
-        """Return between which values, by name, `view` can show an effect that starts as `shapes` for what it is.
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
+        """Return the lowest and highest values of shapes between which `view` can show the effect for what it is.
 
         Beyond them it could stand for anything: what does not repeat within the motion is not periodic.
         """

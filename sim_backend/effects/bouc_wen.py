@@ -73,6 +73,6 @@ class BoucWen(Effect):
         ]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return reaches beyond those within which friction turns."""
-        return {"reach": (max(MOST_GIVE * view.position_peak, 1e-15), math.inf)}
+        return {"reach": (max(MOST_GIVE * view.swing, 1e-15), math.inf)}

@@ -45,6 +45,6 @@ class EndStopContact(Effect):
         return [{"gap": view.position_peak * part} for part in (0.98, 0.9, 0.75, 0.5)]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return gaps of half the largest deflection and more: what lets an axis go twice as far stops nothing."""
         return {"gap": (0.5 * view.position_peak, math.inf)}

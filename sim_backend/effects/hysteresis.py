@@ -60,6 +60,6 @@ class Hysteresis(Effect):
         return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.57, 0.75, 1.0, 1.3)]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return reaches at which the first spring slips later than what rubs gives way."""
-        return {"reach": (max(_RUNGS * MOST_GIVE * view.position_peak, 1e-15), math.inf)}
+        return {"reach": (max(_RUNGS * MOST_GIVE * view.swing, 1e-15), math.inf)}

@@ -93,6 +93,6 @@ class JilesAtherton(Effect):
         return [{"a": swing * bend, "pinning": swing * lag, "c": 0.2} for bend in (1.0, 30.0) for lag in (0.05, 0.3)]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return fields of pinning beyond those within which friction turns."""
-        return {"pinning": (max(MOST_GIVE * view.position_peak, 1e-12), math.inf)}
+        return {"pinning": (max(MOST_GIVE * view.swing, 1e-12), math.inf)}

@@ -37,7 +37,7 @@ class PeriodicTorque(Effect):
         return [{"period": max(distance, 1e-12)} for distance in distances]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return the distance within which the position mostly is: what seldom comes again is not seen to repeat."""
         return {"period": (1e-12, max(view.position_spread, 1e-12))}
 

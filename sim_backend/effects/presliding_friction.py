@@ -11,7 +11,7 @@ from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 MOST_GIVE = 0.02
-"""Part of the largest deflection within which friction has turned; what takes longer is called hysteresis."""
+"""Part of the swing within which friction has turned; what takes longer is called hysteresis."""
 
 
 @compiled
@@ -52,6 +52,6 @@ class PreslidingFriction(Effect):
         return [{"give": max(view.position_peak * part, 1e-15)} for part in (0.5e-3, 2e-3, 8e-3)]
 
     @classmethod
-    def limits(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, tuple[float, float]]:
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
         """Return gives that are a small part of the motion: beyond them what turns is a loop."""
-        return {"give": (1e-15, max(MOST_GIVE * view.position_peak, 1e-15))}
+        return {"give": (1e-15, max(MOST_GIVE * view.swing, 1e-15))}

@@ -13,7 +13,7 @@ from scipy.fft import next_fast_len, rfft
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_VISIBLE, _FINE, _MOST, _LOOKED_AT = 4.0, 0.2, 60_000, 8_000_000
+_VISIBLE, _FINE, _MOST, _LOOKED_AT, _MOST_LOOKS = 4.0, 0.2, 60_000, 8_000_000, 600
 """Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
 that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely."""
 
@@ -55,6 +55,30 @@ def _mode_scores(u, r, weight, centres, damping, scores):  # type: ignore[no-unt
             size += weight[i] * (answer.real * answer.real + answer.imag * answer.imag)
             agreed += weight[i] * (answer.real * r[i].real + answer.imag * r[i].imag)
         scores[k] = agreed * agreed / size if size > 0.0 else 0.0
+
+
+def _squares_of_answers(answer: Array, rows: int) -> Callable[[Array], float]:
+    """Return a function that gives the squared answer of the readings to a change (rows,) of the input."""
+    n = next_fast_len(rows, real=True)
+    gain = np.sum(np.abs(rfft(answer[:n], n, axis=0)) ** 2, axis=1)
+    gain[1 : (n + 1) // 2] *= 2.0  # each stands for its conjugate too
+    return lambda change: float(gain @ np.abs(rfft(change, n)) ** 2) / n
+
+
+def _energy_of_levels(answer: Array, levels: Ints) -> Array:
+    """Return the squared answer of the readings to a unit of each level of the input, by the rows' `levels` (n,).
+
+    Samples of a stretch that holds one level add up in the answer, stretches apart from each other only in its
+    square: that of m samples is the sum of (m - |k|) r(k) over the autocorrelation r of the answer to one.
+    """
+    n = answer.shape[0]
+    alike = np.fft.irfft(np.sum(np.abs(np.fft.rfft(answer, 2 * n, axis=0)) ** 2, axis=1))[:n]
+    # second sums: S(m + 1) - S(m) = r(0) + 2 (r(1) + … + r(m))
+    energy = np.concatenate([[0.0], np.cumsum(2.0 * np.cumsum(alike) - alike[0])])
+    ends = np.append(np.flatnonzero(np.diff(levels)) + 1, levels.size)
+    held = np.diff(ends, prepend=0)
+    whole = energy[np.minimum(held, n)] * np.maximum(held / n, 1.0)
+    return np.asarray(np.bincount(levels[ends - 1], whole), dtype=float)
 
 
 @dataclass(frozen=True)
@@ -100,6 +124,11 @@ class RecordView:
         return float(np.ptp(self.position)) if self.position.size else 0.0
 
     @property
+    def swing(self) -> float:
+        """Half the distance between the outermost positions: how far the motion goes to either side of its middle."""
+        return 0.5 * self.position_range
+
+    @property
     def position_spread(self) -> float:
         """Distance within which the position is for nine tenths of the time."""
         return float(np.ptp(np.quantile(self.position, [0.05, 0.95]))) if self.position.size else 0.0
@@ -113,11 +142,6 @@ class RecordView:
     def duration_s(self) -> float:
         """Length of the record."""
         return self.u.size / self.rate_hz
-
-    @property
-    def longest_s(self) -> float:
-        """Length of the longest of the joined records."""
-        return float(np.max(np.diff((0, *(self.ends or (self.u.size,)))))) / self.rate_hz
 
     def rounding_steps(self) -> Array:
         """Return every step of a rounding of the input that is told apart from its neighbours, ascending."""
@@ -134,12 +158,12 @@ class RecordView:
     def likely_roundings(self, n: int) -> list[float]:
         """Return the `n` steps of a rounding of the input that the residual speaks for most."""
         steps = self.rounding_steps()
-        if not steps.size or self.wanted is None:
+        if not steps.size or self.wanted is None or self.answer is None:
             return []
         used = self.wanted != 0.0
         # commands are held and played again: each level needs to be rounded once
         u, levels = np.unique(self.u[used], return_inverse=True)
-        wanted, energy = np.bincount(levels, self.wanted[used]), self._energy_of_levels(levels)
+        wanted, energy = np.bincount(levels, self.wanted[used]), _energy_of_levels(self.answer, levels)
         size = float(np.sqrt(np.mean(u**2)))
 
         def scores(steps: Array) -> Array:
@@ -147,12 +171,14 @@ class RecordView:
             _rounding_scores(u, wanted, energy, steps, out)
             return out
 
-        coarse, sums = scores(steps), self._squares_of_answers()
+        coarse, sums = scores(steps), _squares_of_answers(self.answer, self.u.size)
         found: list[tuple[float, float]] = []
         # between two steps of the grid a large command is shifted by half of one, and errors of levels that a slow
         # command passes through are alike: many are looked at closely
-        for _ in range(min(max(_LOOKED_AT // self.u.size, 2 * n), steps.size)):
+        for _ in range(min(max(_LOOKED_AT // self.u.size, 2 * n), _MOST_LOOKS, steps.size)):
             i = int(np.argmax(coarse))
+            if not np.isfinite(coarse[i]):
+                break  # all have been looked at
             near = 1.0 / (1.0 / steps[i] + np.linspace(-1.0, 1.0, 21) * _FINE / size)
             step = float(near[int(np.argmax(scores(near)))])
             error = np.where(used, step * np.floor(self.u / step + 0.5) - self.u, 0.0)
@@ -161,32 +187,6 @@ class RecordView:
             found.append((part * (2.0 * agreed - part * moved), step))
             coarse[max(0, i - 2) : i + 3] = -np.inf
         return [step for _, step in sorted(found, reverse=True)[:n]]
-
-    def _squares_of_answers(self) -> Callable[[Array], float]:
-        """Return a function that gives the squared answer of the readings to a change (n,) of the input."""
-        n = next_fast_len(self.u.size, real=True)
-        pulse = np.zeros((1, 1)) if self.answer is None else self.answer
-        gain = np.sum(np.abs(rfft(pulse[:n], n, axis=0)) ** 2, axis=1)
-        gain[1 : (n + 1) // 2] *= 2.0  # each stands for its conjugate too
-        return lambda change: float(gain @ np.abs(rfft(change, n)) ** 2) / n
-
-    def _energy_of_levels(self, levels: Ints) -> Array:
-        """Return the squared answer of the readings to a unit of each level of the input, by the rows' `levels` (n,).
-
-        Samples of a stretch that holds one level add up in the answer, stretches apart from each other only in its
-        square: that of m samples is the sum of (m - |k|) r(k) over the autocorrelation r of the answer to one.
-        """
-        if self.answer is None:
-            return np.ones(int(levels.max()) + 1)
-        n = self.answer.shape[0]
-        spectrum = np.sum(np.abs(np.fft.rfft(self.answer, 2 * n, axis=0)) ** 2, axis=1)
-        alike = np.fft.irfft(spectrum)[:n]
-        # second sums: S(m + 1) - S(m) = r(0) + 2 (r(1) + … + r(m))
-        energy = np.concatenate([[0.0], np.cumsum(2.0 * np.cumsum(alike) - alike[0])])
-        ends = np.append(np.flatnonzero(np.diff(levels)) + 1, levels.size)
-        held = np.diff(ends, prepend=0)
-        whole = energy[np.minimum(held, n)] * np.maximum(held / n, 1.0)
-        return np.asarray(np.bincount(levels[ends - 1], whole), dtype=float)
 
     def residual_lines_hz(self, n: int, above_hz: float = 0.0) -> list[float]:
         """Return the `n` frequencies above a lowest at which the residual's spectrum is highest over its surroundings.

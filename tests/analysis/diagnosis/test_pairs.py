@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
@@ -11,6 +12,7 @@ from analysis.diagnosis.leeway import Leeway
 from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.verdict import judge
 from sim_backend.effects import EFFECTS
+from sim_backend.model import EffectEntry
 from tests.analysis.diagnosis.residuals import DECAY_1_S, MODEL, RATE_HZ, RESONANCE_HZ
 
 Array = NDArray[np.float64]
@@ -57,4 +59,19 @@ def test_what_is_explained_in_one_reading_is_no_leeway_in_another() -> None:
     leeway = Leeway(("theta_x", "theta_y"), (30.0, 0.1))
     assert leeway.at("theta_y") == leeway.at("theta_x->theta_y") == 0.1
     assert leeway.at("theta_x") == 30.0
-    assert leeway.at("coil 1") == leeway.total == 30.1
+    assert leeway.at("coil 1") == leeway.of(()) == leeway.total == 30.1
+    assert abs(leeway.of((0.01, 0.99)) - 0.399) < 1e-12  # a torque of theta_y, a tenth of which moves theta_x
+
+
+def test_a_model_that_has_a_shift_of_its_own_has_it_once() -> None:
+    """An extended model with a stiffer spring explains the bench that has it: nothing is left to be found."""
+    rng = np.random.default_rng(4)
+    drive = _drive(rng)
+    reading = _stiffer(drive) + 3e-3 * rng.standard_normal(drive.size)
+    whole = (Window("all", 0, drive.size, False, PERIOD),)
+    data = Dataset(RATE_HZ, (Record("run", drive[:, None], reading[:, None], whole),))
+    entry = EffectEntry(effect="stiffness-shift", where="x", parameters={"relative": STIFFER})
+    model = msgspec.structs.replace(MODEL, effects=[entry])
+    found = search_causes(data, model, Options(tolerance=0.0173, workers=1))
+    assert judge(found).verdict == "consistent"
+    assert np.max(np.abs(found.tuned.change)) < 0.0173

@@ -6,7 +6,7 @@ import pytest
 from analysis.diagnosis.candidates import Candidate, Scales, enumerate_candidates
 from analysis.diagnosis.parameters import parameters_of
 from sim_backend.assembly import Places
-from sim_backend.effects import EFFECTS, Aux
+from sim_backend.effects import EFFECTS, Aux, effect_class
 from sim_backend.effects.amplifier_lag import AmplifierLag
 from sim_backend.effects.periodic_torque import PeriodicTorque
 from sim_backend.effects.view import RecordView
@@ -57,7 +57,7 @@ def test_a_period_stays_within_what_the_motion_repeats():
     position = np.sin(np.linspace(0.0, 20.0 * np.pi, 4000))
     zero = np.zeros(position.size)
     view = RecordView(1000.0, zero, position, zero, zero, None, 10.0)
-    limits = PeriodicTorque.limits(view, {"period": 0.5})
+    limits = PeriodicTorque.limits(view)
     # a sine is within cos(π/20) of its swing for nine tenths of the time
     assert abs(limits["period"][1] - 2.0 * np.cos(np.pi / 20.0)) < 1e-2
     unit, middle = {"cosine": 1.0, "sine": 1.0}, {"period": 0.5}
@@ -67,3 +67,15 @@ def test_a_period_stays_within_what_the_motion_repeats():
         (period,) = [(s, v) for s, v in zip(scales, x, strict=True) if s.name == "period"]
         assert abs(period[0].back(period[1]) - expected) < 1e-12
         assert period[0].back(100.0) == limits["period"][1]
+
+
+def test_a_shape_that_a_fit_has_left_at_zero_can_leave_it_again():
+    """A reversible part of zero is as far from the usual fifth as that is from zero, not 10¹¹ of its own sizes."""
+    effect = effect_class("jiles-atherton")
+    shapes = {"a": 1e-3, "pinning": 1e-3, "c": 0.0}
+    candidate = Candidate(effect, "x", shapes, {"size": 1.0}, {"a": 1e-3, "pinning": 1e-3, "c": 0.2})
+    scales, x = parameters_of([candidate], np.ones(1))
+    ((reversible, value),) = [(s, v) for s, v in zip(scales, x, strict=True) if s.name == "c"]
+    assert value == 0.0
+    assert abs(reversible.forth(0.2)) <= 1.0
+    assert reversible.back(reversible.difference(0.0)) > 1e-9  # far above the rounding of what it changes

@@ -62,7 +62,7 @@ def test_a_line_is_found_although_each_run_begins_elsewhere_in_it():
 
 def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     peak = view().position_peak
-    stop, play = (effect_class(slug).limits(view(), {})["gap"] for slug in ("end-stop-contact", "backlash"))
+    stop, play = (effect_class(slug).limits(view())["gap"] for slug in ("end-stop-contact", "backlash"))
     assert stop == (0.5 * peak, np.inf) and play == (0.0, 0.5 * peak)
     named = {
         "end-stop-contact": "gap",
@@ -72,20 +72,14 @@ def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     }
     for slug, name in named.items():
         for start in effect_class(slug).guess(view()):
-            low, high = effect_class(slug).limits(view(), start)[name]
+            low, high = effect_class(slug).limits(view())[name]
             assert low <= start[name] <= high
 
 
 def test_friction_gives_way_by_less_than_a_hysteresis_reaches():
-    peak = view().position_peak
-    give, reach = (effect_class(slug).limits(view(), {}) for slug in ("presliding-friction", "hysteresis"))
-    assert give["give"][1] == pytest.approx(reach["reach"][0] / 27.0) == 0.02 * peak
-
-
-def test_a_mode_that_rings_longer_than_the_longest_record_is_none():
-    seen = view()
-    low, _ = effect_class("extra-resonance").limits(seen, {"frequency_hz": 80.0})["damping_ratio"]
-    assert abs(5.0 / (low * 2.0 * np.pi * 80.0) - seen.longest_s) < 1e-9 * seen.longest_s
+    """The swing counts and not where it happens: a motion of ±5 mrad about 2 mrad."""
+    give, reach = (effect_class(slug).limits(view()) for slug in ("presliding-friction", "hysteresis"))
+    assert give["give"][1] == pytest.approx(reach["reach"][0] / 27.0) == pytest.approx(0.02 * 5e-3, rel=1e-6)
 
 
 @pytest.mark.parametrize("slug", ["periodic-torque", "periodic-sensor-error"])
