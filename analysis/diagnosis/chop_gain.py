@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.recorded.settle import settle_of
 from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.runner import run_plan
@@ -64,6 +63,9 @@ def chop_gains(
 def _chopped(
     open_bench: Callable[[], Bench], design: str, axis: str, seed: int, strategy: str, size_rad: float, cycles: int
 ) -> tuple[float, float]:
+    # it brings all strategies of control with it, seconds of start-up that few diagnoses need
+    from analysis.recorded.settle import settle_of
+
     settings = {"strategy": strategy, "alpha_deg": ALPHA_DEG[axis], "to_rad": size_rad, "cycles": cycles}
     plan = make_plan("settling", {**settings, "model": design})
     bench = open_bench()

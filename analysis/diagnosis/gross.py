@@ -104,7 +104,7 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
     """
     progress("screening the kinds of causes", 0.05)
     everything = replace(rules, effects=(*rules.effects, UnlistedForce))
-    gram, candidates = gram_beside(setting, tuned, everything, scales)
+    (gram,), candidates = gram_beside(setting, tuned, everything, scales)
     first = evidence_of(gram, candidates, rules)
     kinds = _kinds(gram, candidates, first)
     if not kinds:

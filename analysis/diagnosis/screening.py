@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Candidate, Motion, signature
 from analysis.diagnosis.dataset import Dataset, Record
 from analysis.diagnosis.gram import IMITATED, Gram
-from analysis.diagnosis.noise import Whitener
+from analysis.diagnosis.noise import Whitener, runs_of
 from analysis.diagnosis.starts import Start
 from analysis.diagnosis.tuning import Knob
 from sim_backend.assembly import Places
@@ -20,6 +20,10 @@ from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+Noise = tuple[Whitener, tuple[Start, ...]]
+"""A noise and, under it, the start bases of all records."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,12 @@ def gram_of(
     candidates: Sequence[Candidate],
     *,
     workers: int = 2,
-) -> Gram:
-    """Return the inner products of residual, knobs and all candidates over the rows that may be fitted."""
+    others: Sequence[Noise] = (),
+) -> list[Gram]:
+    """Return the inner products of residual, knobs and all candidates over the rows that may be fitted.
+
+    The first are those under the noise of `whitener`, then come those under `others`.
+    """
 
     def columns(r: int) -> list[Array]:
         def column(candidate: Candidate) -> Array:
@@ -60,8 +68,9 @@ def gram_of(
         with ThreadPoolExecutor(workers) as pool:
             return list(pool.map(column, candidates))
 
-    gram = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)))
-    return replace(gram, whole=tuple(c.effect.whole for c in candidates))
+    grams = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)), others)
+    whole = tuple(c.effect.whole for c in candidates)
+    return [replace(gram, whole=whole) for gram in grams]
 
 
 def gathered(
@@ -70,38 +79,49 @@ def gathered(
     whitener: Whitener,
     columns: Callable[[int], Sequence[Array]],
     one_sided: tuple[bool, ...],
-) -> Gram:
+    others: Sequence[Noise] = (),
+) -> list[Gram]:
     """Return the inner products of residual, knobs and `columns` over the rows that may be fitted.
 
     `columns` gives those of a record by its number, one (n, n_y, k) for each group; `one_sided` tells which groups can
     only be positive. Records and outputs are taken one after another, so that memory holds one record's columns only.
+    The first products are those under the noise of `whitener`, then come those under each of `others`, which may differ
+    from it in the levels of its bands: few rows, so that they cost next to nothing.
     """
-    total, by_output = np.zeros((0, 0)), np.zeros((0, 0))
+    totals: list[Array] = []
+    by_output = np.zeros((0, 0))
     widths: list[int] = []
     rows = 0
-    for r, (record, motion, start) in enumerate(zip(footing.data.records, motions, footing.starts, strict=True)):
+    for r, (record, motion) in enumerate(zip(footing.data.records, motions, strict=True)):
         rows += int(record.fitted().sum()) * footing.data.n_outputs
         found = columns(r)
         widths = [c.shape[2] for c in found]
         known = [footing.exact[r], *(p[r] for p in (footing.plain,) if p)]
-        products, energies = _products([motion.residual[:, :, None], *known, *found], record, whitener, start)
-        total = products if r == 0 else total + products
+        noises = [(w, starts[r]) for w, starts in ((whitener, footing.starts), *others)]
+        products, energies = _products([motion.residual[:, :, None], *known, *found], record, noises)
+        totals = products if r == 0 else [t + p for t, p in zip(totals, products, strict=True)]
         by_output = energies if r == 0 else by_output + energies
     n_before = footing.exact[0].shape[2]
-    if footing.plain:
-        total = _carried(total, n_before, len(footing.knobs))
-        plain = 1 + n_before + np.arange(len(footing.knobs))
-        by_output = np.delete(by_output, plain, axis=1)
-    # prior: the total change of each knob from the nominal model is normal with its sd
-    precision = np.array([1.0 / k.sd**2 for k in footing.knobs])
-    at = np.arange(1, 1 + len(footing.knobs))
-    total[at, at] += precision
-    total[0, at] -= precision * footing.change
-    total[at, 0] -= precision * footing.change
-    total[0, 0] += float(precision @ footing.change**2)
     ends = 1 + n_before + np.cumsum(widths, dtype=np.int64)
     groups = tuple(np.arange(end - width, end) for end, width in zip(ends, widths, strict=True))
-    return Gram(total, n_before, groups, one_sided, rows, whitener.repeats, by_output=by_output)
+    if footing.plain:
+        totals = [_carried(total, n_before, len(footing.knobs)) for total in totals]
+        by_output = np.delete(by_output, 1 + n_before + np.arange(len(footing.knobs)), axis=1)
+    return [
+        Gram(_held(total, footing), n_before, groups, one_sided, rows, whitener.repeats, by_output=by_output)
+        for total in totals
+    ]
+
+
+def _held(products: Array, footing: Footing) -> Array:
+    """Return products with the prior: the change of each knob from the nominal model is normal with its sd."""
+    out, at = products.copy(), np.arange(1, 1 + len(footing.knobs))
+    precision = np.array([1.0 / k.sd**2 for k in footing.knobs])
+    out[at, at] += precision
+    out[0, at] -= precision * footing.change
+    out[at, 0] -= precision * footing.change
+    out[0, 0] += float(precision @ footing.change**2)
+    return out
 
 
 def _carried(products: Array, n_exact: int, n_knobs: int) -> Array:
@@ -140,24 +160,43 @@ def _one_sided(candidate: Candidate) -> bool:
     return all(p.low >= 0.0 for p in candidate.effect.parameters() if p.size)
 
 
-def _products(parts: Sequence[Array], record: Record, whitener: Whitener, start: Start) -> tuple[Array, Array]:
-    """Return the inner products of one record's columns after whitening, its unknown start projected out.
+def _products(
+    parts: Sequence[Array], record: Record, noises: Sequence[tuple[Whitener, Start]]
+) -> tuple[list[Array], Array]:
+    """Return the inner products of one record's columns after whitening, its unknown start projected out, per noise.
 
-    The second are the squares of the columns in each output, (n_y, n), before that projection.
-
+    The second are the squares of the columns in each output, (n_y, n), under the first noise before that projection.
     Output by output, because most columns move one output only and need no arithmetic in the others.
     """
     width = sum(p.shape[2] for p in parts)
     mask = record.fitted()
     rows = int(mask.sum())
-    total, seen = np.zeros((width, width)), np.zeros((start.q.shape[1], width))
+    whitener = noises[0][0]
+    totals = [np.zeros((width, width)) for _ in noises]
+    seen = [np.zeros((start.q.shape[1], width)) for _, start in noises]
     energies = np.zeros((record.y.shape[1], width))
     for o in range(record.y.shape[1]):
         columns = np.concatenate([p[:, o] for p in parts], axis=1)
         live = np.flatnonzero(np.any(columns != 0.0, axis=0))
         white = record.weight * whitener.rows(columns[:, live], mask, o)
         own = white.T @ white
-        total[np.ix_(live, live)] += own
         energies[o, live] = np.diag(own)
-        seen[:, live] += start.q[o * rows : (o + 1) * rows].T @ white
-    return total - seen.T @ seen, energies
+        for k, (noise, start) in enumerate(noises):
+            at, louder = _relative(whitener, noise, mask, o)
+            few, q = white[at], start.q[o * rows : (o + 1) * rows]
+            totals[k][np.ix_(live, live)] += own + few.T @ ((louder**2 - 1.0)[:, None] * few) if at.size else own
+            seen[k][:, live] += q.T @ white + q[at].T @ ((louder - 1.0)[:, None] * few)
+    return [total - s.T @ s for total, s in zip(totals, seen, strict=True)], energies
+
+
+def _relative(whitener: Whitener, other: Whitener, mask: Mask, output: int) -> tuple[Ints, Array]:
+    """Return which of the masked rows `other` whitens to another size, and to how many times that of `whitener`."""
+    at, ratio, first = [np.zeros(0, np.int64)], [np.zeros(0)], 0
+    if other is not whitener and whitener.levels.size:
+        for start, stop in runs_of(mask):
+            own, others = (w.band_levels(stop - start, output) for w in (whitener, other))
+            differ = np.flatnonzero(own != others)
+            at.append(first + differ)
+            ratio.append(np.sqrt(own[differ] / others[differ]))
+            first += stop - start
+    return np.concatenate(at), np.concatenate(ratio)

@@ -15,7 +15,7 @@ from analysis.diagnosis.fit import Fit, Setting, linear_of
 from analysis.diagnosis.leeway import Leeway, explained_by, leeway_of
 from analysis.diagnosis.refit import refit
 from analysis.diagnosis.settling import again, guessed_squares, lined_up, score, settle, sharpened, squares_of, strain
-from analysis.diagnosis.shortlist import MOST, Rules, Screen, screen, shortlist
+from analysis.diagnosis.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from analysis.diagnosis.starts import starts_of
 from analysis.diagnosis.takeover import part_to_take, taken_over
 from analysis.diagnosis.tuning import REACH
@@ -67,7 +67,9 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     """Return the best set of effects, by alternating screening and refitting, and all that came near it."""
     best, rivals = tuned, [tuned]
     known = setting.whitener.repeats
-    first = last = screen(setting, tuned, rules, scales)
+    flat = _flat(setting, tuned)
+    last, beneath = screen_both(setting, flat, tuned, rules, scales)
+    first = last
     passed: dict[tuple[str, str], float] = {}
     for depth in range(MOST):
         least = leeway_of(setting, tuned, best)
@@ -84,8 +86,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             lowest = min((score(f, False) for f in trials), default=np.inf)
             trials += [lined_up(plain, f, lowest)[1] for f in stage.trials(plain, found, _keys(trials))]
         ahead = [(_lead(setting, f, best), f) for f in trials]
-        if known and _top(ahead) <= last.price and (flat := _flat(setting, best, last.price)):
-            found = _unmasked(flat, best, rules, scales, last.price)
+        if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
+            found = _unmasked(flat, best, beneath, last.price)
             upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
             ahead += [(score(best, True) - score(f, True), f) for f in upheld]
             if upheld and not depth:  # causes are compared where they stand out
@@ -100,7 +102,8 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         setting, trials, before = _settled(replace(setting, substeps=rules.substeps), trials[:3], rivals[0])
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
-        last = screen(setting, best, rules, scales)
+        flat = _flat(setting, best)
+        last, beneath = screen_both(setting, flat, best, rules, scales)
     whole = best
     best, pruned = _pruned(setting, whole, first.price)
     if best is not whole:
@@ -128,25 +131,28 @@ def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
     return {c.key for f in fits for c in f.candidates}
 
 
-def _flat(setting: Setting, fit: Fit, price: float) -> Setting | None:
+def _flat(setting: Setting, fit: Fit) -> Setting | None:
     """Return the setting with noise that does not rise below what periods show, if that rise may hide an effect.
 
     Down there the noise is what a fit leaves. A slow effect that is not yet in it (a drift) makes noise of itself, and
     is hidden by it: it can win in evidence no more than the rise cost.
     """
-    flat = setting.whitener.flat()
-    masks = [record.fitted() for record in setting.data.records]
-    if sum(setting.whitener.log_variance(m) - flat.log_variance(m) for m in masks) < price:
+    flat = replace(setting, whitener=setting.whitener.flat())
+    if not setting.whitener.repeats or _rise(setting, flat) < 2.0 * SURE_LEAD:
         return None
-    return replace(setting, whitener=flat, starts=starts_of(setting.data, linear_of(setting, fit), flat))
+    return replace(flat, starts=starts_of(setting.data, linear_of(setting, fit), flat.whitener))
 
 
-def _unmasked(flat: Setting, fit: Fit, rules: Rules, scales: Scales, price: float) -> Screen:
-    """Return a screening against flat noise, by the evidence that is left when the noise falls to what then remains.
+def _rise(setting: Setting, flat: Setting) -> float:
+    """Return what the rise of the noise over a flat one costs, as twice the logarithm of the evidence."""
+    return setting.log_variance - flat.log_variance
+
+
+def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
+    """Return a screening against flat noise by the evidence that is left when the noise falls to what then remains.
 
     It falls no lower than where it is flat, and what lowers the misfit elsewhere needs no such screening.
     """
-    found = screen(flat, fit, rules, scales)
     rows, before = (float(np.sum(a)) for a in guessed_squares(flat, fit.residuals))
     gains = rows * -np.log1p(-np.minimum(found.drops / before, max(1.0 - rows / before, 0.0)))
     return replace(found, gains=np.asarray(gains, dtype=float), threshold=np.full(gains.size, price))

@@ -15,7 +15,7 @@ from analysis.diagnosis.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.gram import IMITATED, Gram
 from analysis.diagnosis.matched import wanted_inputs
 from analysis.diagnosis.motions import measured_motion
-from analysis.diagnosis.screening import Footing, gram_of
+from analysis.diagnosis.screening import Footing, Noise, gram_of
 from analysis.diagnosis.sensitivity import exact_sensitivities, plain_sensitivities
 from sim_backend.effects.base import Effect
 from sim_backend.effects.view import RecordView
@@ -105,16 +105,33 @@ class Screen:
 
 def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
     """Return the evidence of every candidate beside what `fit` already holds."""
-    return evidence_of(*gram_beside(setting, fit, rules, scales), rules)
+    (gram,), candidates = gram_beside(setting, fit, rules, scales)
+    return evidence_of(gram, candidates, rules)
 
 
-def gram_beside(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> tuple[Gram, list[Candidate]]:
-    """Return the inner products of everything that could be added to `fit`, and the candidates they are of."""
+def screen_both(
+    setting: Setting, other: Setting | None, fit: Fit, rules: Rules, scales: Scales
+) -> tuple[Screen, Screen | None]:
+    """Return the evidence under the noise of `setting` and under that of `other`, of other levels, if there is one."""
+    if other is None:
+        return screen(setting, fit, rules, scales), None
+    (gram, more), candidates = gram_beside(setting, fit, rules, scales, [(other.whitener, other.starts)])
+    return evidence_of(gram, candidates, rules), evidence_of(more, candidates, None)
+
+
+def gram_beside(
+    setting: Setting, fit: Fit, rules: Rules, scales: Scales, others: Sequence[Noise] = ()
+) -> tuple[list[Gram], list[Candidate]]:
+    """Return the inner products of everything that could be added to `fit`, and the candidates they are of.
+
+    The first are those under the noise of `setting`, then come those under `others`.
+    """
     footing, motions = beside(setting, fit)
     views = views_of(setting, motions, footing.linear)
     taken = {c.key for c in fit.candidates if not c.effect.several}
     candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
-    return gram_of(footing, motions, setting.whitener, candidates, workers=setting.workers), candidates
+    grams = gram_of(footing, motions, setting.whitener, candidates, workers=setting.workers, others=others)
+    return grams, candidates
 
 
 def beside(setting: Setting, fit: Fit) -> tuple[Footing, list[Motion]]:
@@ -130,16 +147,21 @@ def beside(setting: Setting, fit: Fit) -> tuple[Footing, list[Motion]]:
     return Footing(data, linear, places, knobs, fit.change, setting.starts, exact, plain, setting.states), motions
 
 
-def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules) -> Screen:
-    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the thresholds of chance."""
+def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules | None) -> Screen:
+    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the thresholds of chance.
+
+    Without `rules` there are none: the thresholds are infinite.
+    """
     reduced = gram.without(gram.knob_columns())
     solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them
     chosen = np.array([2.0 * math.log(max(c.choices, 1)) for c in candidates])
     drops = np.array([drop for drop, _ in solved])
     gains = np.maximum(gram.ratios(drops, float(reduced[0, 0])) - chosen, 0.0)
-    ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)
-    threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
+    threshold = np.full(len(candidates), np.inf)
+    if rules is not None:
+        ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)
+        threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
     sizes = tuple(s for _, s in solved)
     knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
     shares = tuple(gram.shares(i) for i in range(len(candidates)))
