@@ -313,8 +313,8 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     more, upper = _repeated_levels([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest)
     if edges.size < 2:
         edges, levels = np.array([highest]), np.ones((len(repeated), 0))
-    # noise does not fall towards low frequencies, so what few rows show of it is no less than it is above them
-    levels = np.maximum.accumulate(np.hstack([upper[:, :1], levels[:, ::-1]]), axis=1)[:, :0:-1]
+    # noise does not fall towards low frequencies, so what few rows show of it is no less than what is known above them
+    levels = np.maximum(levels, upper[:, :1])
     joined = np.concatenate([levels, upper], axis=1)
     return Whitener(plain.taps, True, np.concatenate([edges, more]), joined, guessed=levels.shape[1])
 

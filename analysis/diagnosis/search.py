@@ -178,6 +178,7 @@ def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
 
     Where the noise is guessed from n rows, a sum of squares S in its units has the likelihood of Student's t: twice its
     negative logarithm is 2n log(1 + S/n), and S only where the variance is certain. Less than the guess is no merit.
+    Noise does not fall towards low frequencies, so each band's is taken for no less than that of the bands above.
     """
     known = setting.whitener.repeats
     lead = score(other, known) - score(fit, known)
@@ -186,7 +187,9 @@ def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
     rows, own = guessed_squares(setting, fit.residuals)
     others = guessed_squares(setting, other.residuals)[1]
     n = np.maximum(rows, 1.0)
-    told = 2.0 * n * np.log((n + np.maximum(others, n)) / (n + np.maximum(own, n)))
+    levels = setting.whitener.levels[:, : setting.whitener.guessed]
+    part = levels / np.maximum.accumulate(levels[:, ::-1], axis=1)[:, ::-1]
+    told = 2.0 * n * np.log((n + np.maximum(part * others, n)) / (n + np.maximum(part * own, n)))
     return lead - float(np.sum(others - own - told))
 
 
