@@ -176,13 +176,15 @@ def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> li
 def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
     """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
 
-    Where the noise is guessed from n rows, a sum of squares S in its units has the likelihood of Student's t: twice its
-    negative logarithm is 2n log(1 + S/n), and S only where the variance is certain. Less than the guess is no merit.
-    Noise does not fall towards low frequencies, so each band's is taken for no less than that of the bands above.
+    Beside a cause that was found already, slow noise that is guessed from n rows of what it leaves is known no better:
+    a sum of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n),
+    and S only where the variance is certain. Less than the guess is no merit. Noise does not fall towards low
+    frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the guess
+    itself, which noise seldom does.
     """
     known = setting.whitener.repeats
     lead = score(other, known) - score(fit, known)
-    if not (known and setting.whitener.guessed and np.isfinite(lead)):
+    if not (known and other.candidates and setting.whitener.guessed and np.isfinite(lead)):
         return lead
     rows, own = guessed_squares(setting, fit.residuals)
     others = guessed_squares(setting, other.residuals)[1]
