@@ -100,6 +100,13 @@ def outcome_of(folder: Path, name: str) -> Outcome:
     return Outcome(**json.loads(path.read_text(encoding="utf-8")))
 
 
+def diagnosed_by(folder: Path, names: Sequence[str]) -> str:
+    """Return version and commit of the tool that diagnosed these cases: what a score is of, whoever scores it."""
+    outcomes = [outcome_of(folder, name) for name in names]
+    tools = dict.fromkeys(f"{o.tool_version} (commit {o.tool_commit})" for o in outcomes)
+    return " and ".join(tools)
+
+
 @dataclass
 class _Work:
     """The diagnoses of one run: those under way, and whether they are being stopped."""

@@ -89,11 +89,11 @@ def score_challenge(folder: Path, *, so_far: bool = False, first: str | None = N
     looked at is blind no more.
     """
     truth = reveal(folder)
-    names = cases_of(folder, first)
+    wanted = names = cases_of(folder, first)
     if so_far:
         names = list(takewhile(lambda name: was_run(folder, name), names))
     if not names:
-        raise ConfigError(f"the first case of {folder} was not run yet: run the challenge first")
+        raise ConfigError(f"case {wanted[0]} of {folder} was not run yet: run the challenge first")
     judged = [judge(folder, name, truth.cases[name]) for name in names]
     ratios = _limit_ratios(judged)
     families = tuple(_family(slug, judged, ratios.get(slug)) for slug in _slugs(judged))

@@ -34,12 +34,12 @@ def score(
     from datetime import UTC, datetime
 
     from campaigns.challenge.markdown import page
+    from campaigns.challenge.run import diagnosed_by
     from campaigns.challenge.score import score_challenge
-    from campaigns.version import tool_commit, tool_version
 
     result = score_challenge(folder, so_far=so_far, first=first)
     target = out or folder / "score"
-    version = f"{tool_version()} (commit {tool_commit()})"
+    version = diagnosed_by(folder, [one["case"] for one in result.cases])
     date = datetime.now(UTC).date().isoformat()
     result_text = json.dumps({"date": date, "version": version, **plain(result.plain())}, indent=1, allow_nan=False)
     target.parent.mkdir(parents=True, exist_ok=True)

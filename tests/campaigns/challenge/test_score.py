@@ -10,6 +10,7 @@ import pytest
 
 from campaigns.challenge.judge import judge
 from campaigns.challenge.markdown import page
+from campaigns.challenge.run import diagnosed_by
 from campaigns.challenge.score import CHI2_MEDIAN, Measure, score_challenge
 from campaigns.challenge.truth import Buried, Case, Number, Truth, seal
 from sim_backend.errors import ConfigError
@@ -209,3 +210,20 @@ def test_a_score_so_far_ends_before_the_first_case_that_was_not_run(tmp_path: Pa
     (tmp_path / "results" / "01" / "run.json").unlink()
     with pytest.raises(ConfigError, match="run the challenge first"):
         score_challenge(tmp_path, so_far=True)
+
+
+def test_a_score_is_of_the_tool_that_diagnosed(tmp_path: Path) -> None:
+    """Whoever scores it, and by whichever version."""
+    write(tmp_path, {name: (GAIN, None) for name in ("0001", "0002", "0003")})
+    for name, commit in (("0001", "aaa"), ("0002", "aaa"), ("0003", "bbb")):
+        path = tmp_path / "results" / name / "run.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"tool_version": "1.2", "tool_commit": commit}))
+    assert diagnosed_by(tmp_path, ["0001", "0002"]) == "1.2 (commit aaa)"
+    assert diagnosed_by(tmp_path, ["0001", "0002", "0003"]) == "1.2 (commit aaa) and 1.2 (commit bbb)"
+
+
+def test_a_case_that_was_not_run_is_named(tmp_path: Path) -> None:
+    write(tmp_path, {name: (GAIN, None) for name in ("0001", "0002")})
+    (tmp_path / "results" / "0002" / "run.json").unlink()
+    with pytest.raises(ConfigError, match="case 0002 of .* was not run yet"):
+        score_challenge(tmp_path, so_far=True, first="0002")
