@@ -46,7 +46,6 @@ OUTSIDE = {"coulomb-friction": 350, "periodic-torque": 351, "sensor-drift": 352}
 
 OUTSIDE_NOT_YET = {
     "coulomb-friction": "named hysteresis, of which friction is the case with one spring",
-    "sensor-drift": "named fringe-jump, whose steps climb with time as well",
 }
 """Families for which something else is named when they are left out; docs/diagnosis.md lists them."""
 
