@@ -161,8 +161,7 @@ def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
 def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
     """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
 
-    What takes a little of the noise away is worth something under either's own noise, but not under the same. That
-    noise is a guess from what the trial leaves, and no surer than it.
+    What takes a little of the noise away is worth something under either's own noise, but not under the same.
     """
     upheld = []
     for trial in trials:

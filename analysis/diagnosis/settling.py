@@ -126,7 +126,7 @@ def guessed_squares(setting: Setting, residuals: Sequence[Array]) -> tuple[Array
     whitener = setting.whitener
     rows, squares = np.zeros((2, setting.data.n_outputs, whitener.guessed))
     for record, values, start in zip(setting.data.records, residuals, setting.starts, strict=True):
-        white = start.project(stack_white(whitener, record, values[:, :, None])[:, 0]).reshape(values.shape[1], -1)
+        white = _white_rows(setting, record, values, start)
         band = whitener.band_of_rows(record.fitted())
         for b in range(whitener.guessed):
             rows[:, b] += np.sum(band == b)
@@ -138,7 +138,12 @@ def squares_of(setting: Setting, residuals: Sequence[Array]) -> Array:
     """Return the sums of squares (n_y,) of residuals, (n, n_y) per record, in units of the noise of `setting`."""
 
     def squares(record: Record, values: Array, start: Start) -> Array:
-        white = start.project(stack_white(setting.whitener, record, values[:, :, None])[:, 0])
-        return np.asarray(np.sum(white.reshape(values.shape[1], -1) ** 2, axis=1))
+        return np.asarray(np.sum(_white_rows(setting, record, values, start) ** 2, axis=1))
 
     return np.sum(setting.each(squares, setting.data.records, residuals, setting.starts), axis=0)
+
+
+def _white_rows(setting: Setting, record: Record, values: Array, start: Start) -> Array:
+    """Return the fitted rows of `values` (n, n_y), whitened, the unknown start projected out: (n_y, rows)."""
+    white = start.project(stack_white(setting.whitener, record, values[:, :, None])[:, 0])
+    return np.asarray(white.reshape(values.shape[1], -1))

@@ -11,6 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.fit import Fit, Setting
+from analysis.diagnosis.settling import strain
 from analysis.diagnosis.tuning import imitation, turned
 from sim_backend.assembly import retuned
 from sim_backend.errors import ConfigError
@@ -41,12 +42,11 @@ def part_to_take(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array)
     """
     if not taken_over(setting, fit, candidate, sizes)[1]:
         return 1.0
-    sd = np.array([k.sd for k in setting.knobs])
 
-    def strain(part: float) -> float:
+    def left(part: float) -> float:
         with suppress(ConfigError):
-            return float(np.sum((taken_over(setting, fit, candidate, part * sizes)[0] / sd) ** 2))
+            return strain(setting, taken_over(setting, fit, candidate, part * sizes)[0])
         return np.inf
 
-    found = minimize_scalar(strain, bounds=(0.0, 2.0), method="bounded")
-    return float(found.x) if found.fun < strain(1.0) else 1.0
+    found = minimize_scalar(left, bounds=(0.0, 2.0), method="bounded")
+    return float(found.x) if found.fun < left(1.0) else 1.0

@@ -229,8 +229,8 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
         # what the parameters of the best cost is known from its fit, those of the others are taken as well determined;
         # what the knobs cost less beside it is part of what stands out
-        knobs = sum((x / k.sd) ** 2 for x, k in zip(found.best.change, found.setting.knobs, strict=True))
-        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - float(knobs))
+        knobs = strain(found.setting, found.best.change)
+        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - knobs)
         for i in found.first.best_per_key():
             candidate = found.first.candidates[i]
             label = (candidate.effect.reported(),)
