@@ -16,8 +16,8 @@ import tomli_w
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from campaigns.campaign import parse_campaign
 from campaigns.importing.mapping import read_map
+from campaigns.playing.campaign import parse_campaign
 from campaigns.serial.commands import HEADERS
 from campaigns.serial.firmware import Firmware
 from campaigns.serial.frames import Block, Receiver, encode_block, encode_line

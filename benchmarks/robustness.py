@@ -23,10 +23,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chop import chop_stability, observation_windows
-from analysis.power import coil_power
-from analysis.recorded.settle import FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W
-from analysis.requirements import (
+from analysis.measurements.chop import chop_stability, observation_windows
+from analysis.measurements.power import coil_power
+from analysis.measurements.settling import settling
+from analysis.recorded.requirements import (
     ACCURACY_RAD,
     PARASITIC_Z_M,
     PEAK_CURRENT_A,
@@ -35,9 +35,9 @@ from analysis.requirements import (
     SETTLING_S,
     STABILITY_RAD,
 )
-from analysis.settling import settling
-from campaigns.controller import load_controller
+from analysis.recorded.settle import FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W
 from campaigns.plans import make_plan
+from campaigns.strategies.controller import load_controller
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import MccdError
 from sim_backend.model import EffectEntry, Model, Quantity, Value, load_model, number

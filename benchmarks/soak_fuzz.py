@@ -32,11 +32,11 @@ import scipy.io
 
 from benchmarks.forked import forked
 from benchmarks.generated import draw, generated
-from campaigns.campaign import load_campaign
 from campaigns.importing import isolated
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import read_map
 from campaigns.log import Channel, LogWriter, probe, read_run
+from campaigns.playing.campaign import load_campaign
 from campaigns.serial.commands import parse_command, parse_error, parse_status
 from campaigns.serial.description import decode_description, describe, encode_description
 from campaigns.serial.firmware import Firmware

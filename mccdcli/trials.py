@@ -15,9 +15,9 @@ from mccdcli.output import emit, plain, say, table
 from mccdcli.progress import progress
 
 if TYPE_CHECKING:
-    from analysis.requirements import Check
-    from campaigns.campaign import Campaign
+    from analysis.recorded.requirements import Check
     from campaigns.plans import Estimate, Plan
+    from campaigns.playing.campaign import Campaign
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -98,7 +98,7 @@ def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
     from contextlib import closing
 
     from campaigns.benches import open_bench
-    from campaigns.runner import run_plan
+    from campaigns.playing.runner import run_plan
 
     with closing(open_bench(bench, seed)) as opened, progress(plan.title) as report:
         outcome = run_plan(plan, opened, log, seed=seed, report=report)
@@ -118,7 +118,7 @@ class PlayedCampaign(NamedTuple):
 
 def play_campaign(campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool) -> PlayedCampaign:
     """Play what `folder` lacks of a campaign, with progress on standard error."""
-    from campaigns.campaign_run import run_campaign
+    from campaigns.playing.campaign_run import run_campaign
 
     with progress(campaign.title or campaign.name) as report:
         outcome = run_campaign(campaign, folder, address=bench, seed=seed, resume=resume, report=report)

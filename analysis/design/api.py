@@ -14,13 +14,13 @@ from analysis.design.learning import WAIT_S, LearningDesign, design_learning
 from analysis.design.moves import Move, chop_of_reach, design_move
 from analysis.design.noise import MeasuredNoise, measure_noise
 from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from analysis.recorded.sweep import Sweep, sweep_of
-from analysis.requirements import SETTLING_S, STABILITY_RAD
-from campaigns.controller import AxisControl, Blocks, Controller
-from campaigns.design import Design
-from campaigns.designed import feedforward_of, motion_of
 from campaigns.log import Run
 from campaigns.progress import Report, unheard
+from campaigns.strategies.controller import AxisControl, Blocks, Controller
+from campaigns.strategies.design import Design
+from campaigns.strategies.designed import feedforward_of, motion_of
 from sim_backend.bench import Limits
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel

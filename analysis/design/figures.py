@@ -9,7 +9,7 @@ from analysis.design.feedback import PEAK_DB, frequency_grid
 from analysis.design.learning import LARGEST_FACTOR
 from analysis.design.stages import NAMES
 from analysis.design.uncertainty import drawn_plants
-from analysis.paper.canvas import COLOURS, OURS, Canvas
+from analysis.pages.canvas import COLOURS, OURS, Canvas
 from sim_backend.linear import discretise
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from analysis.design.api import Designed, Options, design_controller
 from analysis.design.output import CONTROLLER, write_controller, write_numbers
-from analysis.identify import identify_runs
-from analysis.paper.measured import settings_of
+from analysis.identification.identify import identify_runs
 from campaigns.log import Run
 from sim_backend.bench import Limits
 from sim_backend.model import dump_model
@@ -42,7 +41,7 @@ def _sources(runs: Sequence[Run]) -> tuple[list[Run], list[Run]] | None:
 
 def _sweeps(run: Run, axis: str) -> bool:
     """Whether a run sweeps this axis at the temperature that the bench is used at."""
-    settings = settings_of(run)
+    settings = run.header.settings
     return run.header.test == "sinesweep" and settings.get("axis") == axis and settings.get("cold_finger_k") is None
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from analysis.loop_fit import LoopFit
+from analysis.measurements.loop_fit import LoopFit
 from analysis.recorded.hysteresis import axis_of
 from analysis.recorded.loop_fit import HELD, loop_fit_of
-from campaigns.design import Design
 from campaigns.log import Run
+from campaigns.strategies.design import Design
 from sim_backend.model import EffectEntry, Model, Quantity, Value
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.settling import BAND_RAD
-from campaigns.controller import AxisControl
+from analysis.measurements.settling import BAND_RAD
+from campaigns.strategies.controller import AxisControl
 from sim_backend.control.chop import Chop
 from sim_backend.control.concentrated import arrival_sample, concentrated_move
 from sim_backend.control.inversion import periodic_input

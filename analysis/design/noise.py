@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 from scipy.signal import welch
 
-from analysis.arrays import finite, positive
+from analysis.measurements.arrays import finite, positive
 from sim_backend.control.lqg import Noise
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel, discretise

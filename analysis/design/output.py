@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from analysis.design.api import AxisDesign, Designed
 from analysis.design.figures import design_figures, peak_factor
 from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, stages_csv
-from analysis.report.svg import inlined
-from analysis.requirements import SETTLING_S, STABILITY_RAD
-from campaigns.controller import dump_controller
+from analysis.pages.environment import page_environment
+from analysis.pages.svg import inlined
+from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
+from campaigns.strategies.controller import dump_controller
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError
 
@@ -153,15 +153,10 @@ def _page(
     stages: Sequence[StageResult],
     drawings: dict[str, tuple[str, str, Markup]],
 ) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader(p, "templates") for p in ("analysis.design", "analysis.report")]
-        ),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-    )
     return str(
-        environment.get_template("design.html.j2").render(
+        page_environment("analysis.design")
+        .get_template("design.html.j2")
+        .render(
             name=designed.controller.name,
             axes=(AXIS_HEADS, axis_rows(designed)),
             stages=(STAGE_HEADS, stage_rows(stages)) if stages else None,

@@ -14,8 +14,8 @@ import numpy as np
 from analysis.recorded.settle import SettleTest, settle_of
 from campaigns.log import read_run
 from campaigns.plans import make_plan
+from campaigns.playing.runner import run_plan
 from campaigns.progress import Report, unheard
-from campaigns.runner import run_plan
 from sim_backend.bench import Bench
 
 ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
 from sim_backend.model import Model, Quantity, Value

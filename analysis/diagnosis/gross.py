@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates import Candidate, Scales
-from analysis.diagnosis.fit import Fit, Setting, residuals_of, simulated
-from analysis.diagnosis.gram import Gram
-from analysis.diagnosis.leeway import Leeway
-from analysis.diagnosis.noise import above_noise, even_weights
-from analysis.diagnosis.refit import refit
-from analysis.diagnosis.search import Found, Progress
-from analysis.diagnosis.settling import settled_by
-from analysis.diagnosis.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
-from analysis.diagnosis.tuning import REACH
-from analysis.diagnosis.verdict import Judgement
+from analysis.diagnosis.candidates.signature import Candidate, Scales
+from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.fitting.settling import settled_by
+from analysis.diagnosis.noise.estimate import above_noise, even_weights
+from analysis.diagnosis.nominal.tuning import REACH
+from analysis.diagnosis.search.gram import Gram
+from analysis.diagnosis.search.rounds import Found, Progress
+from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
+from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
 
 Array = NDArray[np.float64]

@@ -15,18 +15,18 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from analysis.diagnosis.face import Face
-from analysis.diagnosis.first_experiment import first_plan
-from analysis.diagnosis.output import document, prepare_folder, write_files, write_text
-from analysis.diagnosis.page import write_page
+from analysis.diagnosis.answer.output import document, prepare_folder, write_files, write_text
+from analysis.diagnosis.answer.page import write_page
+from analysis.diagnosis.experiment.face import Face
+from analysis.diagnosis.experiment.first_experiment import first_plan
+from analysis.diagnosis.experiment.testimony import load_evidence
 from analysis.diagnosis.pipeline import Options, diagnose
-from analysis.diagnosis.testimony import load_evidence
 from campaigns.benches import bench_kind, open_bench
-from campaigns.campaign import Campaign, RunEntry, run_seed
-from campaigns.campaign_run import read_state, run_campaign
 from campaigns.log import sha256_of
 from campaigns.plans import Plan, estimate, make_plan
-from campaigns.runner import Report
+from campaigns.playing.campaign import Campaign, RunEntry, run_seed
+from campaigns.playing.campaign_run import read_state, run_campaign
+from campaigns.playing.runner import Report
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model, dump_model

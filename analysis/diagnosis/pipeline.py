@@ -8,28 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates import Scales
-from analysis.diagnosis.dataset import Dataset
-from analysis.diagnosis.evidence import evidence
-from analysis.diagnosis.fit import Setting, residuals_on
-from analysis.diagnosis.gain import gain_of
+from analysis.diagnosis.answer.sentence import sentence
+from analysis.diagnosis.candidates.signature import Scales
+from analysis.diagnosis.evidence.domains import evidence
+from analysis.diagnosis.evidence.gain import gain_of
+from analysis.diagnosis.experiment.next_experiment import choose
+from analysis.diagnosis.experiment.testimony import Testimony, hear
+from analysis.diagnosis.fitting.fit import Setting, residuals_on
+from analysis.diagnosis.fitting.settling import tune
+from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
-from analysis.diagnosis.leftover import leftovers
-from analysis.diagnosis.lines import without_lines
-from analysis.diagnosis.next_experiment import choose
-from analysis.diagnosis.noise import Bands, louder, whitener_from
-from analysis.diagnosis.responses import simulate
+from analysis.diagnosis.noise.estimate import whitener_from
+from analysis.diagnosis.noise.whitener import Bands, louder
+from analysis.diagnosis.nominal.responses import simulate
+from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, knobs_of, turned
+from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis
-from analysis.diagnosis.search import Found, Progress, search
-from analysis.diagnosis.sentence import sentence
-from analysis.diagnosis.settling import tune
-from analysis.diagnosis.shortlist import Rules
-from analysis.diagnosis.spread import Spread, spread_causes
-from analysis.diagnosis.starts import starts_of
-from analysis.diagnosis.stranger import beside_strangers
-from analysis.diagnosis.testimony import Testimony, hear
-from analysis.diagnosis.tuning import OWN_TOLERANCE, knobs_of, turned
-from analysis.diagnosis.verdict import causes_of, judge
+from analysis.diagnosis.search.rounds import Found, Progress, search
+from analysis.diagnosis.search.shortlist import Rules
+from analysis.diagnosis.spread.causes import Spread, spread_causes
+from analysis.diagnosis.spread.lines import without_lines
+from analysis.diagnosis.verdict.judging import causes_of, judge
+from analysis.diagnosis.verdict.leftover import leftovers
+from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench

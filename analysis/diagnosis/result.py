@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.dataset import Dataset
+from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.base import Effect
 from sim_backend.linear import ModalModel
 
@@ -92,7 +92,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything that was found; `analysis.diagnosis.output` turns it into JSON, an extended model and a page.
+    """Everything that was found; `analysis.diagnosis.answer.output` turns it into JSON, an extended model and a page.
 
     `before` and `after` hold each record's residuals (n, n_y) under the tuned nominal and under the extended model;
     `nominal` is the model given, `linear` the re-tuned one that goes with `effects`; `considered` lists rival

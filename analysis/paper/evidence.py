@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from analysis.loop_fit import magnetisation
+from analysis.measurements.loop_fit import magnetisation
 from analysis.paper.high_mode import high_mode
 from analysis.paper.measured import RATE_HZ
 from analysis.paper.numbers import paper_tables
 from analysis.paper.pieces import Evidence, shown
 from analysis.paper.table_6_4 import MOVE_SAMPLES
 from analysis.recorded.loop_fit import HELD
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.control.blocks import DiscreteFilter, filter_from_tf
 from sim_backend.control.feedback import closed_loop_poles, theta_controller
 from sim_backend.control.repetitive import learning_filter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.paper.canvas import COLOURS, OURS, PAPER, Canvas
+from analysis.pages.canvas import COLOURS, OURS, PAPER, Canvas
 from analysis.paper.loop_shape import open_loop
 from analysis.paper.measured import Measured
 from analysis.paper.numbers import paper_tables

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.paper.canvas import OURS, PAPER, Canvas
+from analysis.pages.canvas import OURS, PAPER, Canvas
 from analysis.paper.measured import Measured
 from analysis.paper.table_text import in_step
 from analysis.recorded.chop import ChopPhase
@@ -68,6 +66,6 @@ def tracking_error(phase: ChopPhase, angle: Array) -> Array:
 
 def _simulated(phase: ChopPhase) -> Array:
     """θy of the same plan on the linear design model: no noise, no hysteresis."""
-    plan = make_plan("settling", json.loads(phase.run.header.configuration)["settings"])
+    plan = make_plan("settling", phase.run.header.settings)
     bench = SimBench(load_model("design"), 0)
     return np.concatenate([bench.play(segment).channels["theta_y"] for segment in plan.segments(bench)])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.chop import offsets
-from analysis.paper.canvas import OURS, Canvas
+from analysis.measurements.chop import offsets
+from analysis.measurements.settling import BAND_RAD
+from analysis.pages.canvas import OURS, Canvas
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import TIP_TILT
-from analysis.settling import BAND_RAD
 
 SHOWN = 1500
 """How many samples of each position are drawn, evenly spread; the percentages are over all."""

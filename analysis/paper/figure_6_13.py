@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.chop import offsets
-from analysis.gaussian import BIN_RAD, gaussian_fit
-from analysis.paper.canvas import OURS, PAPER, Canvas
+from analysis.measurements.chop import offsets
+from analysis.measurements.gaussian import BIN_RAD, gaussian_fit
+from analysis.pages.canvas import OURS, PAPER, Canvas
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import TIP_TILT
 

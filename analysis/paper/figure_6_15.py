@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.paper.canvas import COLOURS, Canvas
+from analysis.measurements.settling import BAND_RAD
+from analysis.pages.canvas import COLOURS, Canvas
 from analysis.paper.measured import Measured
-from analysis.settling import BAND_RAD
 
 STRATEGIES = {"hybrid": "hybrid", "repetitive": "repetitive", "mbff": "MbFF", "designed": "this project"}
 SHOWN_S = 0.06

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from analysis.paper.canvas import OURS, Canvas
+from analysis.measurements.settling import BAND_RAD
+from analysis.pages.canvas import OURS, Canvas
 from analysis.paper.measured import Measured
-from analysis.settling import BAND_RAD
 
 
 def figure_6_16(measured: Measured) -> Canvas | None:

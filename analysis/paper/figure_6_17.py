@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.paper.canvas import COLOURS, OURS, PAPER, Canvas
+from analysis.pages.canvas import COLOURS, OURS, PAPER, Canvas
 from analysis.paper.measured import COLD_K, WARM_K, Measured
 from analysis.recorded.sweep import difference_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.paper.canvas import OURS, PAPER, Canvas
+from analysis.pages.canvas import OURS, PAPER, Canvas
 from analysis.paper.measured import Measured
 from analysis.paper.numbers import paper_tables
 from sim_backend.model import load_model

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.loop_fit import magnetisation
-from analysis.paper.canvas import COLOURS, Canvas
+from analysis.measurements.loop_fit import magnetisation
+from analysis.pages.canvas import COLOURS, Canvas
 from analysis.paper.measured import RATE_HZ, Measured
 from analysis.recorded.loop_fit import HELD
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from analysis.paper.canvas import OURS, PAPER, Canvas
+from analysis.linear.simulate import simulate_linear
+from analysis.pages.canvas import OURS, PAPER, Canvas
 from analysis.paper.measured import Measured
-from analysis.simulate import simulate_linear
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.linear import discretise
 
 SHOWN_S = 0.12

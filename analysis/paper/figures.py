@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from analysis.paper.canvas import Canvas
+from analysis.pages.canvas import Canvas
 from analysis.paper.figure_6_4 import figure_6_4
 from analysis.paper.figure_6_5 import figure_6_5
 from analysis.paper.figure_6_7 import figure_6_7

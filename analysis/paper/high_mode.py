@@ -18,7 +18,7 @@ from analysis.paper.measured import RATE_HZ
 from analysis.paper.numbers import PaperTable, paper_tables
 from analysis.paper.pieces import Evidence, shown
 from analysis.paper.table_6_4 import MOVE_SAMPLES, step_settling
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.linear import ModalModel
 from sim_backend.polynomial import modal_from_zpk, scaled_roots
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,19 +11,19 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from analysis.loop_fit import LoopFit
-from analysis.loops import Loop
-from analysis.modal_parameters import Structure
-from analysis.rational import fit_rational
+from analysis.identification.modal_parameters import Structure
+from analysis.identification.rational import fit_rational
+from analysis.identification.response_fit import RationalFit
+from analysis.measurements.loop_fit import LoopFit
+from analysis.measurements.loops import Loop
 from analysis.recorded.chop import ChopPhase, chop_phase
 from analysis.recorded.drift import DriftTest, drift_of
 from analysis.recorded.hysteresis import OffsetStep, loops_of, steps_of
 from analysis.recorded.loop_fit import loop_fit_of
 from analysis.recorded.sensors import EndstopTest, TheodoliteTest, endstops_of, theodolite_of
 from analysis.recorded.sweep import Sweep, sweep_of
-from analysis.response_fit import RationalFit
-from campaigns.design import Design
 from campaigns.log import Run, read_run
+from campaigns.strategies.design import Design
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
 
@@ -72,7 +71,7 @@ class Measured:
         for path in sorted(Path(folder).glob("*.h5")):
             run = read_run(path)
             if run.status == "complete":
-                self._entries.append(_Entry(run, settings_of(run)))
+                self._entries.append(_Entry(run, run.header.settings))
             else:
                 run.close()
 
@@ -215,15 +214,6 @@ def _of(run: Run, measure: Callable[[Run], T]) -> T:
     except DataError as error:
         named = str(run.path) in str(error)
         raise DataError(str(error) if named else f"{run.path}: {error}") from None
-
-
-def settings_of(run: Run) -> dict[str, Any]:
-    """Return the settings of the plan that a run played; empty where its configuration cannot be read."""
-    try:
-        settings = json.loads(run.header.configuration).get("settings", {})
-    except (ValueError, AttributeError):
-        return {}
-    return settings if isinstance(settings, dict) else {}
 
 
 def _same(found: object, wanted: object) -> bool:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from analysis.linear.transfer import polynomials
 from analysis.paper.measured import MODES, Measured
 from analysis.paper.numbers import paper_tables
 from analysis.paper.rows import Ours
-from analysis.transfer import polynomials
 
 PER_MILLI = 1e3
 """The paper's numerators are in mrad and mm."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.linear.simulate import simulate_linear
+from analysis.measurements.settling import Settling, settling
 from analysis.paper.measured import RATE_HZ, Measured
 from analysis.paper.rows import Ours
-from analysis.settling import Settling, settling
-from analysis.simulate import simulate_linear
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.control.feedforward import StepInput
 from sim_backend.linear import ModalModel, discretise
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.learning import learning_curve
+from analysis.measurements.learning import learning_curve
+from analysis.measurements.reproducibility import reproducibility
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
 from analysis.recorded.sweep import difference_of
-from analysis.reproducibility import reproducibility
 
 FORCE_CONSTANT_N_A = 5.7
 PEAK_CURRENT_A = 9.0

@@ -10,11 +10,11 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chop import ChopStability, observation_windows, stability_of_blocks
-from analysis.power import CoilPower, coil_power, joined_power
-from analysis.settling import Settling, settling
+from analysis.measurements.chop import ChopStability, observation_windows, stability_of_blocks
+from analysis.measurements.power import CoilPower, coil_power, joined_power
+from analysis.measurements.settling import Settling, settling
 from campaigns.log import LogSegment, Run
-from campaigns.recording import Recorded
+from campaigns.playing.recording import Recorded
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]

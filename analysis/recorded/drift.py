@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.measurements.thermal import Drift, drift
 from analysis.recorded.chop import TIP_TILT, chop_phase
-from analysis.thermal import Drift, drift
 from campaigns.log import Run
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.averaged_spectra import averaged_spectra
-from analysis.frf import FrequencyResponse
+from analysis.frequency.averaged_spectra import averaged_spectra
+from analysis.frequency.frf import FrequencyResponse
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, unheard
 

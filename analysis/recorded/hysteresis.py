@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.loops import Loop, loop
+from analysis.measurements.loops import Loop, loop
 from campaigns.log import Run
 from sim_backend.errors import DataError
 
@@ -43,7 +43,7 @@ def axis_of(run: Run) -> str:
 def loops_of(run: Run, lag_s: float = 0.0) -> dict[float, Loop]:
     """Return the loops by their torque amplitude (N m), the first cycle of each left out; Fig. 6.7.
 
-    `lag_s` is the linear plant's lag at low frequency (see `analysis.loops`). Raises DataError for another log.
+    `lag_s` is the linear plant's lag at low frequency (see `measurements/loops.py`). Raises DataError for another log.
     """
     axis, loops = axis_of(run), {}
     for segment in run.segments:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.loop_fit import LoopFit, fit_loops
+from analysis.measurements.loop_fit import LoopFit, fit_loops
 from analysis.recorded.hysteresis import axis_of
 from campaigns.log import Run
 from sim_backend.errors import DataError
@@ -16,7 +16,8 @@ SAMPLES_PER_LOOP = 1000
 """To how many samples each period is averaged: loops bend over a twentieth of the swing, this is fifty times finer."""
 
 HELD = {"a": 0.44, "ms": 0.44, "alpha": 1e-3, "c": 0.22}
-"""As printed (Table 6.3): far from saturation a record tells only two numbers of the loop, see `analysis.loop_fit`."""
+"""As printed (Table 6.3): far from saturation a record tells only two numbers of the loop, see
+`measurements/loop_fit.py`."""
 
 STARTS = [{"pinning": pinning} for pinning in (3e-4, 1e-3, 3e-3, 1e-2)]
 """Pinning from far below to beyond the swing."""

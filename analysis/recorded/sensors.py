@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.endstop import EndstopNoise, endstop_noise
-from analysis.theodolite import Calibration, calibrate
+from analysis.measurements.endstop import EndstopNoise, endstop_noise
+from analysis.measurements.theodolite import Calibration, calibrate
 from campaigns.log import Run
 from sim_backend.errors import DataError
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chop import ChopStability
-from analysis.power import CoilPower
+from analysis.measurements.chop import ChopStability
+from analysis.measurements.power import CoilPower
+from analysis.measurements.settling import Settling
 from analysis.recorded.chop import TIP_TILT, chop_phase
-from analysis.settling import Settling
-from campaigns.recording import Recorded
+from campaigns.playing.recording import Recorded
 
 Array = NDArray[np.float64]
 

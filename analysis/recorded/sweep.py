@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.sinefit import SineFit, fit_sines, joined, sine_response
-from analysis.thermal import SweepDifference, compare_sweeps
+from analysis.measurements.sinefit import SineFit, fit_sines, joined, sine_response
+from analysis.measurements.thermal import SweepDifference, compare_sweeps
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
 

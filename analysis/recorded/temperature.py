@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from analysis.measurements.thermal import SweepDifference, compare_sweeps
 from analysis.recorded.sweep import sweep_of
-from analysis.thermal import SweepDifference, compare_sweeps
 from campaigns.log import Run
 from sim_backend.errors import DataError
 

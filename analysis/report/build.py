@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.design.stages import stages_csv
-from analysis.paper.canvas import Canvas
+from analysis.pages.canvas import Canvas
 from analysis.paper.evidence import EVIDENCE
 from analysis.paper.figures import FIGURES, make_figure
 from analysis.paper.measured import Measured

@@ -9,15 +9,14 @@ from pathlib import Path
 
 import jinja2
 import pandas as pd
-from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
+from analysis.pages.environment import page_environment
+from analysis.pages.svg import inlined
+from analysis.pages.view import Explorer
 from analysis.paper.pieces import Evidence
 from analysis.paper.rows import Row, Table, label_counts
-from analysis.report.explore.view import Explorer
-from analysis.report.formats import exact, shown
-from analysis.report.svg import inlined
 from analysis.report.tables import display_frame
 from campaigns.log import Run
 from campaigns.version import tool_commit, tool_version
@@ -89,22 +88,8 @@ def exactly(value: float | None) -> str:
     return repr(float(value)) if value is not None and math.isfinite(value) else ""
 
 
-def embedded(value: object) -> Markup:
-    """Return `value` as JSON that may stand in a script element: without `<`, `>` and `&`, finite numbers only."""
-    return htmlsafe_json_dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-
-
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("analysis.report", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["shown"] = shown
-    environment.filters["exact"] = exact
-    environment.filters["embedded"] = embedded
+    environment = page_environment("analysis.report")
     environment.filters["exactly"] = exactly
     environment.globals["frame_of"] = display_frame
     return environment

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.pages.formats import NONE, exact, shown
 from analysis.paper.rows import Row, Table
-from analysis.report.formats import NONE, exact, shown
 
 OWN = "this project"
 THEIRS = "paper's controllers here"

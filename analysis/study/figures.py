@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.paper.canvas import COLOURS, PAPER, Canvas
+from analysis.pages.canvas import COLOURS, PAPER, Canvas
 from analysis.study.definition import Swept
 from analysis.study.kinds import Column
 from analysis.study.store import Store

@@ -17,8 +17,8 @@ from analysis.study.output import write_results
 from analysis.study.store import Store
 from analysis.study.summary import Summary, summarise
 from analysis.study.trial import Job
-from campaigns.interrupts import Interrupts
-from campaigns.runner import Report
+from campaigns.playing.interrupts import Interrupts
+from campaigns.playing.runner import Report
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from analysis.frf import FrequencyResponse, frequency_response_periodic
+from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, times_the_time
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from analysis.simulate import simulate_linear
+from analysis.linear.simulate import simulate_linear
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, times_faster, version_of
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import load_model

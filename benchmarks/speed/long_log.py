@@ -16,10 +16,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.linear.simulate import periodic_response
 from analysis.recorded.chop import chop_phase
 from analysis.recorded.drift import drift_of
 from analysis.recorded.settle import settle_of
-from analysis.simulate import periodic_response
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, Target
 from benchmarks.speed.commands import Commands, Ran, at_most_mb
 from campaigns.log import Channel, LogWriter, read_run

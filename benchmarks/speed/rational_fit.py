@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import AAA
 
-from analysis.rational import fit_rational
+from analysis.identification.rational import fit_rational
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, Round, Target, missing, times_the_time
 from benchmarks.speed.linear_simulation import one_axis
 

@@ -14,10 +14,10 @@ from analysis.recorded.drift import DriftTest, drift_of
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, at_most_seconds
 from benchmarks.speed.commands import Commands
 from campaigns.benches import open_bench
-from campaigns.campaign import run_seed
 from campaigns.log import read_run
 from campaigns.plans import make_plan
-from campaigns.runner import run_plan
+from campaigns.playing.campaign import run_seed
+from campaigns.playing.runner import run_plan
 
 OURS, COMMAND = "run, log and analyse", "mccd thermal --no-sweeps"
 CYCLES, QUICK = 1500, 20

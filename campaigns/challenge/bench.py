@@ -8,64 +8,16 @@ the fine step. Commands, torques from outside and readings are whole arrays, whi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.challenge.families.base import Hidden
 from campaigns.challenge.laws import MEMORY, advance
+from campaigns.challenge.motion import Excitation, Motion
 from campaigns.challenge.plant import Plant
 
-if TYPE_CHECKING:
-    from campaigns.challenge.families.base import Hidden
-
 Array = NDArray[np.float64]
-
-SUBSTEPS = 8
-"""Fine steps per sample."""
-
-
-@dataclass(frozen=True)
-class Excitation:
-    """What one run plays: `command` (n, axes), `temperature_k` (n,); `reference_k` is that of the campaign's start."""
-
-    command: Array
-    temperature_k: Array
-    rate_hz: float
-    reference_k: float
-    substeps: int = SUBSTEPS
-
-    @property
-    def n(self) -> int:
-        """Number of samples."""
-        return int(self.command.shape[0])
-
-    @property
-    def fine_s(self) -> float:
-        """The fine time step."""
-        return 1.0 / (self.rate_hz * self.substeps)
-
-    def fine(self, values: Array) -> Array:
-        """Return `values` (n, …) held on the fine grid."""
-        return np.asarray(np.repeat(values, self.substeps, axis=0))
-
-    def fine_time_s(self) -> Array:
-        """Return the middle of every fine step, shape (n · substeps,)."""
-        return np.asarray((np.arange(self.n * self.substeps) + 0.5) * self.fine_s, dtype=float)
-
-
-@dataclass(frozen=True)
-class Motion:
-    """The true motion: `position` and `rate` (n · substeps, axes) at the beginning of each fine step."""
-
-    position: Array
-    rate: Array
-    substeps: int
-
-    def sampled(self) -> Array:
-        """Return the positions at the samples, shape (n, axes)."""
-        return np.ascontiguousarray(self.position[:: self.substeps])
 
 
 def exact_step(plant: Plant, dt_s: float) -> tuple[Array, Array]:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.challenge.bench import Motion, move, read
+from campaigns.challenge.bench import move, read
 from campaigns.challenge.experiment import RATE_HZ, Run, draw_runs
 from campaigns.challenge.families import Hidden, Scene
+from campaigns.challenge.motion import Motion
 from campaigns.challenge.noise import Noise, draw_noise
 from campaigns.challenge.plant import Plant, draw_plant
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.challenge.bench import Excitation
+from campaigns.challenge.motion import Excitation
 from campaigns.challenge.plant import Plant
 
 Array = NDArray[np.float64]

@@ -145,6 +145,15 @@ class Header:
                     f"{MAX_IDENTITY_CHARS} characters and no parameters; remove it"
                 )
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings of the plan that was played; empty where the configuration is none of a plan of ours."""
+        try:
+            settings = json.loads(self.configuration).get("settings", {})
+        except (ValueError, AttributeError):
+            return {}
+        return settings if isinstance(settings, dict) else {}
+
 
 def check_name(name: str, what: str) -> None:
     """Raise ConfigError unless `name` can be a name: 1 to 128 bytes of UTF-8, no `/`, no control sign."""

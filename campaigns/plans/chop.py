@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from campaigns.controller import dump_controller, load_controller
-from campaigns.design import Design
 from campaigns.plans.base import SEGMENT_S, Plan, channels_of, rate_of, samples_of
-from campaigns.stages import Task, Tuning, stage_segments
 from campaigns.strategies import stages_of
+from campaigns.strategies.controller import dump_controller, load_controller
+from campaigns.strategies.design import Design
+from campaigns.strategies.stages import Task, Tuning, stage_segments
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 

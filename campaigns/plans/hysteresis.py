@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from campaigns.design import Design
 from campaigns.plans.base import (
     Plan,
     Reach,
@@ -21,6 +20,7 @@ from campaigns.plans.base import (
     samples_of,
     smooth_ramp,
 )
+from campaigns.strategies.design import Design
 from sim_backend.bench import Bench, Segment
 from sim_backend.control.feedforward import StepInput
 

@@ -8,8 +8,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from campaigns.design import feedback_of
 from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, rounded, samples_of, smooth_ramp
+from campaigns.strategies.design import feedback_of
 from sim_backend.bench import Bench, Gate, Segment
 
 

@@ -19,8 +19,8 @@ def list_campaigns(plans: bool, as_json: bool) -> None:
       mccd campaign list
       mccd campaign list --plans --json
     """
-    from campaigns.campaign import bundled_campaigns, load_campaign
     from campaigns.plans import PLANS
+    from campaigns.playing.campaign import bundled_campaigns, load_campaign
 
     if plans:
         known = [(plan.name, plan.title, plan().settings()) for plan in PLANS.values()]

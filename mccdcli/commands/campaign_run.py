@@ -27,8 +27,8 @@ def run(campaign: str, bench: str, out: Path | None, seed: int, dry_run: bool, a
       mccd campaign run paper --out runs --resume
       mccd campaign run quick --dry-run
     """
-    from campaigns.campaign import load_campaign
-    from campaigns.campaign_run import estimate_campaign
+    from campaigns.playing.campaign import load_campaign
+    from campaigns.playing.campaign_run import estimate_campaign
 
     loaded = load_campaign(campaign)
     if dry_run:

@@ -21,8 +21,8 @@ def show(campaign: str, as_json: bool) -> None:
       mccd campaign show paper
       mccd campaign show runs --json
     """
-    from campaigns.campaign import load_campaign
-    from campaigns.campaign_run import read_state
+    from campaigns.playing.campaign import load_campaign
+    from campaigns.playing.campaign_run import read_state
 
     state = read_state(campaign) if Path(campaign).is_dir() else None
     if state is not None:

@@ -66,8 +66,8 @@ def chop(
         return played.exit_code
 
     from analysis.recorded.chop import chop_phase
+    from analysis.recorded.requirements import chop_checks
     from analysis.recorded.settle import settle_of
-    from analysis.requirements import chop_checks
     from campaigns.log import read_run
 
     with read_run(played.log) as run:

@@ -12,8 +12,8 @@ from mccdcli.output import emit, table
 from mccdcli.progress import progress
 
 if TYPE_CHECKING:
-    from analysis.diagnosis.chop_gain import ChopGain
-    from analysis.diagnosis.face import Face
+    from analysis.diagnosis.evidence.chop_gain import ChopGain
+    from analysis.diagnosis.experiment.face import Face
 
 
 @click.command()
@@ -58,11 +58,11 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from analysis.diagnosis.output import document, prepare_folder, write_extended, write_files
-    from analysis.diagnosis.page import write_page
+    from analysis.diagnosis.answer.output import document, prepare_folder, write_extended, write_files
+    from analysis.diagnosis.answer.page import write_page
+    from analysis.diagnosis.experiment.testimony import load_evidence
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
-    from analysis.diagnosis.testimony import load_evidence
     from sim_backend.model import load_model
 
     folder = prepare_folder(out or Path("diagnosis"))
@@ -80,7 +80,7 @@ def diagnose(
     found = replace(found, notes=(*loaded.notes, *found.notes))
     chops: tuple[ChopGain, ...] = ()
     if bench is not None:
-        from analysis.diagnosis.chop_gain import chop_gains
+        from analysis.diagnosis.evidence.chop_gain import chop_gains
         from campaigns.benches import open_bench
 
         extended = write_extended(found, model, loaded.sources, folder)
@@ -96,7 +96,7 @@ def _face(bench: str, seed: int) -> Face:
     """What a bench may be asked: its own limits bound the next experiment."""
     from contextlib import closing
 
-    from analysis.diagnosis.face import Face
+    from analysis.diagnosis.experiment.face import Face
     from campaigns.benches import open_bench
 
     with closing(open_bench(bench, seed)) as opened:

@@ -34,8 +34,8 @@ def endstops(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bo
     if played.exit_code:
         return played.exit_code
 
+    from analysis.recorded.requirements import endstop_checks
     from analysis.recorded.sensors import endstops_of
-    from analysis.requirements import endstop_checks
     from campaigns.log import read_run
 
     with read_run(played.log) as run:

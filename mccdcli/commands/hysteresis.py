@@ -47,7 +47,7 @@ def hysteresis(
 
     from analysis.recorded.hysteresis import loops_of, steps_of
     from analysis.recorded.loop_fit import loop_fit_of
-    from analysis.requirements import hysteresis_checks
+    from analysis.recorded.requirements import hysteresis_checks
     from campaigns.log import read_run
 
     with read_run(played.log) as run:

@@ -14,8 +14,8 @@ from mccdcli.progress import progress
 from mccdcli.trials import play_campaign, settings_option, show_estimates
 
 if TYPE_CHECKING:
-    from analysis.identified import Identification
-    from analysis.response_curves import ResponseCurve
+    from analysis.identification.identified import Identification
+    from analysis.identification.response_curves import ResponseCurve
 
 
 @click.command()
@@ -72,7 +72,7 @@ def identify(
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
       mccd identify --log RUN.h5 --response response.csv -o nominal.toml
     """
-    from campaigns.identification import sweep_campaign
+    from campaigns.playing.identification import sweep_campaign
     from mccdcli.models import refuse_existing, save_model
 
     target = out or Path("nominal.toml")
@@ -81,7 +81,7 @@ def identify(
     if not logs:
         campaign = sweep_campaign(bench, axes, settings)
         if dry_run:
-            from campaigns.campaign_run import estimate_campaign
+            from campaigns.playing.campaign_run import estimate_campaign
 
             show_estimates(estimate_campaign(campaign, bench, seed), as_json=as_json)
             return 0
@@ -90,8 +90,8 @@ def identify(
             return played.exit_code
         logs = list(played.logs.values())
 
-    from analysis.identify import identify_runs
-    from analysis.response_files import save_response
+    from analysis.identification.identify import identify_runs
+    from analysis.identification.response_files import save_response
     from campaigns.log import read_run
 
     with ExitStack() as stack:

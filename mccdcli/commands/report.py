@@ -48,8 +48,8 @@ def report(
       mccd report --out report --check
       mccd report --out report --json > numbers.json
     """
-    from campaigns.campaign import load_campaign
-    from campaigns.campaign_run import STATE_FILE, estimate_campaign
+    from campaigns.playing.campaign import load_campaign
+    from campaigns.playing.campaign_run import STATE_FILE, estimate_campaign
 
     loaded = load_campaign(campaign)
     if dry_run:
@@ -82,8 +82,8 @@ def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int
 
     from analysis.design.from_logs import design_from_logs
     from campaigns.benches import open_bench
-    from campaigns.campaign_run import STATE_FILE
-    from campaigns.designed_campaign import designed_campaign
+    from campaigns.playing.campaign_run import STATE_FILE
+    from campaigns.playing.designed_campaign import designed_campaign
 
     with closing(open_bench(bench, seed)) as opened:
         limits, axes = opened.limits, opened.axes

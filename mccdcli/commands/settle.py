@@ -65,8 +65,8 @@ def settle(
     if played.exit_code:
         return played.exit_code
 
+    from analysis.recorded.requirements import settling_checks
     from analysis.recorded.settle import settle_of
-    from analysis.requirements import settling_checks
     from campaigns.log import read_run
 
     with read_run(played.log) as run:

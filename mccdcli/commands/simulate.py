@@ -43,7 +43,7 @@ def simulate(
       mccd simulate --waveform torque.csv
     """
     from campaigns.plans import make_plan
-    from campaigns.waveform import Waveform
+    from campaigns.plans.waveform import Waveform
 
     chosen = make_plan(plan, settings) if waveform is None else Waveform.of({"file": str(waveform), **settings})
     bench = f"sim:{model}"

@@ -39,7 +39,7 @@ def theodolite(
       mccd theodolite --out theodolite.h5
       mccd theodolite --bench serial:/dev/ttyUSB0 --readings readings.csv
     """
-    from analysis.readings import read_angles
+    from analysis.measurements.readings import read_angles
     from campaigns.plans.theodolite import Theodolite
 
     plan = Theodolite.of(settings)
@@ -51,8 +51,8 @@ def theodolite(
     if played.exit_code:
         return played.exit_code
 
+    from analysis.recorded.requirements import theodolite_checks
     from analysis.recorded.sensors import theodolite_of
-    from analysis.requirements import theodolite_checks
     from campaigns.log import read_run
 
     with read_run(played.log) as run:

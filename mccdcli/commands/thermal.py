@@ -34,8 +34,8 @@ def thermal(
       mccd thermal --out thermal
       mccd thermal --no-sweeps --set cycles=100
     """
-    from campaigns.campaign_run import estimate_campaign
-    from campaigns.thermal import AXES, COLD, sweep_name, thermal_campaign
+    from campaigns.playing.campaign_run import estimate_campaign
+    from campaigns.playing.thermal import AXES, COLD, sweep_name, thermal_campaign
 
     campaign = thermal_campaign(settings, sweeps=sweeps)
     if dry_run:
@@ -46,8 +46,8 @@ def thermal(
         return played.exit_code
 
     from analysis.recorded.drift import drift_of
+    from analysis.recorded.requirements import drift_checks, sweep_checks
     from analysis.recorded.temperature import compared_sweeps
-    from analysis.requirements import drift_checks, sweep_checks
     from campaigns.log import read_run
 
     with read_run(played.logs["thermal"]) as run:

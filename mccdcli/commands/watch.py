@@ -17,7 +17,7 @@ from mccdcli.output import emit, plain, say, table, visible
 from mccdcli.trials import quantity
 
 if TYPE_CHECKING:
-    from analysis.watching import Snapshot
+    from analysis.recorded.watching import Snapshot
 
 BARS: Final = "▁▂▃▄▅▆▇█"
 PATIENCE: Final = 5
@@ -71,7 +71,7 @@ def watch(run: Path, as_json: bool, model: str | None, period_s: float, wait: bo
 
 def _looks(run: Path, model: str | None, period_s: float, once: bool) -> Iterator[Snapshot]:
     """Yield the run as it is every `period_s` until it ends."""
-    from analysis.watching import Watch
+    from analysis.recorded.watching import Watch
     from sim_backend.errors import DataError
     from sim_backend.model import load_model
 

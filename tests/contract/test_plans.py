@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from campaigns.plans import PLANS, checked_segments, estimate, make_plan
-from campaigns.runner import run_plan
+from campaigns.playing.runner import run_plan
 from sim_backend.errors import ConfigError
 from sim_backend.model import dump_model
 from sim_backend.simbench import SimBench

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.design.from_logs import design_from_logs
 from analysis.paper.measured import Measured
-from analysis.requirements import SETTLING_S, STABILITY_RAD
+from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from campaigns.benches import open_bench
 from mccdcli.main import main
 

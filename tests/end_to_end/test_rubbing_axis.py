@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.analysis.rubbing_axis import FRICTION, RATE_HZ, play
+from tests.analysis.identification.rubbing_axis import FRICTION, RATE_HZ, play
 from tests.end_to_end.unknown_bench import diagnosed
 
 

@@ -8,7 +8,7 @@ with 1500 Hz 23 and 80; complete 61 and 320. Ours, at 10 kHz with 50 samples, st
 import numpy as np
 import pytest
 
-from analysis.settling import settling
+from analysis.measurements.settling import settling
 from sim_backend.control.feedforward import least_norm, least_peak_within, step_response
 from sim_backend.linear import discretise
 from tests.sim_backend.paper_plants import (

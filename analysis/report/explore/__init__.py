@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from analysis.pages.view import Explorer
 from analysis.paper.measured import Measured
 from analysis.report.explore.bode import bode
 from analysis.report.explore.chopping import chopping
 from analysis.report.explore.settling import settling_moves
-from analysis.report.explore.view import Explorer
 
 EXPLORERS: tuple[Callable[[Measured], Explorer | None], ...] = (bode, settling_moves, chopping)
 

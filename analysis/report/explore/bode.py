@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.pages.view import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import RATE_HZ, Measured
-from analysis.report.explore.view import Array, Explorer, Facts, Panel, Series, View
 from sim_backend.linear import ComplexArray, ModalModel
 
 AXES = {"theta_x": "θx", "theta_y": "θy", "z": "z"}

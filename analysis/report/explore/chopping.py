@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.chop import offsets
+from analysis.measurements.chop import offsets
+from analysis.measurements.settling import BAND_RAD
+from analysis.pages.view import Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import TIP_TILT, ChopPhase
 from analysis.report.explore.settling import direction
-from analysis.report.explore.view import Explorer, Facts, Panel, Series, View
-from analysis.settling import BAND_RAD
 
 POINTS = 600
 """Longest curve here: noise fills its band however many of its samples are drawn."""

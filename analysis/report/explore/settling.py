@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.measurements.settling import BAND_RAD, settling
+from analysis.pages.view import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import ChopPhase
-from analysis.report.explore.view import Array, Explorer, Facts, Panel, Series, View
-from analysis.settling import BAND_RAD, settling
 
 SHOWN_S = 0.1
 FIRST_RANGE_URAD = (-40.0, 40.0)

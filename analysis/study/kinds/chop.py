@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from analysis.recorded.chop import chop_phase
-from analysis.requirements import ACCURACY_RAD, REPEATABILITY_RAD, STABILITY_RAD
+from analysis.recorded.requirements import ACCURACY_RAD, REPEATABILITY_RAD, STABILITY_RAD
 from analysis.study.kinds.base import Column, Scalar
 from analysis.study.kinds.played import PlayedTrial
-from campaigns.recording import Recording
+from campaigns.playing.recording import Recording
 
 
 class ChopTrial(PlayedTrial):

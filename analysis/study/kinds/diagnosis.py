@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.study.kinds.base import Column, Kind, Scalar, Setup
 from campaigns.plans import Plan, estimate, make_plan
-from campaigns.recording import Recording, play_in_memory
+from campaigns.playing.recording import Recording, play_in_memory
 from sim_backend.bench import Bench
 from sim_backend.effects import Effect, effect_class, make_effect
 from sim_backend.errors import ConfigError
@@ -18,7 +18,7 @@ from sim_backend.model import EffectEntry, Model, dump_model, load_model, number
 from sim_backend.simbench import SimBench
 
 if TYPE_CHECKING:
-    from analysis.diagnosis.dataset import Dataset
+    from analysis.diagnosis.records.dataset import Dataset
 
 
 class _Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -142,8 +142,8 @@ def _names(nominal: Model, bench: Bench) -> tuple[list[str], list[str]]:
 
 def _dataset(record: Recording, inputs: list[str], outputs: list[str]) -> Dataset:
     """Return the record as a log of it would be diagnosed: unbroken, every segment a window, some held out."""
-    from analysis.diagnosis.dataset import Dataset, Record, Window
-    from analysis.diagnosis.holding import with_held_out
+    from analysis.diagnosis.records.dataset import Dataset, Record, Window
+    from analysis.diagnosis.records.holding import with_held_out
 
     windows = []
     for segment in record.segments:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from analysis.study.kinds.base import Kind, Scalar, Setup
 from campaigns.plans import estimate, make_plan
-from campaigns.recording import Planned, Recording, play_in_memory
+from campaigns.playing.recording import Planned, Recording, play_in_memory
 from sim_backend.simbench import SimBench
 
 

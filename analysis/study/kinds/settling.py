@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from analysis.recorded.requirements import PARASITIC_Z_M, PEAK_CURRENT_A, POWER_W, SETTLING_S
 from analysis.recorded.settle import settle_of
-from analysis.requirements import PARASITIC_Z_M, PEAK_CURRENT_A, POWER_W, SETTLING_S
 from analysis.study.kinds.base import Column, Scalar
 from analysis.study.kinds.played import PlayedTrial
-from campaigns.recording import Recording
+from campaigns.playing.recording import Recording
 
 
 class SettlingTrial(PlayedTrial):

@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.challenge.bench import Excitation, Motion
+from campaigns.challenge.motion import Excitation, Motion
 from campaigns.challenge.plant import AXES, Plant
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from campaigns.challenge import laws
-from campaigns.challenge.bench import Excitation
 from campaigns.challenge.families.base import Hidden, Law, Scene, log_uniform, on_axis, sign, some_axis
+from campaigns.challenge.motion import Excitation
 from campaigns.challenge.plant import Plant
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from campaigns.challenge import laws
-from campaigns.challenge.bench import Excitation
 from campaigns.challenge.families.base import Hidden, Law, Scene, log_uniform, on_axis, some_axis
+from campaigns.challenge.motion import Excitation
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from campaigns.challenge.bench import Excitation, Motion
 from campaigns.challenge.families.base import Coupled, Hidden, Scene, log_uniform, on_axis, sign, some_axis
+from campaigns.challenge.motion import Excitation, Motion
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.challenge import laws
-from campaigns.challenge.bench import Excitation
 from campaigns.challenge.families.base import Coupled, Hidden, Law, Scene, log_uniform, on_axis, sign, some_axis
+from campaigns.challenge.motion import Excitation
 from campaigns.challenge.plant import Plant
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from campaigns.challenge import laws
-from campaigns.challenge.bench import Excitation, Motion
 from campaigns.challenge.families.base import Hidden, Law, Scene, log_uniform, on_axis, sign, some_axis
+from campaigns.challenge.motion import Excitation, Motion
 
 Array = NDArray[np.float64]
 

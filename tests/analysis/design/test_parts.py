@@ -10,9 +10,9 @@ from analysis.design.learning import LARGEST_FACTOR, averaging_gains, design_lea
 from analysis.design.moves import MARGIN, UNLEARNED, design_move
 from analysis.design.noise import measure_noise
 from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.measurements.settling import BAND_RAD
 from analysis.recorded.sweep import Sweep
-from analysis.settling import BAND_RAD
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.control.inversion import siso_matrices
 from sim_backend.control.lqg import Noise, lqg
 from sim_backend.errors import ConfigError, DataError

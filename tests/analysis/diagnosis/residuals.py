@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
-from analysis.diagnosis.dataset import Dataset, Record, Window
-from analysis.diagnosis.fit import Fit, Setting
-from analysis.diagnosis.noise import Whitener
-from analysis.diagnosis.starts import starts_of
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.starts import starts_of
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.model import Mode, Model, Port
 

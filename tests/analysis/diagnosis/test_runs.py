@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.dataset import Dataset, Record, Window
+from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.pipeline import Options, search_causes
-from analysis.diagnosis.responses import simulate
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from sim_backend.effects import EFFECTS
 from sim_backend.effects.vibration_line import VibrationLine
 from sim_backend.linear import discretise

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.paper.canvas import MAX_POINTS, Canvas, thinned
+from analysis.pages.canvas import MAX_POINTS, Canvas, thinned
 
 
 def test_what_is_drawn_is_what_stands_in_the_numbers():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from analysis.measurements.settling import settling
 from analysis.paper.high_mode import Roots, compare, high_mode, mode_of_row
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.table_6_4 import step_settling
-from analysis.settling import settling
-from campaigns.design import Design
+from campaigns.strategies.design import Design
 from sim_backend.control.feedforward import least_norm
 from sim_backend.polynomial import modal_from_polynomial
 from tests.sim_backend.paper_plants import STATIC_GAIN, THETA_X_DEN, THETA_X_NUM, pole_pair, roots_near

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import analysis.recorded.folded
-from analysis.frf_records import frequency_response_welch
-from analysis.identify import identify_runs
+from analysis.frequency.frf_records import frequency_response_welch
+from analysis.identification.identify import identify_runs
+from analysis.linear.simulate import simulate_linear
 from analysis.recorded.folded import averaged_response, folded, together, too_long, windowed
-from analysis.simulate import simulate_linear
 from campaigns.log import Run
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel, discretise

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.loop_fit import magnetisation
+from analysis.measurements.loop_fit import magnetisation
 from analysis.recorded.hysteresis import loops_of, steps_of
 from analysis.recorded.loop_fit import HELD, loop_fit_of
 from sim_backend.errors import DataError

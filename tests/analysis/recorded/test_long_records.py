@@ -7,11 +7,11 @@ import pytest
 
 import analysis.recorded.chop
 import analysis.recorded.sweep
-from analysis.chop import chop_stability
+from analysis.measurements.chop import chop_stability
+from analysis.measurements.thermal import drift
 from analysis.recorded.chop import chop_phase
 from analysis.recorded.drift import drift_of
 from analysis.recorded.sweep import sweep_of
-from analysis.thermal import drift
 from campaigns.log import Run
 
 DWELL, WINDOW, CYCLES = 100, 40, 50

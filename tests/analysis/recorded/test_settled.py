@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.identify import identify_runs
+from analysis.identification.identify import identify_runs
 from analysis.recorded.settled import settling_periods
 
 PERIOD, RATE_HZ = 400, 10_000.0  # the rate is that of the logs in these tests

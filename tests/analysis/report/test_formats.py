@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from analysis.report.formats import exact, shown
+from analysis.pages.formats import exact, shown
 
 
 @pytest.mark.parametrize(

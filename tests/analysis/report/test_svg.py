@@ -1,8 +1,8 @@
 import re
 from xml.etree import ElementTree
 
-from analysis.paper.canvas import COLOURS, INK, Canvas
-from analysis.report.svg import inlined
+from analysis.pages.canvas import COLOURS, INK, Canvas
+from analysis.pages.svg import inlined
 
 
 def made(prefix="f1"):

@@ -16,7 +16,7 @@ from analysis.study.trial import Job, run_trial
 from campaigns.benches import open_bench
 from campaigns.log import read_run
 from campaigns.plans import make_plan
-from campaigns.runner import run_plan
+from campaigns.playing.runner import run_plan
 from tests.analysis.study.studies import spread
 
 HEAD = 'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n[settings]\ncycles = 2\n'

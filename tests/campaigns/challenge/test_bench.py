@@ -10,11 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, dlsim
 
-from campaigns.challenge.bench import Excitation, exact_step, move
+from campaigns.challenge.bench import exact_step, move
 from campaigns.challenge.families.drive import CoilHeating, Delay, ForceConstant, Lag
 from campaigns.challenge.families.hysteresis import BoucWen
 from campaigns.challenge.families.structure import Cogging, Creep, CubicStiffness, EndStop, Friction, Play
 from campaigns.challenge.families.surroundings import ThermalStiffness
+from campaigns.challenge.motion import Excitation
 from campaigns.challenge.plant import Plant
 
 RATE_HZ = 4000.0

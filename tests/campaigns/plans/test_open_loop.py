@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from campaigns.plans import checked_segments, make_plan
-from campaigns.waveform import Waveform, read_waveform
+from campaigns.plans.waveform import Waveform, read_waveform
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.simbench import SimBench
 from tests.small_bench import bench_model

@@ -7,8 +7,8 @@ import contextlib
 import pytest
 
 from campaigns.benches import open_bench
-from campaigns.campaign import load_campaign
 from campaigns.plans import PLANS, checked_segments, make_plan
+from campaigns.playing.campaign import load_campaign
 from tests.campaigns.serial.conftest import differences
 
 RUNS = load_campaign("quick").plans() | {"rest": make_plan("rest", {"duration_s": 0.5, "settle_s": 0.1})}

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.benches import open_bench
-from campaigns.campaign import load_campaign
+from campaigns.playing.campaign import load_campaign
 from campaigns.serial.program import (
     MAX_WAVE_VALUES,
     decode_record,

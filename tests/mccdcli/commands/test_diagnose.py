@@ -9,7 +9,7 @@ import pytest
 
 from campaigns.log import Channel, LogWriter
 from campaigns.plans import make_plan
-from campaigns.runner import run_plan
+from campaigns.playing.runner import run_plan
 from sim_backend.model import EffectEntry, dump_model, load_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import NOISE, bench_model

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
-from analysis.watching import Watch
+from analysis.recorded.watching import Watch
 from campaigns.log import Channel, LogWriter, read_run, verify
 from mccdcli.main import main
 from sim_backend.model import dump_model
@@ -32,7 +32,7 @@ def writing(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
     """A log that a process of its own is writing, ten segments with a pause after each."""
     log = tmp_path / "run.h5"
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.campaigns.slow_run", "run", str(log), "-"],
+        [sys.executable, "-m", "tests.campaigns.playing.slow_run", "run", str(log), "-"],
         cwd=ROOT,
         env=os.environ | {"SLOW_S": "0.15"},
         stdout=subprocess.PIPE,

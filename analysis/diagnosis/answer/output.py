@@ -1,0 +1,253 @@
+"""A diagnosis as files: `diagnosis.json` by the contract of docs/diagnosis.md, and `extended.toml`, to be simulated."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from analysis.diagnosis.evidence.chop_gain import ChopGain
+from analysis.diagnosis.records.loading import Source
+from analysis.diagnosis.result import Cause, Diagnosis, Domain
+from sim_backend.assembly import coordinates_of
+from sim_backend.effects import effect_class
+from sim_backend.effects.base import Effect, Site
+from sim_backend.errors import ConfigError
+from sim_backend.linear import Array, ModalModel
+from sim_backend.model import EffectEntry, Mode, Model, Quantity, Value, dump_model, number
+
+SCHEMA = "mccd-diagnosis/1"
+
+DOMAINS = ("frequency", "amplitude", "position", "direction", "rate", "time", "temperature")
+"""The domains of the contract; a diagnosis may look at further ones, which follow."""
+
+LISTED_RUNS = 4
+"""Runs that are named with their checksum in each parameter's source; all of them stand in diagnosis.json."""
+
+
+def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[ChopGain] = ()) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`: plain dicts, lists, finite numbers and None.
+
+    `chops` are what the feed-forward gained on a bench, where that was tried.
+    """
+    gain, next_experiment = diagnosis.gain, diagnosis.next_experiment
+    names = [*DOMAINS, *(d for d in diagnosis.evidence if d not in DOMAINS)]
+    return _plain(
+        {
+            "schema": SCHEMA,
+            "verdict": diagnosis.verdict,
+            "sentence": diagnosis.sentence,
+            "causes": [_cause(c) for c in diagnosis.causes],
+            "ambiguous": [list(tied) for tied in diagnosis.ambiguous],
+            "evidence": {name: _evidence(diagnosis.evidence.get(name, ())) for name in names},
+            "gain": None if gain is None else vars(gain),
+            "next_experiment": None if next_experiment is None else vars(next_experiment),
+            "inputs": [{"file": s.file, "sha256": s.sha256} for s in sources],
+            "notes": list(diagnosis.notes),
+            "chops": [vars(chop) for chop in chops],
+        }
+    )
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    parameters = {n: {"value": p.value, "std": p.std, "unit": p.unit} for n, p in cause.parameters.items()}
+    return {
+        "effect": cause.effect,
+        "where": cause.where,
+        "probability": cause.probability,
+        "parameters": parameters,
+        "why": cause.why,
+    }
+
+
+def _evidence(domains: Sequence[Domain]) -> dict[str, Any]:
+    """Return the least p-value (times the number of curves looked at), its sentence, and every curve."""
+    if not domains:
+        return {}
+    worst = min(domains, key=lambda d: d.p_value)
+    return {
+        "p_value": min(1.0, worst.p_value * len(domains)),
+        "where": worst.where,
+        "curves": [
+            {
+                "record": d.record,
+                "output": d.output,
+                "unit": d.unit,
+                "axis": d.axis.tolist(),
+                "level": d.level.tolist(),
+                "floor": d.floor.tolist(),
+                "p_value": d.p_value,
+                "where": d.where,
+            }
+            for d in domains
+        ],
+    }
+
+
+def _plain(node: Any) -> Any:
+    """Return `node` as JSON can hold it: numbers that are not finite become None, tuples lists."""
+    if isinstance(node, dict):
+        return {str(k): _plain(v) for k, v in node.items()}
+    if isinstance(node, list | tuple):
+        return [_plain(v) for v in node]
+    if isinstance(node, np.ndarray | np.generic):
+        return _plain(node.tolist())
+    if isinstance(node, float):
+        return node if math.isfinite(node) else None
+    return node
+
+
+def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]) -> Model:
+    """Return `model` with its linear part as re-tuned and the found effects added, each changed number with its origin.
+
+    What the fit left alone keeps its own origin. Effects of `model` that act on its linear part are in the re-tuned
+    modes already. The result goes through `dump_model`, `load_model` and every bench.
+    """
+    source = _provenance(sources)
+    linear, std = diagnosis.linear, diagnosis.linear_std
+    entries = [_entry(effect, diagnosis.causes, source) for effect in diagnosis.effects]
+    kept = [e for e in model.effects if effect_class(e.effect).site is not Site.MODEL]
+    nominal = [*model.modes, *_further_modes(model, linear)]
+    return msgspec.structs.replace(
+        model,
+        name=f"{model.name}-extended",
+        title=f"{model.title or model.name}, extended by diagnosis".strip(),
+        modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(nominal)],
+        effects=[*kept, *entries],
+        coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
+    )
+
+
+def _coordinates(model: Model, effects: Sequence[Effect]) -> dict[str, dict[str, Value]]:
+    """Return the motion that each effect on an input without a sensor of its own worked against in the fit.
+
+    It follows from the static gain, which the fit has changed since.
+    """
+    outputs = [p.dof for p in model.outputs]
+    rows, source = coordinates_of(model), f"static gain of {model.name}"
+    return {
+        port.dof: {
+            out.name: Quantity(value=float(w), origin="derived", source=source)
+            for out, w in zip(model.outputs, rows[j], strict=True)
+        }
+        for j, port in enumerate(model.inputs)
+        if port.dof not in outputs and port.dof in {e.where for e in effects}
+    }
+
+
+def _further_modes(model: Model, linear: ModalModel) -> list[Mode]:
+    """Return empty modes for what the model's own effects add to its linear part, every port present."""
+    ins, outs = {p.name: 0.0 for p in model.inputs}, {p.name: 0.0 for p in model.outputs}
+    return [
+        Mode(
+            label=f"added {k + 1}",
+            frequency_hz=0.0,
+            decay_rate_1_s=0.0,
+            input=dict(ins),
+            output=dict(outs),
+            input_direct=dict(ins),
+            output_rate=dict(outs),
+        )
+        for k in range(linear.n_blocks - len(model.modes))
+    ]
+
+
+def _provenance(sources: Sequence[Source]) -> str:
+    named = [f"run {s.run_uid} (sha256 {s.sha256})" for s in sources[:LISTED_RUNS]]
+    more = f" and {len(sources) - LISTED_RUNS} more in diagnosis.json" if len(sources) > LISTED_RUNS else ""
+    return f"mccd diagnose, fitted to {', '.join(named)}{more}" if named else "fitted to arrays"
+
+
+def _mode(mode: Mode, m: int, model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> Mode:
+    ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
+
+    def table(old: dict[str, Value], names: list[str], row: Array, spread: Array | None) -> dict[str, Value]:
+        at = {n: names.index(n) for n in old}
+        return {n: fitted(v, row[at[n]], None if spread is None else spread[at[n]]) for n, v in old.items()}
+
+    def fitted(old: Value, new: float, spread: Any) -> Value:
+        if math.isclose(number(old), float(new), rel_tol=1e-12, abs_tol=0.0):
+            return old
+        known = None if spread is None else float(spread)
+        return Quantity(value=float(new), origin="fitted", source=source, std=known)
+
+    def of(name: str) -> tuple[Array, Array | None]:
+        value = getattr(linear, name)
+        pick = (slice(None), m) if name in ("c", "c_rate") else (m,)
+        return value[pick], None if std is None else getattr(std, name)[pick]
+
+    omega, omega_std = of("omega_rad_s")
+    sigma, sigma_std = of("sigma_1_s")
+    turn = 2.0 * math.pi
+    return msgspec.structs.replace(
+        mode,
+        frequency_hz=fitted(mode.frequency_hz, float(omega) / turn, None if omega_std is None else omega_std / turn),
+        decay_rate_1_s=fitted(mode.decay_rate_1_s, float(sigma), None if sigma_std is None else sigma_std),
+        input=table(mode.input, ins, *of("b")),
+        input_direct=table(mode.input_direct, ins, *of("b_direct")),
+        output=table(mode.output, outs, *of("c")),
+        output_rate=table(mode.output_rate, outs, *of("c_rate")),
+    )
+
+
+def _entry(effect: Effect, causes: Sequence[Cause], source: str) -> EffectEntry:
+    cause = next((c for c in causes if c.effect == effect.reported() and c.where == effect.where), None)
+    parameters: dict[str, Value] = {}
+    for p in effect.parameters():
+        value = float(getattr(effect, p.name))
+        if not math.isfinite(value):
+            continue  # neutral at infinity, which is also the default
+        estimate = cause.parameters.get(p.name) if cause else None
+        if p.fixed:
+            parameters[p.name] = Quantity(
+                value=value, origin="assumed", source="constant of the description, not fitted"
+            )
+            continue
+        known = estimate.std if estimate is not None and math.isfinite(estimate.std) else None
+        parameters[p.name] = Quantity(value=value, origin="fitted", source=source, std=known)
+    note = cause.why if cause else "part of a hypothesis that the data do not single out"
+    return EffectEntry(effect=effect.name, where=effect.where, parameters=parameters, note=note)
+
+
+def prepare_folder(out: Path) -> Path:
+    """Return the folder `out`, made if need be, before work is done for it; raises ConfigError when it cannot be."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{out} cannot be made a folder ({error.strerror}); choose another --out") from None
+    if not os.access(out, os.W_OK):
+        raise ConfigError(f"{out} is read-only; choose another --out")
+    return out
+
+
+def write_extended(diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path) -> Path:
+    """Write `extended.toml` into the folder `out`, whole or not at all, and return its path."""
+    return write_text(out / "extended.toml", dump_model(extended_model(model, diagnosis, sources)))
+
+
+def write_files(
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path, chops: Sequence[ChopGain] = ()
+) -> dict[str, Path]:
+    """Write `extended.toml` and `diagnosis.json` into the folder `out` and return their paths; each appears whole.
+
+    `diagnosis.json` comes last: where it stands, all is there. Raises OSError, naming the file, when a disk is full.
+    """
+    text = json.dumps(document(diagnosis, sources, chops), indent=2, ensure_ascii=False, allow_nan=False)
+    return {
+        "extended.toml": write_extended(diagnosis, model, sources, out),
+        "diagnosis.json": write_text(out / "diagnosis.json", text + "\n"),
+    }
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write `text` to `path` so that the file is there whole or not at all; return the path."""
+    hidden = path.with_name(f".{path.name}.tmp")
+    hidden.write_text(text, encoding="utf-8")
+    os.replace(hidden, path)
+    return path

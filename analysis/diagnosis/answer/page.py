@@ -1,0 +1,182 @@
+"""The page of a diagnosis: one sentence first, then what it rests on, in one self-contained file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+import numpy as np
+from markupsafe import Markup, escape
+
+from analysis.diagnosis.answer.difference import Change, changes
+from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
+from analysis.diagnosis.answer.figures import Drawn, chance, evidence_figures, residual_figures
+from analysis.diagnosis.answer.output import DOMAINS, extended_model, write_text
+from analysis.diagnosis.evidence.chop_gain import ChopGain
+from analysis.diagnosis.evidence.domains import evidence
+from analysis.diagnosis.evidence.gain import model_rms
+from analysis.diagnosis.noise.estimate import whitener_from
+from analysis.diagnosis.records.loading import Source
+from analysis.diagnosis.result import Diagnosis, Domain
+from analysis.pages.environment import page_environment
+from analysis.pages.formats import shown
+from analysis.pages.svg import inlined
+from analysis.pages.view import Explorer
+from analysis.pages.words import quantity, share
+from campaigns.version import tool_commit, tool_version
+from sim_backend.effects import EFFECTS
+from sim_backend.model import Model
+
+HEADLINES = {
+    "consistent": "Model and data agree",
+    "named": "The model is wrong, and this is why",
+    "ambiguous": "The model is wrong; several causes would explain it",
+    "unknown": "The model is wrong; no effect in the library explains it",
+}
+
+SIGNIFICANT = 1e-3
+"""A cell of the overview is marked where its p-value, times all cells of its row and column, stays below this."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run and output in one domain: the highest level over the noise, its p-value in words, and its mark."""
+
+    level: str
+    chance: str
+    where: str
+    mark: str
+
+
+@dataclass(frozen=True)
+class OverviewRow:
+    """One output of one run over all domains."""
+
+    run: str
+    output: str
+    cells: tuple[Cell | None, ...]
+
+
+@dataclass(frozen=True)
+class Drawings:
+    """What is drawn on the page: figures of the residual and the evidence, their SVG by name, and interactive plots."""
+
+    figures: tuple[list[Drawn], list[Drawn]]
+    svg: dict[str, Markup]
+    explorers: dict[str, Explorer]
+
+
+def write_page(
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], out: Path, chops: Sequence[ChopGain] = ()
+) -> dict[str, Path]:
+    """Write `index.html` and its figures (SVG and CSV) into the folder `out` and return the paths by name."""
+    files = {s.run_uid: Path(s.file).name for s in sources}
+    figures, explorers = _drawings(diagnosis, model, files)
+    folder = out / "figures"
+    folder.mkdir(exist_ok=True)
+    runs = ", ".join(s.run_uid[:8] for s in sources[:2]) + (" …" if len(sources) > 2 else "")
+    stamp = f"mccd {tool_version()} ({tool_commit()}) · run {runs}"
+    paths: dict[str, Path] = {}
+    drawings = {}
+    for figure in (*figures[0], *figures[1]):
+        svg = figure.canvas.svg(stamp)
+        paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
+        write_text(folder / f"{figure.name}.csv", figure.canvas.numbers().to_csv(index=False))
+        drawings[figure.name] = Markup(inlined(svg, figure.name, str(escape(figure.title))))
+    page = render(diagnosis, model, sources, Drawings(figures, drawings, explorers), chops)
+    return paths | {"index.html": write_text(out / "index.html", page)}
+
+
+def render(
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], drawn: Drawings, chops: Sequence[ChopGain] = ()
+) -> str:
+    """Return the page's HTML; everything that comes from files is escaped."""
+    domains = [d for d in (*DOMAINS, *(k for k in diagnosis.evidence if k not in DOMAINS)) if diagnosis.evidence.get(d)]
+    files = {s.run_uid: Path(s.file).name for s in sources}
+    return str(
+        _environment()
+        .get_template("diagnosis.html.j2")
+        .render(
+            diagnosis=diagnosis,
+            headline=HEADLINES[diagnosis.verdict],
+            model=model,
+            sources=sources,
+            domains=domains,
+            overview=_overview(diagnosis.evidence, domains, files),
+            residuals=drawn.figures[0],
+            evidence=drawn.figures[1],
+            drawings=drawn.svg,
+            explorers=drawn.explorers,
+            changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
+            symptoms={e.reported(): e.symptom for e in reversed(EFFECTS)},
+            held_out=_held_out(diagnosis, files),
+            chops=chops,
+            version=f"{tool_version()} ({tool_commit()})",
+        )
+    )
+
+
+def _environment() -> jinja2.Environment:
+    environment = page_environment("analysis.diagnosis.answer")
+    environment.filters["quantity"] = quantity
+    environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
+    environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
+    environment.filters["share"] = share
+    return environment
+
+
+def _drawings(
+    diagnosis: Diagnosis, model: Model, files: dict[str, str]
+) -> tuple[tuple[list[Drawn], list[Drawn]], dict[str, Explorer]]:
+    data, before = diagnosis.data, diagnosis.before
+    whitener = whitener_from(data, list(diagnosis.after))
+    longest = max(r.n for r in data.records)
+    noise_rms = np.array([model_rms(taps, longest) for taps in whitener.taps])
+    after = evidence(data, diagnosis.after, whitener, model)
+    figures = (
+        residual_figures(data, before, diagnosis.after, noise_rms, model),
+        evidence_figures(diagnosis.evidence, after, model),
+    )
+    explorers = (
+        residual_explorer(data, before, diagnosis.after, whitener, noise_rms, model, files),
+        evidence_explorer(diagnosis.evidence, after, model, files),
+    )
+    return figures, {one.key: one for one in explorers if one is not None}
+
+
+def _overview(found: dict[str, tuple[Domain, ...]], domains: Sequence[str], files: dict[str, str]) -> list[OverviewRow]:
+    places = list(dict.fromkeys((d.record, d.output) for name in domains for d in found[name]))
+    total = max(sum(len(found[name]) for name in domains), 1)
+    rows = []
+    for record, output in places:
+        cells: list[Cell | None] = []
+        for name in domains:
+            here = [d for d in found[name] if (d.record, d.output) == (record, output)]
+            cells.append(_cell(here[0], total) if here else None)
+        rows.append(OverviewRow(files.get(record, record), output, tuple(cells)))
+    return rows
+
+
+def _cell(d: Domain, total: int) -> Cell:
+    level = float(np.max(d.level / d.floor))
+    corrected = d.p_value * total
+    mark = "quiet" if corrected >= SIGNIFICANT else "strong" if level >= 3.0 else "faint"
+    return Cell(shown(level), chance(d.p_value), d.where, mark)
+
+
+def _grouped(rows: Sequence[Change]) -> dict[str, list[Change]]:
+    out: dict[str, list[Change]] = {}
+    for row in rows:
+        out.setdefault(row.place, []).append(row)
+    return out
+
+
+def _held_out(diagnosis: Diagnosis, files: dict[str, str]) -> list[str]:
+    """Return the held-out segments as "file: label", names of files in place of those of runs."""
+    named = []
+    for entry in diagnosis.gain.held_out if diagnosis.gain else ():
+        run, _, label = entry.partition("#")
+        named.append(f"{files.get(run, run)}: {label}")
+    return named

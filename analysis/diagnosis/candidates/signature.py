@@ -1,0 +1,229 @@
+"""Every physical candidate's first-order signature in the outputs, from the one compiled step that also simulates it.
+
+The step runs along the measured motion (the nominal simulation plus what of the residual is above the noise), and
+what it adds at its place is passed through the linear plant. So the signature is right to first order even where the
+effect is large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.nominal.responses import coasting, response, simulate
+from sim_backend import kernel
+from sim_backend.assembly import Places, effects_of
+from sim_backend.effects.base import Aux, Effect, Site
+from sim_backend.effects.view import RecordView
+from sim_backend.errors import ConfigError
+from sim_backend.linear import ModalModel, discretise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Natural sizes by which parameters are made dimensionless: per input `u`, per output `y`, seconds and kelvin."""
+
+    u: Array
+    y: Array
+    s: float
+    k: float
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect class at one place with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns.
+
+    `centres` are the middles of all starts of the shapes: what is known of them before the data speak; `choices` is
+    among how many shapes the starts were chosen by looking at the residual, `limits` within what the data can show
+    some shapes; `given` are fields that are no parameters.
+    """
+
+    effect: type[Effect]
+    where: str
+    shapes: dict[str, float]
+    unit_sizes: dict[str, float]
+    centres: dict[str, float]
+    choices: int = 1
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    given: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What and where, whatever the shapes."""
+        return self.effect.name, self.where
+
+    def made(self, sizes: dict[str, float]) -> Effect:
+        """Return the effect with these sizes, clipped into its bounds."""
+        bounds = {p.name: (p.low, p.high) for p in self.effect.parameters()}
+        values = {n: float(np.clip(v, *bounds[n])) for n, v in {**self.shapes, **sizes}.items()}
+        return self.effect(self.where, **values, **self.given)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The measured motion of one record: `u` (n, n_u), `position` and `rate` (n, n_y), `residual` (n, n_y).
+
+    `sensed` (n, n_y) is what the sensors saw before any error of theirs.
+    """
+
+    u: Array
+    position: Array
+    sensed: Array
+    rate: Array
+    residual: Array
+    temperature_k: Array | None
+
+
+def places_for(effect: type[Effect], places: Places) -> Iterable[str]:
+    """Return every `where` at which this effect is tried."""
+    outputs, inputs = places.outputs, places.inputs
+    if effect.aux is Aux.SOURCE_COMMAND:
+        return [f"{a}->{b}" for a in inputs for b in inputs if a != b]
+    if effect.aux is Aux.SOURCE_POSITION:
+        targets = outputs if effect.site in (Site.READING, Site.HEAD) else inputs
+        return [f"{a}->{b}" for a in outputs for b in targets if a != b]
+    return outputs if effect.site in (Site.READING, Site.HEAD, Site.RECORD) else inputs
+
+
+def enumerate_candidates(
+    effects: Iterable[type[Effect]], places: Places, views: dict[str, RecordView], scales: Scales
+) -> Iterator[Candidate]:
+    """Yield every effect at every place with every start of its shapes; random effects are not among them."""
+    for effect in effects:
+        if effect.aux is Aux.EXOGENOUS:
+            continue
+        for where in places_for(effect, places):
+            view = views[where.rpartition("->")[2]]
+            if effect.aux is Aux.TEMPERATURE and view.temperature_k is None:
+                continue
+            units = unit_sizes(effect, where, places, scales)
+            guesses = effect.guess(view)
+            centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
+            for shapes in guesses:
+                yield Candidate(effect, where, shapes, units, centres, choices, limits, effect.given(view, shapes))
+
+
+def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:
+    """Return the middle of the starts of each shape, geometric where it is searched on a logarithmic scale."""
+    centres = {}
+    for p in effect.parameters():
+        values = np.array([g[p.name] for g in guesses if p.name in g and not p.size])
+        if values.size:
+            centres[p.name] = float(
+                np.exp(np.mean(np.log(values))) if p.log and np.all(values > 0.0) else values.mean()
+            )
+    return centres
+
+
+def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales) -> dict[str, float]:
+    """Return the natural size of each size parameter at a place."""
+    target = where.rpartition("->")[2]
+    j = places.inputs.index(target) if target in places.inputs else 0
+    own = target in places.outputs
+    y = scales.y[places.outputs.index(target)] if own else np.linalg.norm(places.coordinates[j] * scales.y)
+    return {
+        p.name: p.dimension.scale(float(scales.u[j]), float(y), scales.s, scales.k)
+        for p in effect.parameters()
+        if p.size
+    }
+
+
+def signature(
+    candidate: Candidate, linear: ModalModel, places: Places, motion: Motion, rate_hz: float, start: Array, run: int = 0
+) -> Array:
+    """Return the outputs' first-order change, shape (n, n_y, n_columns), one column per size parameter.
+
+    `start` (m, 2) are the states of the linear model in which the motion of the `run` with that number begins. An
+    effect without sizes has one column: its whole contribution.
+    """
+    if candidate.effect.site is Site.MODEL:
+        return _of_model(candidate, linear, places, motion.u, rate_hz, start)
+    if candidate.effect.site is Site.RECORD:
+        return _of_record(candidate, places, motion, rate_hz)
+    names = list(candidate.unit_sizes) or [""]
+    columns = []
+    for name in names:
+        sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
+        columns.append(_of_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz))
+    return np.stack(columns, axis=2)
+
+
+def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
+    n, n_y = motion.position.shape
+    fx, _ = effects_of([effect], places)
+    site = Site(int(np.searchsorted(fx.first, 1)) - 1)
+    channel = int(fx.channel[0])
+    added = np.empty(n)
+    seen = motion.sensed if site in (Site.READING, Site.HEAD) else motion.position
+    signal = seen[:, channel] if site in (Site.READING, Site.HEAD) else motion.u[:, channel]
+    position, speed = seen @ fx.read[0], motion.rate @ fx.read[0]
+    kernel.contribution_along(
+        fx,
+        0,
+        np.ascontiguousarray(signal),
+        np.ascontiguousarray(position),
+        np.ascontiguousarray(speed),
+        _auxiliary(effect, int(fx.column[0]), motion),
+        1.0 / rate_hz,
+        added,
+    )
+    if site in (Site.READING, Site.HEAD):
+        out = np.zeros((n, n_y))
+        out[:, channel] = added
+        return out
+    model = discretise(linear, rate_hz)
+    return response(model, added, channel, through_delay=site is Site.COMMAND)
+
+
+def _of_record(candidate: Candidate, places: Places, motion: Motion, rate_hz: float) -> Array:
+    o = places.outputs.index(candidate.where)
+    values = np.ascontiguousarray(motion.sensed[:, o])
+    out = np.zeros((*motion.position.shape, max(len(candidate.unit_sizes), 1)))
+    for k, (name, unit) in enumerate(candidate.unit_sizes.items()):
+        # a clock's error adds up over the record: a tenth of a sample at its end is still first order
+        step = 0.1 / values.size
+        effect = candidate.made({n: (step if n == name else 0.0) for n in candidate.unit_sizes})
+        out[:, o, k] = (effect.rewrite(values, rate_hz) - values) * (unit / step)
+    if not candidate.unit_sizes:
+        out[:, o, 0] = candidate.made({}).rewrite(values, rate_hz) - values
+    return out
+
+
+def _auxiliary(effect: Effect, column: int, motion: Motion) -> Array:
+    if effect.aux is Aux.TEMPERATURE and motion.temperature_k is not None:
+        return motion.temperature_k
+    if effect.aux is Aux.SOURCE_COMMAND:
+        return np.ascontiguousarray(motion.u[:, column])
+    if effect.aux is Aux.SOURCE_POSITION:
+        seen = motion.sensed if effect.site in (Site.READING, Site.HEAD) else motion.position
+        return np.ascontiguousarray(seen[:, column])
+    return np.zeros(motion.u.shape[0])
+
+
+def _of_model(
+    candidate: Candidate, linear: ModalModel, places: Places, u: Array, rate_hz: float, start: Array
+) -> Array:
+    i = places.inputs.index(candidate.where)
+    o = places.outputs.index(candidate.where) if candidate.where in places.outputs else min(i, len(places.outputs) - 1)
+
+    def moved(name: str, by: float) -> Array:
+        effect = candidate.made({n: (by if n == name else 0.0) for n in candidate.unit_sizes})
+        model = discretise(effect.retune(linear, i, o), rate_hz)
+        return simulate(model, u) + coasting(model, start[: linear.n_blocks], u.shape[0])
+
+    columns = []
+    for name, unit in candidate.unit_sizes.items():
+        # differences of second order, and small: what is left of a column that the knobs can imitate may be 1e-9 of it
+        step = 1e-5 * unit
+        try:
+            slope = (moved(name, step) - moved(name, -step)) / (2.0 * step)
+        except ConfigError:  # there is nothing on the other side, as of a delay
+            slope = (4.0 * moved(name, step) - moved(name, 2.0 * step) - 3.0 * moved(name, 0.0)) / (2.0 * step)
+        columns.append(unit * slope)
+    return np.stack(columns, axis=2)

@@ -1,0 +1,312 @@
+"""Where the residual stands above the noise: frequency, amplitude, position, direction, rate, time, temperature, axis.
+
+All of it is judged on whitened residuals, which noise alone makes independent numbers of unit variance. A curve shows
+the residual's rms in units of that noise, so 1 is the floor in every domain. Of frequency see `spectra`; elsewhere
+two questions are asked: is the residual larger in some bin than noise makes it (F test of the largest ratio, corrected
+for the number of bins), and does its mean follow the bins, or that of a missing force (generalised least squares on
+indicators of the bins, as they are and passed through the plant, F tests)? Of two p-values the smaller counts, twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import f as f_distribution
+
+from analysis.diagnosis.evidence.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms
+from analysis.diagnosis.evidence.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.nominal.responses import response
+from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.diagnosis.result import Domain
+from analysis.pages.words import span
+from sim_backend.linear import DiscreteModel, discretise
+from sim_backend.model import Model, Port
+
+Array = NDArray[np.float64]
+
+AT_REST = 1e-2
+"""Rates below this part of their rms have no direction."""
+
+TIME_BINS = 40
+
+FORCE_BINS = 10
+"""Most bins of a missing force: each costs a simulation, and a law of force is smooth."""
+
+WARMING_K = 0.02
+"""Smallest range of temperatures that counts as one: below it a channel shows its own noise or the drive's warmth."""
+
+
+@dataclass(frozen=True)
+class Force:
+    """How a force on an output's own degree of freedom reaches it: the plant, the input and the output by number."""
+
+    plant: DiscreteModel
+    input: int
+    output: int
+
+
+@dataclass(frozen=True)
+class _Series:
+    """One output of one run, all its records joined: whitened residual `w` (n,) and what it may depend on.
+
+    `noise_rows` is the number of rows that told the noise's size; 0 when it was taken from the residual itself.
+    """
+
+    run: str
+    port: Port
+    w: Array
+    u: Array
+    parts: tuple[int, ...]
+    repeats: tuple[Repeat, ...]
+    position: Array
+    rate: Array
+    amplitude: Array
+    time_s: Array
+    temperature_k: Array | None
+    taps: Array
+    noise_rows: int
+    rate_hz: float
+    force: Force | None
+
+
+def evidence(
+    data: Dataset, residuals: Sequence[Array], whitener: Whitener, model: Model
+) -> dict[str, tuple[Domain, ...]]:
+    """Return every curve by domain, one per run and output; `residuals` (n, n_y) belong to the records of `data`.
+
+    `model` gives the outputs' names and units. A domain that no run can show (temperature, say) is empty.
+    """
+    out: dict[str, list[Domain]] = {name: [] for name in ("frequency", "amplitude", "position", "direction", "rate")}
+    out |= {"time": [], "temperature": [], "cross-axis": []}
+    rows = _noise_rows(data) if whitener.repeats else 0
+    plant = discretise(model.linear(), data.rate_hz)
+    for run in dict.fromkeys(r.name for r in data.records):
+        pairs = [
+            (r, e)
+            for r, e in zip(data.records, residuals, strict=True)
+            if r.name == run and r.n > 2 * whitener.order + 8
+        ]
+        if not pairs:
+            continue
+        joined = [
+            _series(run, pairs, o, port, whitener, rows, data.rate_hz, _force(plant, o, model))
+            for o, port in enumerate(model.outputs)
+        ]
+        for o, s in enumerate(joined):
+            out["frequency"].append(_frequency(s))
+            out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, free_mean=True))
+            for name, values, per in (
+                ("position", s.position, ""),
+                ("rate", s.rate, "/s"),
+                ("amplitude", s.amplitude, ""),
+            ):
+                if np.ptp(values) > 0.0:
+                    out[name].append(_along(s, values, f"{s.port.unit}{per}", name))
+            if np.any(s.rate != 0.0):
+                out["direction"].append(_direction(s))
+            if s.temperature_k is not None and np.ptp(s.temperature_k) > WARMING_K:
+                out["temperature"].append(_along(s, s.temperature_k, "K", "temperature"))
+            if len(joined) > 1:
+                out["cross-axis"].append(_cross_axis(o, joined))
+    return {name: tuple(curves) for name, curves in out.items()}
+
+
+def _noise_rows(data: Dataset) -> int:
+    """Return how many rows the differences between periods gave."""
+    rows = 0
+    for w in (w for r in data.records for w in r.windows if w.period):
+        whole = (w.stop - w.start) // w.period
+        rows += max(whole - (2 if whole >= 3 else 1), 0) * w.period
+    return rows
+
+
+def _force(plant: DiscreteModel, o: int, model: Model) -> Force | None:
+    dofs = [p.dof for p in model.inputs]
+    own = model.outputs[o].dof
+    return Force(plant, dofs.index(own), o) if own in dofs and plant.a.shape[0] else None
+
+
+def _series(
+    run: str,
+    pairs: Sequence[tuple[Record, Array]],
+    o: int,
+    port: Port,
+    whitener: Whitener,
+    rows: int,
+    rate_hz: float,
+    force: Force | None,
+) -> _Series:
+    # the whitening filter starts from zeros, so its first rows are not white
+    cut = slice(whitener.order, None)
+    w = [whitener.apply(np.ascontiguousarray(e[:, o : o + 1]), o)[cut, 0] for _, e in pairs]
+    # what the model says the motion was: the measured one would carry the noise into the choice of the bin
+    moved = [r.y[:, o] - e[:, o] for r, e in pairs]
+    length = max(int(rate_hz / 20.0), 16)
+    begin = np.concatenate([[0], np.cumsum([r.n for r, _ in pairs])[:-1]])
+    warm = all(r.temperature_k is not None for r, _ in pairs)
+    return _Series(
+        run=run,
+        port=port,
+        w=np.concatenate(w),
+        u=np.concatenate([r.u[cut] for r, _ in pairs]),
+        parts=tuple(x.size for x in w),
+        repeats=tuple(_repeats(pairs, whitener.order)),
+        position=np.concatenate([x[cut] for x in moved]),
+        rate=np.concatenate([np.gradient(x, 1.0 / rate_hz)[cut] for x in moved]),
+        amplitude=np.concatenate([moving_rms(x, length)[cut] for x in moved]),
+        time_s=np.concatenate([(b + np.arange(r.n))[cut] / rate_hz for b, (r, _) in zip(begin, pairs, strict=True)]),
+        temperature_k=np.concatenate([r.temperature_k[cut] for r, _ in pairs if r.temperature_k is not None])
+        if warm
+        else None,
+        taps=whitener.taps[o],
+        noise_rows=rows,
+        rate_hz=rate_hz,
+        force=force,
+    )
+
+
+def _repeats(pairs: Sequence[tuple[Record, Array]], lost: int) -> Iterator[Repeat]:
+    """Yield the repeated periods of the joined rows, of which `lost` are missing at the start of each record."""
+    at = 0
+    for record, _ in pairs:
+        for w in record.windows:
+            whole = (w.stop - w.start) // w.period if w.period else 0
+            # the first of several holds what is left of the transient, and perhaps the rows that are lost
+            first = 1 if whole >= 3 or w.start < lost else 0
+            if whole - first >= 2:
+                yield Repeat(at + w.start - lost + first * w.period, w.period, whole - first)
+        at += record.n - lost
+
+
+def _energy_test(mean_square: Array, dof: Array, noise_rows: int) -> float:
+    """Return the p-value of the largest bin: F against the noise's own rows, or against the other bins."""
+    total, all_dof = float(mean_square @ dof), float(dof.sum())
+    if noise_rows:
+        return largest_test(mean_square, dof, np.full(dof.size, float(noise_rows)))
+    other = np.maximum(all_dof - dof, 1.0)
+    ratio = mean_square / np.maximum((total - mean_square * dof) / other, np.finfo(float).tiny)
+    return largest_test(ratio, dof, other)
+
+
+def _both(energy: float, mean: float) -> float:
+    return min(1.0, 2.0 * min(energy, mean))
+
+
+def _along(s: _Series, values: Array, unit: str, name: str, most: int = 24, *, free_mean: bool = False) -> Domain:
+    """Return the curve along a covariate (n,), in bins of equal numbers of rows."""
+    found = binned(values, s.w, most)
+    energy = _energy_test(found.mean_square, found.count.astype(float), s.noise_rows)
+    mean = _mean_p(s, values, found, free_mean=free_mean)
+    i = int(np.argmax(found.mean_square))
+    low, high = found.edges[i], found.edges[i + 1]
+    what = f"{s.port.dof} at {name} {span(low, high, unit)}" if name else f"{s.port.dof} from {span(low, high, unit)}"
+    return _domain(s, found.centre, unit, np.sqrt(found.mean_square), _both(energy, mean), what)
+
+
+def _mean_p(s: _Series, values: Array, found: Binned, *, free_mean: bool) -> float:
+    """Return the p-value of "no mean follows the bins": neither of the reading itself nor of a force on the structure.
+
+    An error of the sensor is a curve of the reading; a missing force is a curve too, but of the force, and reaches the
+    reading through the plant.
+    """
+    parts = np.concatenate([[0], np.cumsum(s.parts)])
+    total = float(s.w @ s.w)
+    gram, cross = accumulate(s.taps, found.index, s.w, parts, found.count.size)
+    reading = mean_test(gram, cross, total, s.w.size, s.noise_rows, free_mean=free_mean)
+    if s.force is None:
+        return reading
+    coarse = binned(values, s.w, FORCE_BINS) if found.count.size > FORCE_BINS else found
+    gram, cross = _through_plant(s, s.force, coarse, parts)
+    return _both(reading, mean_test(gram, cross, total, s.w.size, s.noise_rows, free_mean=free_mean))
+
+
+def _through_plant(s: _Series, force: Force, found: Binned, parts: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the normal equations of a unit force in each bin, passed through the plant and whitened."""
+    n = found.count.size
+    gram, cross = np.zeros((n, n)), np.zeros(n)
+    for a, b in zip(parts[:-1], parts[1:], strict=True):
+        columns = np.empty((b - a, n))
+        for k in range(n):
+            acting = (found.index[a:b] == k).astype(float)
+            moved = response(force.plant, acting, force.input)[:, force.output]
+            columns[:, k] = lfilter(s.taps, [1.0], moved)
+        gram += columns.T @ columns
+        cross += columns.T @ s.w[a:b]
+    return gram, cross
+
+
+def _direction(s: _Series) -> Domain:
+    """Return the residual while moving down and up; at rest there is no direction."""
+    still = AT_REST * float(np.sqrt(np.mean(s.rate**2)))
+    index = np.where(s.rate < -still, 0, np.where(s.rate > still, 1, -1)).astype(np.int64)
+    count = np.array([np.sum(index == 0), np.sum(index == 1)])
+    if count.min() == 0:
+        return _domain(
+            s, np.array([-1.0, 1.0]), "sign of the rate", np.ones(2), 1.0, f"{s.port.dof} moves one way only"
+        )
+    square = np.array([np.mean(s.w[index == k] ** 2) for k in (0, 1)])
+    means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])
+    found = Binned(index, count, square, np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
+    p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, free_mean=False))
+    way = "up" if abs(means[1]) > abs(means[0]) else "down"
+    what = f"{s.port.dof} moving {way}, mean {means[1]:+.2g} up and {means[0]:+.2g} down"
+    return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)
+
+
+def _frequency(s: _Series) -> Domain:
+    """Return the whitened spectrum in logarithmic bands, judged by what repeats or else by what follows the inputs."""
+    found = bands(s.w, s.parts, s.rate_hz)
+    p = repeat_test(s.w, s.repeats, s.rate_hz) if s.repeats else coherence_test(s.w, s.u, s.parts, s.rate_hz)
+    i = int(np.argmax(found.power))
+    where = f"{s.port.dof} at {span(found.edges[i, 0], found.edges[i, 1], 'Hz')}"
+    return _domain(s, found.centre, "Hz", np.sqrt(found.power), p, where)
+
+
+def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:
+    """Return how much of one output's residual follows position, rate and acceleration of each other axis.
+
+    Axes that are driven at the same time resemble each other, so an error of this axis's own may seem to follow
+    another. The p-value is therefore the larger of that against noise (F test) and the share of time shifts of the
+    other axis that explain as much.
+    """
+    s = joined[o]
+    others = [k for k in range(len(joined)) if k != o]
+    # what the output's own motion explains is told elsewhere
+    own, _ = np.linalg.qr(_motion_columns(s))
+    left = s.w - own @ (own.T @ s.w)
+    explained, p_values = np.zeros(len(others)), np.ones(len(others))
+    for i, k in enumerate(others):
+        columns = _motion_columns(joined[k])
+        columns, _ = np.linalg.qr(columns - own @ (own.T @ columns))
+        shifted = explained_by_shifts(left, columns)
+        dof = s.w.size - 6
+        noise = 1.0 if s.noise_rows else (float(left @ left) - shifted[0]) / dof
+        explained[i] = np.sqrt(shifted[0] / s.w.size)
+        against_noise = float(f_distribution.sf(shifted[0] / 3.0 / noise, 3, s.noise_rows or dof))
+        p_values[i] = max(against_noise, float(np.mean(shifted >= shifted[0])))
+    i = int(np.argmin(p_values))
+    floor = np.full(len(others), np.sqrt(3.0 / s.w.size))
+    where = f"{s.port.dof} following {joined[others[i]].port.dof}: {100.0 * explained[i]:.3g} % of the noise"
+    p = min(1.0, float(np.min(p_values)) * len(others))
+    return Domain(s.run, s.port.dof, np.array(others, dtype=float), "number of the axis", explained, floor, p, where)
+
+
+def _motion_columns(other: _Series) -> Array:
+    columns = np.stack([other.position, other.rate, np.gradient(other.rate)], axis=1)
+    parts = np.concatenate([[0], np.cumsum(other.parts)])
+    out = np.empty_like(columns)
+    for a, b in zip(parts[:-1], parts[1:], strict=True):
+        for j in range(3):
+            out[a:b, j] = np.convolve(columns[a:b, j], other.taps)[: b - a]
+    size = np.sqrt(np.mean(out**2, axis=0))
+    return np.asarray(out / np.where(size > 0.0, size, 1.0))
+
+
+def _domain(s: _Series, axis: Array, unit: str, level: Array, p: float, what: str) -> Domain:
+    top = float(np.max(level))
+    return Domain(s.run, s.port.dof, axis, unit, level, np.ones(level.size), p, f"{what}: {top:.3g} times the noise")

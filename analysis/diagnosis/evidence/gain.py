@@ -1,0 +1,148 @@
+"""What an extended model gains on rows that no fit has seen: rms before and after against the noise, with an interval.
+
+The interval is a moving-block bootstrap (Künsch 1989): blocks of rows, longer than the residual remembers, are drawn
+anew from every held-out window, with before and after always drawn together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.nominal.responses import free_responses
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.result import Gain
+from sim_backend.linear import ModalModel, discretise
+
+Array = NDArray[np.float64]
+
+DRAWS = 2000
+
+LEAST_BLOCKS = 8
+"""Blocks that a window should give at least; with fewer the interval would rest on too few draws."""
+
+
+def gain_of(
+    data: Dataset,
+    before: Sequence[Array],
+    after: Sequence[Array],
+    whitener: Whitener,
+    nominal: ModalModel,
+    extended: ModalModel,
+    seed: int = 0,
+) -> Gain | None:
+    """Return the gain on all held-out windows; None when nothing is held out.
+
+    `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
+    relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
+    noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. Where a record
+    is held out as a whole, no fit knows the state it started in, so that what a start can add under `nominal` and
+    `extended` is taken out of it first.
+    """
+    windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
+    if not windows:
+        return None
+    # what a start adds dies away within the first period, and would pass for noise that differs between periods
+    started = [_without_start(r, e, nominal, data.rate_hz) for r, e in zip(data.records, before, strict=True)]
+    noise = _noise_rms(data, started, whitener, windows)
+    size = _output_size(data, windows)
+    moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
+    size = np.where(moved | ~np.any(moved), size, np.inf)
+    first = _squares(data, before, nominal, windows, size)
+    second = _squares(data, after, extended, windows, size)
+    rms_before, rms_after = (float(np.sqrt(np.concatenate(x).mean())) for x in (first, second))
+    draws = _bootstrap(first, second, _block(data, nominal), np.random.default_rng(seed))
+    counted = np.isfinite(size)
+    floor = np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))
+    return Gain(
+        held_out=tuple(f"{data.records[i].name}#{w.label}" for i, w in windows),
+        rms_before=rms_before,
+        rms_after=rms_after,
+        noise_floor=float(floor),
+        reduction=1.0 - rms_after / rms_before if rms_before > 0.0 else 0.0,
+        ci95=(float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))),
+    )
+
+
+def _output_size(data: Dataset, windows: Sequence[tuple[int, Window]]) -> Array:
+    y = np.concatenate([data.records[i].y[w.start : w.stop] for i, w in windows])
+    size = np.std(y, axis=0)
+    return np.asarray(np.where(size > 0.0, size, np.inf), dtype=float)
+
+
+def _simulated_size(data: Dataset, residuals: Sequence[Array], windows: Sequence[tuple[int, Window]]) -> Array:
+    """Return the rms about its mean of each simulated output on the held-out rows, (n_y,)."""
+    rows = [(data.records[i].y - residuals[i])[w.start : w.stop] for i, w in windows]
+    return np.asarray(np.std(np.concatenate(rows), axis=0), dtype=float)
+
+
+def _squares(
+    data: Dataset, residuals: Sequence[Array], linear: ModalModel, windows: Sequence[tuple[int, Window]], size: Array
+) -> list[Array]:
+    """Return, per window, each row's squared relative residual, mean over the outputs, shape (rows,)."""
+    moving = np.isfinite(size)
+    cleaned = {i: _without_start(data.records[i], residuals[i], linear, data.rate_hz) for i in {i for i, _ in windows}}
+    return [np.mean((cleaned[i][w.start : w.stop, moving] / size[moving]) ** 2, axis=1) for i, w in windows]
+
+
+def _without_start(record: Record, residual: Array, linear: ModalModel, rate_hz: float) -> Array:
+    """Return the residual (n, n_y) without what an unknown first state adds, in records that no fit has touched."""
+    if record.fitted().any():
+        return residual
+    free = free_responses(discretise(linear, rate_hz), record.n).reshape(record.n * linear.n_outputs, -1)
+    scale = np.linalg.norm(free, axis=0)
+    free = free[:, scale > 0.0] / scale[scale > 0.0]
+    states, *_ = np.linalg.lstsq(free, residual.reshape(-1), rcond=1e-9)
+    return residual - (free @ states).reshape(residual.shape)
+
+
+def _block(data: Dataset, linear: ModalModel) -> int:
+    """Return the bootstrap's block in rows: two periods of the slowest mode, in which a residual forgets itself."""
+    swinging = linear.omega_rad_s[linear.omega_rad_s > 0.0]
+    slowest = float(swinging.min()) if swinging.size else 0.0
+    return max(int(2.0 * 2.0 * np.pi / slowest * data.rate_hz), 8) if slowest > 0.0 else 64
+
+
+def _bootstrap(first: Sequence[Array], second: Sequence[Array], block: int, rng: np.random.Generator) -> Array:
+    """Return the relative reduction in `DRAWS` resamples, shape (DRAWS,)."""
+    sums = np.zeros((2, DRAWS))
+    for a, b in zip(first, second, strict=True):
+        length = max(min(block, a.size // LEAST_BLOCKS), 1)
+        number = max(a.size // length, 1)
+        begin = rng.integers(0, a.size - length + 1, size=(DRAWS, number))
+        for k, x in enumerate((a, b)):
+            total = np.concatenate([[0.0], np.cumsum(x)])
+            drawn = total[begin + length] - total[begin]
+            # every window keeps its weight whatever number of whole blocks fits into it
+            sums[k] += drawn.sum(axis=1) * (a.size / (number * length))
+    return np.asarray(1.0 - np.sqrt(sums[1] / np.maximum(sums[0], np.finfo(float).tiny)), dtype=float)
+
+
+def _noise_rms(
+    data: Dataset, residuals: Sequence[Array], whitener: Whitener, windows: Sequence[tuple[int, Window]]
+) -> Array:
+    """Return the noise's rms per output, (n_y,): from repeated periods of the held-out rows, else from its model."""
+    square, rows = np.zeros(data.n_outputs), 0
+    for i, w in windows:
+        whole = (w.stop - w.start) // w.period if w.period else 0
+        first = 1 if whole >= 3 else 0  # which holds what is left of the transient
+        if whole - first < 2:
+            continue
+        part = residuals[i][w.start + first * w.period : w.start + whole * w.period]
+        periods = part.reshape(whole - first, w.period, -1)
+        square += np.sum((periods - periods.mean(axis=0)) ** 2, axis=(0, 1))
+        rows += (whole - first - 1) * w.period
+    if rows:
+        return np.sqrt(square / rows)
+    longest = max(w.stop - w.start for _, w in windows)
+    return np.array([model_rms(taps, longest) for taps in whitener.taps])
+
+
+def model_rms(taps: Array, rows: int) -> float:
+    """Return the rms about its mean, over `rows`, of the noise that `taps` whiten, from its spectrum."""
+    lines = max(rows, 4 * taps.size)
+    power = 1.0 / np.maximum(np.abs(np.fft.fft(taps, lines)[1:]) ** 2, np.finfo(float).tiny)
+    return float(np.sqrt(power.sum() / lines))

@@ -1,0 +1,127 @@
+"""A plan played on paper: what a bench that behaves like a hypothesis would record, and whether it keeps its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.experiment.hypotheses import Hypothesis
+from analysis.diagnosis.fitting.fit import Setting
+from analysis.diagnosis.records.dataset import Record, Window
+from campaigns.plans import Plan, checked_segments
+from campaigns.plans.base import Reach
+from sim_backend.bench import Bench, Segment
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import ModalModel
+from sim_backend.model import Model
+from sim_backend.simbench import SimBench
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.9
+"""Part of the bench's travel and current that a proposal may be predicted to use: the prediction may be wrong by some
+per cent, and by more where the hypotheses are all wrong."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a proposal may use: travel per output (n_y,) and current per actuator, as predicted; infinite: anything."""
+
+    travel: Array
+    current_a: float
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a plan would give under a hypothesis: the record as a log would hold it, and the true positions (n, n_y)."""
+
+    record: Record
+    position: Array
+
+
+def face_of(bench: Bench | None, model: Model, rate_hz: float) -> Bench:
+    """Return `bench`, or where none is given the one that `model` describes, sampled at `rate_hz`."""
+    return bench or SimBench(msgspec.structs.replace(model, sample_rate_hz=rate_hz), 0)
+
+
+def records_motion(plan: Plan, bench: Bench, model: Model) -> bool:
+    """Tell whether a log of `plan` can be diagnosed: it holds every input and every output of `model`."""
+    dofs = {(s.role, s.dof) for s in bench.signals if s.name in plan.channels(bench)}
+    needed = {("input", p.dof) for p in model.inputs} | {("output", p.dof) for p in model.outputs}
+    return needed <= dofs
+
+
+def play_as(
+    plan: Plan, bench: Bench, model: Model, hypothesis: Hypothesis, setting: Setting, room: Room
+) -> Played | None:
+    """Return what `plan` gives under `hypothesis`, None when that leaves the limits or cannot be simulated.
+
+    `bench` is asked for its public face alone: nothing moves.
+    """
+    warm = setting.data.records[0].temperature_k is not None
+    paper = hypothesis.model(model, setting)
+    return play_on_paper(plan, bench, paper, room, substeps=setting.substeps, warm=warm)
+
+
+def play_on_paper(
+    plan: Plan, bench: Bench, model: Model, room: Room, *, substeps: int = 1, warm: bool = False
+) -> Played | None:
+    """Return what `plan` for `bench` gives on a bench that is `model`, None when that leaves the limits.
+
+    The temperature is kept where there is one and `warm`.
+    """
+    try:
+        segments = list(checked_segments(plan, bench))
+        paper = SimBench(model, 0, substeps=substeps, truth=True)
+        played = [paper.play(_with_truth(s, paper)) for s in segments]
+    except (ConfigError, DataError):
+        return None
+    ins, outs = [p.dof for p in model.inputs], [p.dof for p in model.outputs]
+
+    def joined(names: list[str]) -> Array:
+        return np.concatenate([np.stack([r.channels[n] for n in names], axis=1) for r in played])
+
+    u, y = joined([f"command_{dof}" for dof in ins]), joined(outs)
+    position = joined([f"true_{dof}" for dof in outs])
+    if not (np.isfinite(y).all() and np.isfinite(u).all()):
+        return None
+    current = np.max(np.abs(u @ paper.limits.to_current.T), initial=0.0)
+    if np.any(np.max(np.abs(position), axis=0) > MARGIN * room.travel) or current > MARGIN * room.current_a:
+        return None
+    windows, at = [], 0
+    for segment in segments:
+        period = segment.settings.get("period_samples", 0)
+        repeats = int(period) if isinstance(period, int | float) and 1 < period <= segment.n_samples else 0
+        windows.append(Window(segment.label, at, at + segment.n_samples, "held-out" in segment.label, repeats))
+        at += segment.n_samples
+    warm = warm and "temperature" in played[0].channels
+    kelvin = np.concatenate([r.channels["temperature"] for r in played]) if warm else None
+    return Played(Record("planned", u, y, tuple(windows), kelvin), position)
+
+
+def _with_truth(segment: Segment, paper: SimBench) -> Segment:
+    names = tuple(s.name for s in paper.signals if not s.name.startswith(("theodolite_", "current_", "head_")))
+    return replace(segment, record=names)
+
+
+def reach_of(
+    axes: tuple[str, ...], bench: Bench, linear: ModalModel, inputs: tuple[str, ...], room: Room, largest: Array
+) -> Reach:
+    """Return the largest commands at which `linear` at rest keeps within `room`, axis by axis.
+
+    `largest` (n_u,) are those of a bench that states no limits.
+    """
+    live = linear.omega_rad_s > 0.0
+    static = linear.d + (linear.c[:, live] / linear.omega_rad_s[live] ** 2) @ linear.b[live]
+    command = np.zeros(len(bench.axes))
+    for axis in axes:
+        i, at = inputs.index(axis), bench.axes.index(axis)
+        by_travel = np.min(MARGIN * room.travel / np.maximum(np.abs(static[:, i]), np.finfo(float).tiny))
+        per_unit = float(np.max(np.abs(bench.limits.to_current[:, at]), initial=0.0))
+        most = min(by_travel, MARGIN * room.current_a / per_unit if per_unit > 0.0 else np.inf)
+        stated = np.isfinite(bench.limits.reference).any() and np.isfinite(most)
+        command[at] = most if stated else min(most, largest[i])
+    return Reach(axes, command)

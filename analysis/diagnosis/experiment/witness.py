@@ -1,0 +1,163 @@
+"""What an instrument beside the bench tells of its sensors: reading minus true angle, which only sensor effects change.
+
+A gain of the sensor and a gain of the drive move the readings alike, so that no reading tells them apart; a second
+instrument does, because it sees the angle itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.experiment.hypotheses import Hypothesis
+from analysis.diagnosis.experiment.planned import Played, Room, play_as
+from analysis.diagnosis.fitting.fit import Setting
+from analysis.diagnosis.noise.whitener import Whitener
+from campaigns.plans import Plan
+from sim_backend.bench import Bench
+from sim_backend.errors import ConfigError
+from sim_backend.model import Model, number
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+_STEP = 1e-3
+"""Relative step by which a parameter is changed to see what that does to the readings: sensor effects are near linear
+over it, and it is far above rounding."""
+
+_ITERATIONS = 3
+"""Gauss-Newton steps: a gain of the sensor enters the angles of a closed loop as 1/(1 + gain), and three are enough to
+be exact there."""
+
+
+def watched_channels(channels: Iterable[tuple[str, str, str, str]], model: Model) -> list[tuple[int, str, str]]:
+    """Return (output number, its reading's channel, the instrument's channel) of every output that is watched.
+
+    `channels` are (name, role, dof, unit). An instrument's is an auxiliary channel of the output's degree of freedom in
+    its unit. There is none when its noise is not known to `model`.
+    """
+    if model.hardware is None or model.hardware.theodolite_noise_rad is None:
+        return []
+    beside, read = {}, {}
+    for name, role, dof, unit in channels:
+        if role == "aux":
+            beside[dof, unit] = name
+        elif role == "output":
+            read[dof, unit] = name
+    ports = [(o, (p.dof, p.unit)) for o, p in enumerate(model.outputs)]
+    return [(o, read[key], beside[key]) for o, key in ports if key in read and key in beside]
+
+
+def watched_outputs(plan: Plan, bench: Bench, model: Model) -> tuple[int, ...]:
+    """Return the numbers of the outputs that `plan` records on `bench` together with an instrument's channel."""
+    kept = set(plan.channels(bench))
+    channels = [(s.name, s.role, s.dof, s.unit) for s in bench.signals if s.name in kept]
+    return tuple(o for o, _, _ in watched_channels(channels, model))
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A plan that an instrument watches on a bench, with what is needed to play it on paper."""
+
+    plan: Plan
+    bench: Bench
+    model: Model
+    setting: Setting
+    room: Room
+
+    @property
+    def watched(self) -> tuple[int, ...]:
+        """Return the numbers of the outputs that the instrument watches."""
+        return watched_outputs(self.plan, self.bench, self.model)
+
+    def separation(self, first: Played, second: Hypothesis) -> float:
+        """Return by how many sigma the instrument tells what `first` shows from `second`; 0 when it watches nothing."""
+        watched = self.watched
+        return self.misfit(error_of(first, watched), second) if watched else 0.0
+
+    def misfit(self, error: Array, hypothesis: Hypothesis) -> float:
+        """Return the root of the sum of squares with which `hypothesis` explains `error` (n, k) of the watched outputs.
+
+        Its parameters adapt as far as their standard deviations let them, by Gauss-Newton steps; an offset between
+        instrument and sensor is free. Infinite for a hypothesis that cannot play the plan within the limits.
+        """
+        fit = hypothesis.fit
+        free = np.flatnonzero(np.isfinite(fit.std) & (fit.std > 0.0))
+        precision = np.diag(1.0 / fit.std[free] ** 2)
+        moved = np.zeros(free.size)
+        total = float("inf")
+        for _ in range(_ITERATIONS + 1):
+            left = self._at(error, hypothesis, free, moved)
+            if left is None:
+                break
+            total = min(total, float(left @ left + moved @ precision @ moved))
+            columns = self._slopes(error, hypothesis, free, moved, left)
+            normal = columns.T @ columns + precision
+            moved = moved + np.linalg.solve(normal, columns.T @ left - precision @ moved)
+        return float(np.sqrt(total))
+
+    def _slopes(self, error: Array, hypothesis: Hypothesis, free: Ints, moved: Array, here: Array) -> Array:
+        """Return by how much what is left shrinks per unit of each free parameter, whitened, (rows, k)."""
+        columns = np.zeros((here.size, free.size))
+        for k, i in enumerate(free):
+            step = _STEP * (abs(float(hypothesis.fit.values[i])) or float(hypothesis.fit.std[i]))
+            beside = self._at(error, hypothesis, free, moved + step * np.eye(free.size)[k])
+            if beside is not None:
+                columns[:, k] = (here - beside) / step
+        return columns
+
+    def _at(self, error: Array, hypothesis: Hypothesis, free: Ints, moved: Array) -> Array | None:
+        """Return what is left of `error` with the parameters moved, whitened; None when that cannot be played."""
+        try:
+            changed = _changed(hypothesis, free, moved)
+        except ConfigError:
+            return None
+        played = play_as(self.plan, self.bench, self.model, changed, self.setting, self.room)
+        if played is None:
+            return None
+        # a run that was interrupted is shorter than its plan
+        left = error - error_of(played, self.watched)[: error.shape[0]]
+        return whitened_error(left, self.watched, self.setting.whitener, self.model)
+
+
+def _changed(hypothesis: Hypothesis, free: Ints, moved: Array) -> Hypothesis:
+    """Return the hypothesis with its free parameters moved; raises ConfigError beyond their bounds."""
+    fit = hypothesis.fit
+    values = fit.values.copy()
+    values[free] += moved
+    effects = list(fit.effects)
+    for (owner, name), value in zip(fit.names, values, strict=True):
+        changed: dict[str, Any] = {name: float(value)}
+        effects[owner] = replace(effects[owner], **changed)
+    return replace(hypothesis, fit=replace(fit, effects=tuple(effects)))
+
+
+def error_of(played: Played, watched: tuple[int, ...]) -> Array:
+    """Return reading minus true position (n, k) of the watched outputs."""
+    return np.asarray((played.record.y - played.position)[:, watched], dtype=float)
+
+
+def whitened_error(error: Array, watched: tuple[int, ...], whitener: Whitener, model: Model) -> Array:
+    """Return `error` (n, k) of the watched outputs in numbers of unit variance, (2 n k,): real and imaginary parts.
+
+    Its noise is that of the readings plus the instrument's, which is white; their mean, an offset, is left out.
+    """
+    assert model.hardware is not None and model.hardware.theodolite_noise_rad is not None
+    own = number(model.hardware.theodolite_noise_rad) ** 2
+    n = error.shape[0]
+    lines = np.fft.fft(error, axis=0) / np.sqrt(n)
+    frequency = np.abs(np.fft.fftfreq(n))
+    parts = []
+    for k, o in enumerate(watched):
+        power = 1.0 / np.maximum(np.abs(np.fft.fft(whitener.taps[o], n)) ** 2, np.finfo(float).tiny)
+        if whitener.levels.size:
+            band = np.searchsorted(whitener.edges, frequency, side="right") - 1
+            low = band < whitener.levels.shape[1]
+            power[low] *= whitener.levels[o][band[low]]
+        white = (lines[:, k] / np.sqrt(power + own))[1:]
+        parts += [white.real, white.imag]
+    return np.concatenate(parts)

@@ -1,0 +1,158 @@
+"""A fitted hypothesis, and what stays the same while hypotheses are fitted to one data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.starts import Start
+from analysis.diagnosis.noise.whitener import Bands, Whitener
+from analysis.diagnosis.nominal.tuning import Knob, turned
+from analysis.diagnosis.records.dataset import Dataset, Record
+from sim_backend import layout
+from sim_backend.assembly import Places, retuned
+from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
+from sim_backend.linear import ModalModel
+from sim_backend.replay import Motion, replay
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record.
+
+    `added` is noise that is there beside what the data show of it by themselves.
+    """
+
+    data: Dataset
+    nominal: ModalModel
+    known: tuple[Effect, ...]
+    places: Places
+    transducers: layout.Transducers
+    knobs: list[Knob]
+    whitener: Whitener
+    starts: tuple[Start, ...]
+    states: tuple[Array, ...]
+    substeps: int
+    workers: int = 2
+    added: tuple[Bands, ...] = ()
+
+    def each(self, work: Callable[..., T], *of: Sequence[Any]) -> list[T]:
+        """Return `work` done for each record (or whatever `of` lists), side by side where compiled code lets go."""
+        if self.workers < 2 or len(of[0]) < 2:
+            return [work(*one) for one in zip(*of, strict=True)]
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(lambda one: work(*one), zip(*of, strict=True)))
+
+    @property
+    def rows(self) -> int:
+        """Number of fitted numbers: rows times outputs."""
+        return sum(int(r.fitted().sum()) for r in self.data.records) * self.data.n_outputs
+
+    @property
+    def log_variance(self) -> float:
+        """Sum of the logarithms of the noise variances of all fitted numbers."""
+        return sum(self.whitener.log_variance(r.fitted()) for r in self.data.records)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis: `change` of the knobs, the `effects`, and the objective with its parts.
+
+    `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
+    standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter). `occam`
+    is by how much the data narrowed all parameters, knobs included: the logarithm of the ratio of the prior's volume
+    to the posterior's. `log_variance` is the sum of the logarithms of the noise variances that `misfit` is in units of.
+    """
+
+    candidates: tuple[Candidate, ...]
+    change: Array
+    effects: tuple[Effect, ...]
+    misfit: float
+    penalty: float
+    rows: int
+    occam: float
+    log_variance: float
+    names: tuple[tuple[int, str], ...]
+    values: Array
+    std: Array
+    residuals: tuple[Array, ...]
+
+    @property
+    def objective(self) -> float:
+        """Twice the negative log posterior up to a constant."""
+        return self.misfit + self.penalty
+
+    def held(self, keep: Sequence[int] | None = None) -> tuple[list[Candidate], Array]:
+        """Return where another refit of these effects (or those numbered in `keep`) starts: shapes and sizes as fitted.
+
+        Sizes are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
+        """
+        chosen = range(len(self.effects)) if keep is None else keep
+        candidates, sizes = [], np.zeros(0)
+        for candidate, effect in ((self.candidates[i], self.effects[i]) for i in chosen):
+            candidates.append(replace(candidate, shapes={n: getattr(effect, n) for n in candidate.shapes}))
+            own = [getattr(effect, n) / unit for n, unit in candidate.unit_sizes.items()] or [1.0]
+            sizes = np.append(sizes, own)
+        return candidates, sizes
+
+
+def linear_of(setting: Setting, fit: Fit) -> ModalModel:
+    """Return the linear model of a fit: knobs turned, and what its effects change in the model itself."""
+    return retuned(turned(setting.nominal, setting.knobs, fit.change), fit.effects, setting.places)
+
+
+def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> list[Motion]:
+    """Return every record replayed through `linear` with the known effects and `effects`.
+
+    Between samples only what acts on the structure changes; without such effects one step per sample is exact.
+    """
+    acting = [*setting.known, *effects]
+    substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
+    n_blocks = retuned(linear, acting, setting.places).n_blocks  # states of modes that other effects added stay out
+
+    def played(run: int, record: Record, states: Array) -> Motion:
+        return replay(
+            linear,
+            [e.in_run(run) for e in acting],
+            setting.places,
+            setting.transducers,
+            record.u,
+            setting.data.rate_hz,
+            temperature_k=record.temperature_k,
+            start=states[:n_blocks],
+            substeps=substeps,
+        )
+
+    return setting.each(played, range(len(setting.data.records)), setting.data.records, setting.states)
+
+
+def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Array, ...]:
+    """Return what simulated motions leave of the readings of their records, (n, n_y) each."""
+    return tuple(record.y - m.reading for record, m in zip(records, moved, strict=True))
+
+
+def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
+    """Return a fit's residuals (n, n_y) on all records of `data`; one that no fit has seen is simulated from rest."""
+    known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
+    others = [r for r in data.records if id(r.y) not in known]
+    if others:
+        rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in others)
+        there = replace(setting, data=replace(data, records=tuple(others)), states=rest)
+        unseen = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
+        moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), unseen)
+        known |= {id(r.y): left for r, left in zip(others, residuals_of(others, moved), strict=True)}
+    return tuple(known[id(r.y)] for r in data.records)
+
+
+def positions(setting: Setting, fit: Fit) -> list[Array]:
+    """Return the true positions (n, n_y) of every record under a fit."""
+    return [m.position for m in simulated(setting, turned(setting.nominal, setting.knobs, fit.change), fit.effects)]

@@ -1,0 +1,150 @@
+"""A fit and its noise brought into line: the setting follows what the fit leaves, and the fit follows the setting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of
+from analysis.diagnosis.noise.estimate import even_weights, whitener_from
+from analysis.diagnosis.noise.whitener import louder
+from analysis.diagnosis.records.dataset import Record
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+_ROUNDS, _IN_LINE = 6, 10.0
+"""Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
+
+_PASSES = 4
+
+
+def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
+    """Return the setting with noise, start bases and start states brought up to date with `fit`.
+
+    `order` is the longest memory of the noise: none when it is white.
+    """
+    return settled_by(setting, linear_of(setting, fit), fit.residuals, order)
+
+
+def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None) -> Setting:
+    """Return the setting brought up to date with a linear model and what it leaves, (n, n_y) per record."""
+    even = setting.whitener.even
+    if even:
+        whitener = even_weights(setting.data, residuals, even)
+    else:
+        whitener = louder(whitener_from(setting.data, list(residuals), order=order), setting.added)
+    starts = starts_of(setting.data, linear, whitener)
+    found = (
+        start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
+        for start, record, residual in zip(starts, setting.data.records, residuals, strict=True)
+    )
+    states = tuple(_added(old, new) for old, new in zip(setting.states, found, strict=True))
+    return replace(setting, whitener=whitener, starts=starts, states=states)
+
+
+def _added(a: Array, b: Array) -> Array:
+    """Return the sum of two sets of states (m, 2); an effect may have added modes to one of them."""
+    out = np.zeros((max(a.shape[0], b.shape[0]), 2))
+    out[: a.shape[0]] += a
+    out[: b.shape[0]] += b
+    return out
+
+
+def tune(setting: Setting) -> tuple[Setting, Fit]:
+    """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it."""
+    none = np.zeros(0)
+    fit = refit(setting, (), none, np.zeros(len(setting.knobs)))
+    for _ in range(_PASSES):
+        setting = settle(setting, fit)
+        before = fit.objective
+        fit = refit(setting, (), none, fit.change)
+        if abs(before - fit.objective) < 1e-4 * fit.objective:
+            break
+    return setting, fit
+
+
+def score(fit: Fit, known_noise: bool) -> float:
+    """Return minus twice the logarithm of the evidence of a fit (Laplace's approximation), up to a constant.
+
+    The price of a parameter is what the data narrowed it by: one that they do not determine costs nothing, and one
+    that has to be far from where it is plausible pays for the distance in the fit's penalty. Where nothing repeats,
+    colour and level of the noise are part of a hypothesis, and the likelihood is that of its innovations; where periods
+    repeat, its levels at the lowest frequencies may be.
+    """
+    if known_noise:
+        return float(fit.objective + fit.log_variance + 2.0 * fit.occam)
+    level = fit.rows * (1.0 + np.log(max(fit.objective, 1e-300) / fit.rows))
+    return float(level + fit.log_variance + 2.0 * fit.occam)
+
+
+def strain(setting: Setting, change: Array) -> float:
+    """Return how far a change of the knobs is off, as the sum of its squares in units of their tolerances."""
+    return float(np.sum((change / np.array([k.sd for k in setting.knobs])) ** 2))
+
+
+def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
+    """Return the setting and the fit in which the noise is what the fit leaves.
+
+    One that trails a `rival`'s score by more than the rounds that are left could gain ends there.
+    """
+    best = settle(setting, fit), fit
+    for left in reversed(range(_ROUNDS)):
+        setting = settle(setting, fit)
+        fit = again(setting, fit)
+        gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
+        if gained > 0.0:
+            best = setting, fit
+        if gained < _IN_LINE or score(best[1], False) - left * gained > rival:
+            break
+    return best
+
+
+def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
+    """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
+    candidates, sizes = fit.held(keep)
+    return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
+
+
+def sharpened(setting: Setting, fit: Fit) -> Fit:
+    """Return `fit` with parameters over which the misfit has a cusp where it is least; as it is without such."""
+    if not any(c.effect.whole or any(p.grain > 0.0 for p in c.effect.parameters()) for c in fit.candidates):
+        return fit
+    candidates, sizes = fit.held()
+    return refit(setting, candidates, sizes, fit.change, steps=1, exact=True, sharp=True)
+
+
+def guessed_squares(setting: Setting, residuals: Sequence[Array]) -> tuple[Array, Array]:
+    """Return rows and sum of squares of residuals, (n, n_y) per record, in every output's every band of guessed noise.
+
+    Both have the shape (n_y, guessed).
+    """
+    whitener = setting.whitener
+    rows, squares = np.zeros((2, setting.data.n_outputs, whitener.guessed))
+    for record, values, start in zip(setting.data.records, residuals, setting.starts, strict=True):
+        white = _white_rows(setting, record, values, start)
+        band = whitener.band_of_rows(record.fitted())
+        for b in range(whitener.guessed):
+            rows[:, b] += np.sum(band == b)
+            squares[:, b] += np.sum(white[:, band == b] ** 2, axis=1)
+    return rows, squares
+
+
+def squares_of(setting: Setting, residuals: Sequence[Array]) -> Array:
+    """Return the sums of squares (n_y,) of residuals, (n, n_y) per record, in units of the noise of `setting`."""
+
+    def squares(record: Record, values: Array, start: Start) -> Array:
+        return np.asarray(np.sum(_white_rows(setting, record, values, start) ** 2, axis=1))
+
+    return np.sum(setting.each(squares, setting.data.records, residuals, setting.starts), axis=0)
+
+
+def _white_rows(setting: Setting, record: Record, values: Array, start: Start) -> Array:
+    """Return the fitted rows of `values` (n, n_y), whitened, the unknown start projected out: (n_y, rows)."""
+    white = start.project(stack_white(setting.whitener, record, values[:, :, None])[:, 0])
+    return np.asarray(white.reshape(values.shape[1], -1))

@@ -1,0 +1,75 @@
+"""The unknown state in which each record starts: projected out of everything, and estimated for the simulation.
+
+What a start can add to the outputs is linear in it, so it is eliminated exactly from every regression; only where an
+effect is large does the start have to be known in the simulation itself, and there it follows from the same projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.nominal.responses import coasting, free_responses
+from analysis.diagnosis.records.dataset import Dataset, Record
+from sim_backend.linear import ModalModel, discretise
+
+Array = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-9
+"""A direction this much weaker than the strongest cannot be told from rounding and is left alone."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a record's start can add: an orthonormal basis `q` (rows, k), whitened; `back` (2 m, k) gives the states."""
+
+    q: Array
+    back: Array
+
+    def project(self, white: Array) -> Array:
+        """Return `white` (rows, …) without what a start can explain."""
+        return white - self.q @ (self.q.T @ white)
+
+    def states(self, white: Array) -> Array:
+        """Return the modal states (m, 2) that explain `white` (rows,) best."""
+        return np.asarray((self.back @ (self.q.T @ white)).reshape(-1, 2), dtype=float)
+
+
+def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
+    """Return the fitted rows of `values` (n, n_y, k), whitened, outputs one below the other: (n_y · rows, k)."""
+    mask = record.fitted()
+    return record.weight * np.concatenate([whitener.rows(values[:, o], mask, o) for o in range(values.shape[1])])
+
+
+def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:
+    """Return the start basis of one record under `linear`."""
+    white = stack_white(whitener, record, free_responses(discretise(linear, rate_hz), record.n))
+    scale = np.linalg.norm(white, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    left, size, right = np.linalg.svd(white / scale, full_matrices=False)
+    keep = size > _NEGLIGIBLE * np.max(size, initial=1e-300)
+    back = (right[keep].T / size[keep]) / scale[:, None]
+    return Start(left[:, keep], back)
+
+
+def without_starts(
+    data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
+) -> tuple[Array, ...]:
+    """Return `residuals`, (n, n_y) per record, less what a start of every mode of `linear` explains of them."""
+    model = discretise(linear, data.rate_hz)
+
+    def rest(record: Record, start: Start, residual: Array) -> Array:
+        states = start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
+        return residual - coasting(model, states, record.n)
+
+    starts = starts_of(data, linear, whitener)
+    return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
+
+
+def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:
+    """Return the start basis of every record."""
+    return tuple(start_of(r, linear, whitener, data.rate_hz) for r in data.records)

@@ -1,0 +1,1 @@
+"""The noise that everything is measured against."""

@@ -1,0 +1,126 @@
+"""The noise of a data set: its colour by autoregression, its size from what does not repeat, or from what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.fft import dct
+
+from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
+from analysis.diagnosis.noise.levels import levels_of_means, levels_of_medians
+from analysis.diagnosis.noise.whitener import Array, Mask, Whitener, runs_of
+from analysis.diagnosis.records.dataset import Dataset, Window
+
+
+def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = None) -> Whitener:
+    """Return the whitener of `residuals`, one (n, n_y) per record, from what differs between periods.
+
+    Otherwise the colour and size of the residuals themselves are used. `order` is the longest memory of the filter.
+    """
+    taps: list[Array] = []
+    repeats = any(w.period and w.stop - w.start >= 2 * w.period for r in data.records for w in r.windows)
+    for o in range(data.n_outputs):
+        parts = []
+        for record, residual in zip(data.records, residuals, strict=True):
+            if repeats:
+                parts += _differences(record.windows, residual[:, o])
+            else:
+                parts.append((residual[:, o], record.fitted()))
+        taps.append(fit_ar(parts, MAX_ORDER if order is None else order))
+    longest = max(t.size for t in taps)
+    plain = Whitener(np.stack([np.pad(t, (0, longest - t.size)) for t in taps]), repeats)
+    return plain if order == 0 else _with_levels(plain, data, residuals)
+
+
+def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
+    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats."""
+    ratios = [0.0]
+    for o in range(data.n_outputs):
+        noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(r.windows, e[:, o])]
+        whole = [e[r.fitted(), o] for r, e in zip(data.records, residuals, strict=True)]
+        if noise:
+            floor = max(float(np.std(np.concatenate(noise))), np.finfo(float).tiny)
+            ratios.append(float(np.std(np.concatenate(whole))) / floor)
+    return max(ratios)
+
+
+def even_weights(data: Dataset, residuals: Sequence[Array], noise: float) -> Whitener:
+    """Return the whitener that only scales every output by the rms of its `residuals`, one (n, n_y) per record.
+
+    `noise` is that of the noise, in the same unit.
+
+    Where an error of the model is many times the noise, the noise says nothing of what is worth explaining: its quiet
+    bands would decide, in which the error is smallest.
+    """
+    parts = [
+        record.weight * residual[record.fitted()] for record, residual in zip(data.records, residuals, strict=True)
+    ]
+    rms = np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+    return Whitener(1.0 / np.maximum(rms, np.finfo(float).tiny)[:, None], False, even=noise)
+
+
+def rows_of_noise(data: Dataset) -> int:
+    """Return how many rows, over all outputs, differences of periods show of noise alone."""
+    parts = [_differences(r.windows, np.zeros(r.n)) for r in data.records]
+    return data.n_outputs * sum(x.size for found in parts for x, _ in found)
+
+
+def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:
+    """Return the whitener with the levels of low bands, for which its filter is too short.
+
+    Below two lines of the period, where differences of periods see nothing, levels are medians of the residual, so
+    that the lines of a periodic excitation, where an error of the model stands, do not count as noise. Above, where
+    there are differences, levels are their means: they hold noise alone.
+    """
+    periods = [w.period for r in data.records for w in r.windows if w.period]
+    highest = min(2.0 / min(periods) if plain.repeats and periods else 0.5 / max(plain.order, 1), 0.25)
+    whole = [
+        [(r[:, o], record.fitted()) for record, r in zip(data.records, residuals, strict=True)] for o in plain.outputs
+    ]
+    edges, levels = levels_of_medians([_powers(plain, parts, o) for o, parts in enumerate(whole)], highest)
+    if not plain.repeats:
+        return Whitener(plain.taps, False, edges, levels)
+    repeated = [
+        [
+            part
+            for record, r in zip(data.records, residuals, strict=True)
+            for part in _differences(record.windows, r[:, o])
+        ]
+        for o in plain.outputs
+    ]
+    more, upper = levels_of_means([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest)
+    if edges.size < 2:
+        edges, levels = np.array([highest]), np.ones((len(repeated), 0))
+    # noise does not fall towards low frequencies, so what few rows show of it is no less than what is known above them
+    levels = np.maximum(levels, upper[:, :1])
+    joined = np.concatenate([levels, upper], axis=1)
+    return Whitener(plain.taps, True, np.concatenate([edges, more]), joined, guessed=levels.shape[1])
+
+
+def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tuple[Array, Array]:
+    """Return frequency (cycles per sample) and power of all rows of the whitened series in `parts`."""
+    frequency, power = [np.zeros(0)], [np.zeros(0)]
+    for x, mask in parts:
+        white = plain.apply(x[:, None], output)[:, 0]
+        for start, stop in runs_of(mask):
+            power.append(dct(white[start:stop], norm="ortho") ** 2)
+            frequency.append(np.arange(stop - start) / (2.0 * (stop - start)))
+    return np.concatenate(frequency), np.concatenate(power)
+
+
+def _differences(windows: Sequence[Window], x: Array) -> list[tuple[Array, Mask]]:
+    """Return the differences of consecutive periods over √2: noise alone, of the same colour and size.
+
+    With three periods or more the first difference is left out, which holds what is left of the transient.
+    """
+    parts = []
+    for w in windows:
+        whole = (w.stop - w.start) // w.period if w.period else 0
+        if whole < 2:
+            continue
+        first = w.period if whole >= 3 else 0
+        stretch = x[w.start + first : w.start + whole * w.period]
+        difference = (stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0)
+        parts.append((difference, np.ones(difference.size, dtype=bool)))
+    return parts

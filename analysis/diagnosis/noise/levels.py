@@ -1,0 +1,57 @@
+"""How much stronger than white a filtered noise still is, band by band."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.noise.whitener import Array, band_of
+
+BAND_ROWS, _MAX_BANDS = 12, 24
+_KNOWN_ROWS = 24
+"""The mean square of so many normal numbers is known to 30 %."""
+
+_GROWTH = 1.5
+"""Ratio of a band's edges: spectra of noise are smooth on a logarithmic scale, and high bands hold rows enough."""
+
+_MEDIAN_OF_SQUARE = 0.4549
+"""Median of the square of a standard normal number."""
+
+
+def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
+    """Return edges and levels of the bands below `highest` from medians; nothing where there are too few rows."""
+    below = np.sort(spectra[0][0][spectra[0][0] < highest])
+    count = min(below.size // BAND_ROWS, _MAX_BANDS)
+    if count < 1:
+        return np.zeros(1), np.zeros((len(spectra), 0))
+    # bands hold growing numbers of rows, so that they are narrow where the level changes fast
+    share = np.linspace(0.0, 1.0, count + 1) ** 2
+    at = np.unique(np.maximum((share * below.size).astype(int), BAND_ROWS * np.arange(count + 1)))
+    edges = np.append(below[np.minimum(at[:-1], below.size - 1)], highest)
+    levels = np.ones((len(spectra), edges.size - 1))
+    for o, (frequency, power) in enumerate(spectra):
+        band = band_of(edges, frequency)
+        for b in range(edges.size - 1):
+            inside = power[band == b]
+            if inside.size:
+                levels[o, b] = max(1.0, float(np.median(inside)) / _MEDIAN_OF_SQUARE)
+    return edges, levels
+
+
+def levels_of_means(spectra: list[tuple[Array, Array]], lowest: float) -> tuple[Array, Array]:
+    """Return upper edges and levels of the bands above `lowest`, each wide enough for its mean."""
+    frequency = np.sort(spectra[0][0][spectra[0][0] >= lowest])
+    edges, at = [lowest], 0
+    while frequency.size - at >= 2 * _KNOWN_ROWS:
+        at = max(at + _KNOWN_ROWS, int(np.searchsorted(frequency, _GROWTH * edges[-1])))
+        if at >= frequency.size - _KNOWN_ROWS:
+            break
+        edges.append(float(frequency[at]))
+    bounds = np.array([*edges, 0.5])
+    levels = np.ones((len(spectra), bounds.size - 1))
+    for o, (f, power) in enumerate(spectra):
+        band = band_of(bounds, f)
+        for b in range(bounds.size - 1):
+            inside = power[band == b]
+            if inside.size >= _KNOWN_ROWS:
+                levels[o, b] = float(inside.mean())
+    return bounds[1:], levels

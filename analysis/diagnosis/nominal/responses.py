@@ -1,0 +1,84 @@
+"""Linear responses by block recursion, compiled: the filter through which every signature reaches the outputs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from analysis.linear.simulate import delayed
+from sim_backend.linear import DiscreteModel
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def _block(a, b, f, x0, x1, states):  # type: ignore[no-untyped-def]
+    """Fill `states` (n, 2) with those of one block before each sample's force `f` (n,) acts."""
+    a00, a01, a10, a11, b0, b1 = a[0, 0], a[0, 1], a[1, 0], a[1, 1], b[0], b[1]
+    for k in range(f.size):
+        states[k, 0], states[k, 1] = x0, x1
+        force = f[k]
+        x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
+
+
+@njit(cache=True, nogil=True)
+def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
+    """Add to `out` (n, n_y) the response of all blocks to one input `f` (n,): b (m, 2), c (n_y, m, 2), d (n_y,)."""
+    n_y = out.shape[1]
+    for i in range(n_y):
+        if d[i] != 0.0:
+            for k in range(f.size):
+                out[k, i] += d[i] * f[k]
+    for m in range(a.shape[0]):
+        if b[m, 0] == 0.0 and b[m, 1] == 0.0:
+            continue
+        a00, a01, a10, a11, b0, b1 = a[m, 0, 0], a[m, 0, 1], a[m, 1, 0], a[m, 1, 1], b[m, 0], b[m, 1]
+        x0, x1 = 0.0, 0.0
+        for k in range(f.size):
+            for i in range(n_y):
+                out[k, i] += c[i, m, 0] * x0 + c[i, m, 1] * x1
+            force = f[k]
+            x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
+
+
+def response(model: DiscreteModel, force: Array, input_index: int, *, through_delay: bool = False) -> Array:
+    """Return the outputs (n, n_y) to `force` (n,) at one input, from rest.
+
+    A force on the structure does not pass the input's delay; a command does (`through_delay`).
+    """
+    f = delayed(force[:, None], model.delay_samples[[input_index]])[:, 0] if through_delay else force
+    out = np.zeros((force.size, model.c.shape[0]))
+    b, d = np.ascontiguousarray(model.b[:, :, input_index]), np.ascontiguousarray(model.d[:, input_index])
+    _propagate(model.a, b, model.c, d, np.ascontiguousarray(f), out)
+    return out
+
+
+def simulate(model: DiscreteModel, u: Array, *, through_delay: bool = True) -> Array:
+    """Return the outputs (n, n_y) to commands (or torques, without `through_delay`) `u` (n, n_u) from rest."""
+    out = np.zeros((u.shape[0], model.c.shape[0]))
+    for j in range(u.shape[1]):
+        out += response(model, u[:, j], j, through_delay=through_delay)
+    return out
+
+
+def coasting(model: DiscreteModel, start: Array, n: int) -> Array:
+    """Return the outputs (n, n_y) that the states `start` (m, 2) give on their own, m being at most the model's."""
+    out = np.zeros((n, model.c.shape[0]))
+    states, still = np.empty((n, 2)), np.zeros(n)
+    for i in np.flatnonzero(np.any(start != 0.0, axis=1)):
+        _block(model.a[i], np.zeros(2), still, start[i, 0], start[i, 1], states)
+        out += states @ model.c[:, i, :].T
+    return out
+
+
+def free_responses(model: DiscreteModel, n: int) -> Array:
+    """Return the outputs to unit initial states, shape (n, n_y, 2 m): what a record's unknown start can add."""
+    m, n_y = model.a.shape[0], model.c.shape[0]
+    out = np.zeros((n, n_y, 2 * m))
+    states, still = np.empty((n, 2)), np.zeros(n)
+    for i in range(m):
+        for k in range(2):
+            _block(model.a[i], np.zeros(2), still, 1.0 - k, float(k), states)
+            out[:, :, 2 * i + k] = states @ model.c[:, i, :].T
+    return out

@@ -1,0 +1,244 @@
+"""Logs → Dataset: channels found by the model's ports, segments as windows, memory bounded, every doubt told.
+
+What one bench recorded without a break stays one record, because the motion continues from segment to segment.
+Realisations and parts of an import are records of their own: the state at the start of each is unknown.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.records.channels import Match, check_finite, match_channels, saturation
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.records.holding import with_held_out
+from campaigns.log import Run, read_run, sha256_of
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.model import Model
+
+MAX_ROWS = 1_000_000
+"""Rows that are taken into memory; of more, stretches from the beginning, the middle and the end of each segment."""
+
+MAX_PRODUCTS = 10_000_000
+"""Rows times re-tunable numbers of the model that are taken: what their derivatives cost in memory and time."""
+
+MIN_ROWS = 60
+"""Fewest rows that a fit may use: three per output would fit a noise model alone."""
+
+RATE_AGREEMENT = 1e-6
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file of a diagnosis: its path as given, checksum, run and number of rows used."""
+
+    file: str
+    sha256: str
+    run_uid: str
+    rows: int
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """The data of a diagnosis, the files they came from, and what a reader has to know about both."""
+
+    data: Dataset
+    sources: tuple[Source, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Rows `start` to `stop` of a run that follow one another, with the windows in them (rows of the run)."""
+
+    start: int
+    stop: int
+    windows: tuple[Window, ...]
+
+
+def load_runs(paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_ROWS) -> Loaded:
+    """Return the records of all logs at `paths` with their channels in the order of the model's ports.
+
+    Segments whose label contains "held-out" are kept from every fit; without any, some are chosen and a note says so.
+    Raises ConfigError when model and channels do not match or a run is given twice, DataError for a log that cannot be
+    used: too few rows, a constant or saturated channel, numbers that are not finite, sample rates that differ.
+    """
+    if not paths:
+        raise ConfigError("no log was given; give at least one RUN.h5")
+    runs: list[Run] = []
+    try:
+        for path in paths:
+            runs.append(read_run(path))
+        return _load(runs, model, max_rows)
+    finally:
+        for run in runs:
+            run.close()
+
+
+def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
+    rate_hz = _common_rate(runs)
+    max_rows = min(max_rows, max(MAX_PRODUCTS // max(len(knobs_of(model.linear(), 1.0)), 1), MIN_ROWS))
+    matches = [match_channels(run, model) for run in runs]
+    stretches = [_stretches(run) for run in runs]
+    total = sum(s.stop - s.start for per_run in stretches for s in per_run)
+    notes = [note for match in matches for note in match.notes]
+    notes += [
+        f"{run.path.name} ended as {run.status} ({run.header.status_reason or 'no reason given'}); "
+        "what was recorded until then is used"
+        for run in runs
+        if run.status != "complete"
+    ]
+    if total > max_rows:
+        share = max_rows / total
+        if all(w.period for per_run in stretches for s in per_run for w in s.windows) and all(map(_many, stretches)):
+            notes.append(f"{total} rows were recorded; one realisation in {round(1 / share)} is used, of every kind")
+            stretches = [_some(per_run, share) for per_run in stretches]
+        else:
+            notes.append(f"{total} rows were recorded; about {max_rows} of them are used, spread over every segment")
+            stretches = [[piece for s in per_run for piece in _thinned(s, share)] for per_run in stretches]
+    warm = all(match.temperature is not None for match in matches)
+    records: list[Record] = []
+    sources: list[Source] = []
+    for run, match, per_run in zip(runs, matches, stretches, strict=True):
+        found = [_read(run, match, s, warm) for s in per_run]
+        _check_outputs(run, match, found)
+        records += found
+        sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, sum(r.n for r in found)))
+    notes += _check_inputs(records, model)
+    held, note = with_held_out(records)
+    _check_enough(held, runs)
+    return Loaded(Dataset(rate_hz, held).seen_by(model), tuple(sources), (*notes, *([note] if note else [])))
+
+
+def _common_rate(runs: Sequence[Run]) -> float:
+    seen: dict[str, Path] = {}
+    for run in runs:
+        if run.run_uid in seen:
+            raise ConfigError(f"{run.path} and {seen[run.run_uid]} are the same run {run.run_uid}; give each run once")
+        seen[run.run_uid] = run.path
+        first = runs[0].sample_rate_hz
+        if abs(run.sample_rate_hz / first - 1.0) > RATE_AGREEMENT:
+            raise DataError(
+                f"{run.path} was sampled at {run.sample_rate_hz:.9g} Hz, {runs[0].path} at {first:.9g} Hz; "
+                "a diagnosis has one rate, diagnose them apart"
+            )
+    return runs[0].sample_rate_hz
+
+
+def _stretches(run: Run) -> list[_Stretch]:
+    windows = [
+        Window(s.label, s.start, s.stop, s.held_out, _period(s.settings.get("period_samples"), s.stop - s.start))
+        for s in run.segments
+        if s.rows
+    ]
+    if not windows:
+        windows = [Window("record", 0, run.rows)]
+    if _continuous(run):
+        return [_Stretch(windows[0].start, windows[-1].stop, tuple(windows))]
+    return [_Stretch(w.start, w.stop, (w,)) for w in windows]
+
+
+def _period(value: object, rows: int) -> int:
+    return int(value) if isinstance(value, int | float) and 1 < value <= rows else 0
+
+
+def _continuous(run: Run) -> bool:
+    """Tell whether the segments are one unbroken measurement; parts and realisations of an import are not."""
+    if any("realisation" in s.settings for s in run.segments) and run.header.bench.get("kind") == "imported":
+        return False
+    try:
+        text = json.loads(run.header.configuration).get("map", "")
+        return "parts" not in tomllib.loads(text)
+    except (ValueError, AttributeError, TypeError):  # not the configuration of an import
+        return True
+
+
+def _many(stretches: Sequence[_Stretch]) -> bool:
+    """Tell whether a run is many independent stretches of one segment each, as realisations are."""
+    return len(stretches) > 6 and all(len(s.windows) == 1 for s in stretches)
+
+
+def _some(stretches: Sequence[_Stretch], share: float) -> list[_Stretch]:
+    """Return evenly chosen ones of those to fit and of those held out, at least three of each if there are."""
+    chosen: list[_Stretch] = []
+    for held in (False, True):
+        group = [s for s in stretches if s.windows[0].held_out is held]
+        count = min(max(round(share * len(group)), 3), len(group))
+        at = (np.arange(count) + 0.5) * len(group) / max(count, 1)
+        chosen += [group[int(i)] for i in at]
+    return chosen
+
+
+def _thinned(stretch: _Stretch, share: float) -> Iterator[_Stretch]:
+    """Yield three pieces of every window, at its beginning, middle and end, together `share` of its rows."""
+    for w in stretch.windows:
+        rows = w.stop - w.start
+        step = max(w.period, 1)
+        size = int(share * rows / 3.0) // step * step
+        if size < MIN_ROWS:
+            stop = w.start + min(max(int(share * rows) // step * step, step, MIN_ROWS), rows)
+            yield _Stretch(w.start, stop, (replace(w, stop=stop),))
+            continue
+        middle = w.start + ((rows - size) // 2) // step * step
+        last = w.start + (rows - size) // step * step
+        for name, at in (("beginning", w.start), ("middle", middle), ("end", last)):
+            yield _Stretch(at, at + size, (replace(w, label=f"{w.label}, {name}", start=at, stop=at + size),))
+
+
+def _read(run: Run, match: Match, s: _Stretch, warm: bool) -> Record:
+    names = [*match.inputs, *match.outputs, *([match.temperature] if warm and match.temperature else [])]
+    values = np.stack([run.read(name, s.start, s.stop) for name in names], axis=1)
+    check_finite(values, names, str(run.path), s.start)
+    n_u, n_y = len(match.inputs), len(match.outputs)
+    windows = tuple(replace(w, start=w.start - s.start, stop=w.stop - s.start) for w in s.windows)
+    return Record(
+        run.run_uid,
+        np.ascontiguousarray(values[:, :n_u]),
+        np.ascontiguousarray(values[:, n_u : n_u + n_y]),
+        windows,
+        np.ascontiguousarray(values[:, -1]) if len(names) > n_u + n_y else None,
+    )
+
+
+def _check_outputs(run: Run, match: Match, records: Sequence[Record]) -> None:
+    for o, name in enumerate(match.outputs):
+        low = min(float(r.y[:, o].min()) for r in records)
+        high = max(float(r.y[:, o].max()) for r in records)
+        if low == high:
+            raise DataError(
+                f"{run.path}: output '{name}' is constant at {low:g} in all rows; a dead channel decides nothing: "
+                "leave this run out or mend the channel"
+            )
+        for record in records:
+            share, level = saturation(record.y[:, o])
+            if share > 0.0:
+                raise DataError(
+                    f"{run.path}: output '{name}' is cut off at {level:.6g} in {100.0 * share:.2g} % of the rows of "
+                    f"'{record.windows[0].label}' (limit 0.1 %), as a saturated sensor is; leave those segments out"
+                )
+
+
+def _check_inputs(records: Sequence[Record], model: Model) -> list[str]:
+    moves = np.any([np.ptp(r.u, axis=0) > 0.0 for r in records], axis=0)
+    if not np.any(moves):
+        raise DataError(
+            "every input is constant in all runs; nothing was excited, so nothing can be judged: give a run in which "
+            "the bench is driven"
+        )
+    still = [p.name for p, m in zip(model.inputs, moves, strict=True) if not m]
+    return [f"input {', '.join(still)} never moves; nothing can be said about it"] if still else []
+
+
+def _check_enough(records: Sequence[Record], runs: Sequence[Run]) -> None:
+    fitted = sum(int(r.fitted().sum()) for r in records)
+    if fitted < MIN_ROWS:
+        raise DataError(
+            f"{', '.join(str(run.path) for run in runs)}: {fitted} rows may be fitted, at least {MIN_ROWS} are needed "
+            "to tell an effect from noise; record more"
+        )

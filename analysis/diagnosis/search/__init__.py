@@ -1,0 +1,1 @@
+"""What stands out: every candidate screened beside what was found, the best refitted, round by round."""

@@ -1,0 +1,329 @@
+"""The search for causes: tune, screen, refit what stands out, screen again for more, drop what is not needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates.signature import Candidate, Scales
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.leeway import Leeway, explained_by, leeway_of
+from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.fitting.settling import (
+    again,
+    guessed_squares,
+    lined_up,
+    score,
+    settle,
+    sharpened,
+    squares_of,
+    strain,
+)
+from analysis.diagnosis.fitting.starts import starts_of
+from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
+from analysis.diagnosis.nominal.tuning import REACH
+from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
+from sim_backend.effects.base import Effect, Site
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_TUNED, _SEARCH = 0.05, 0.85
+"""Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
+
+_DRIFTING = 10.0
+"""Colour of a residual beyond which it is rather motion than noise."""
+
+_LONG = 25
+_TRUSTED = 3.0
+"""Refits start with knobs within this many standard deviations of the nominal model."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
+
+    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves, `leeway` the
+    part of it that may be wrong because nature's form of the effects is another. `passed` says of each single effect
+    that was fitted first, by what and where, by which logarithm of the evidence it trailed the best of them,
+    `strangers` by how much the best leads that of a force at a place which is no listed cause.
+    """
+
+    setting: Setting
+    tuned: Fit
+    best: Fit
+    rivals: tuple[Fit, ...]
+    first: Screen
+    last: Screen
+    explained: float
+    leeway: Leeway
+    passed: dict[tuple[str, str], float] = field(default_factory=dict)
+    strangers: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def inflation(self) -> float:
+        """How many times the noise the best fit leaves, as a mean square: evidence counts so much less."""
+        return max(1.0, self.best.misfit / self.best.rows) if self.setting.whitener.repeats else 1.0
+
+
+def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
+    """Return the best set of effects, by alternating screening and refitting, and all that came near it."""
+    best, rivals = tuned, [tuned]
+    known = setting.whitener.repeats
+    flat = _flat(setting, tuned)
+    last, beneath = screen_both(setting, flat, tuned, rules, scales)
+    first = last
+    passed: dict[tuple[str, str], float] = {}
+    for depth in range(MOST):
+        least = leeway_of(setting, tuned, best)
+        # most searches end early: each further effect gets half of what is left of the time to be told
+        share = 0.5 ** (depth + 1)
+        allowed = rules.beside([c.effect for c in best.candidates])
+        stage = _Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
+        trials = stage.trials(setting, last)
+        if not known and _colour(setting, best) > _DRIFTING:
+            # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
+            # white noise cannot, so the shapes that stand out against white noise are tried as well
+            plain = settle(setting, best, order=0)
+            found = screen(plain, best, rules, scales)
+            lowest = min((score(f, False) for f in trials), default=np.inf)
+            trials += [lined_up(plain, f, lowest)[1] for f in stage.trials(plain, found, _keys(trials))]
+        ahead = [(_lead(setting, f, best), f) for f in trials]
+        if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
+            found = _unmasked(flat, best, beneath, last.price)
+            upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
+            ahead += [(score(best, True) - score(f, True), f) for f in upheld]
+            if upheld and not depth:  # causes are compared where they stand out
+                first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
+        ahead.sort(key=lambda pair: -pair[0])
+        trials = [f for _, f in ahead]
+        if _top(ahead) <= last.price:
+            rivals += trials
+            break
+        if not depth:
+            passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
+        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), trials[:3], rivals[0])
+        best = sharpened(setting, _best_of(setting, trials, before))
+        rivals = [*trials, before]
+        flat = _flat(setting, best)
+        last, beneath = screen_both(setting, flat, best, rules, scales)
+    whole = best
+    best, pruned = _pruned(setting, whole, first.price)
+    if best is not whole:
+        if not best.candidates:  # the noise was that beside a cause
+            setting = settle(setting, best)
+            best = again(setting, best)
+        best = sharpened(setting, best)
+        last = screen(setting, best, rules, scales)
+    explained = explained_by(setting, tuned, best)
+    leeway = leeway_of(setting, tuned, best)
+    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
+
+
+def _top(ahead: Sequence[tuple[float, Fit]]) -> float:
+    """Return the largest lead, minus infinity of none."""
+    return max((lead for lead, _ in ahead), default=-np.inf)
+
+
+def _best_of(setting: Setting, trials: Sequence[Fit], before: Fit) -> Fit:
+    """Return the trial that leads most over the fit `before` them all."""
+    return max(trials, key=lambda f: _lead(setting, f, before))
+
+
+def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
+    return {c.key for f in fits for c in f.candidates}
+
+
+def _flat(setting: Setting, fit: Fit) -> Setting | None:
+    """Return the setting with noise that does not rise below what periods show, if that rise may hide an effect.
+
+    Down there the noise is what a fit leaves. A slow effect that is not yet in it (a drift) makes noise of itself, and
+    is hidden by it: it can win in evidence no more than the rise cost.
+    """
+    flat = replace(setting, whitener=setting.whitener.flat())
+    if not setting.whitener.repeats or _rise(setting, flat) < 2.0 * SURE_LEAD:
+        return None
+    return replace(flat, starts=starts_of(setting.data, linear_of(setting, fit), flat.whitener))
+
+
+def _rise(setting: Setting, flat: Setting) -> float:
+    """Return what the rise of the noise over a flat one costs, as twice the logarithm of the evidence."""
+    return setting.log_variance - flat.log_variance
+
+
+def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
+    """Return a screening against flat noise by the evidence that is left when the noise falls to what then remains.
+
+    It falls no lower than where it is flat, and what lowers the misfit elsewhere needs no such screening.
+    """
+    rows, before = (float(np.sum(a)) for a in guessed_squares(flat, fit.residuals))
+    gains = rows * -np.log1p(-np.minimum(found.drops / before, max(1.0 - rows / before, 0.0)))
+    return replace(found, gains=np.asarray(gains, dtype=float), threshold=np.full(gains.size, price))
+
+
+def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
+    """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
+
+    What takes a little of the noise away is worth something under either's own noise, but not under the same.
+    """
+    upheld = []
+    for trial in trials:
+        own = settle(flat, trial)
+        refitted, other = again(own, trial), again(own, best)
+        if _lead(own, refitted, other) > price:
+            upheld.append(refitted)
+    return upheld
+
+
+def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
+    """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
+
+    Beside a cause that was found already, slow noise that is guessed from n rows of what it leaves is known no better:
+    a sum of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n),
+    and S only where the variance is certain. Less than the guess is no merit. Noise does not fall towards low
+    frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the guess
+    itself, which noise seldom does.
+    """
+    known = setting.whitener.repeats
+    lead = score(other, known) - score(fit, known)
+    if not (known and other.candidates and setting.whitener.guessed and np.isfinite(lead)):
+        return lead
+    rows, own = guessed_squares(setting, fit.residuals)
+    others = guessed_squares(setting, other.residuals)[1]
+    n = np.maximum(rows, 1.0)
+    levels = setting.whitener.levels[:, : setting.whitener.guessed]
+    part = levels / np.maximum.accumulate(levels[:, ::-1], axis=1)[:, ::-1]
+    told = 2.0 * n * np.log((n + np.maximum(part * others, n)) / (n + np.maximum(part * own, n)))
+    return lead - float(np.sum(others - own - told))
+
+
+def _colour(setting: Setting, fit: Fit) -> float:
+    """Return the largest ratio of a residual's size to what its past does not foretell of it."""
+    ratios = [
+        float(np.sqrt(np.mean(residual[record.fitted(), o] ** 2)) * setting.whitener.taps[o, 0])
+        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
+        for o in setting.whitener.outputs
+        if record.fitted().any()
+    ]
+    return max(ratios, default=0.0)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """One more of the `allowed` effects beside those of `best`, and where in the whole search that is."""
+
+    best: Fit
+    least: Leeway
+    allowed: Collection[type[Effect]]
+    done: float
+    share: float
+    progress: Progress
+
+    def trials(self, setting: Setting, found: Screen, seen: Collection[tuple[str, str]] = ()) -> list[Fit]:
+        """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial.
+
+        Where none of those that stand out most is any better than no effect (an awkward shape may stand out by chance
+        and then fit nowhere), the next ones are tried as well.
+        """
+        fits = self._fitted(setting, found, shortlist(found, self.allowed, seen))
+        known = setting.whitener.repeats
+        if fits and min(score(f, known) for f in fits) + found.price >= score(_under(setting, self.best), known):
+            fits += self._fitted(setting, found, shortlist(found, self.allowed, {*seen, *_keys(fits)}))
+        return fits
+
+    def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
+        if not any(self._telling(setting, found, i) for i in picks):
+            return []
+
+        def trial(k: int) -> Fit:
+            candidate = found.candidates[picks[k]]
+            return extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
+
+        fits: list[Fit] = []
+        with ThreadPoolExecutor(setting.workers) as pool:
+            trials = pool.map(trial, range(len(picks)))
+            for k, i in enumerate(picks):
+                candidate = found.candidates[i]
+                part = self.done + self.share * k / len(picks)
+                self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
+                fits.append(next(trials))
+        self.progress("refitting the best", self.done + self.share)
+        return fits
+
+    def _telling(self, setting: Setting, found: Screen, i: int) -> bool:
+        """Tell whether a candidate explains more than the form of other effects may be wrong by.
+
+        Or spares the knobs most of it: they are known too well for a wrong form to move them so far.
+        """
+        now = self.best.change
+        spared = strain(setting, now) - strain(setting, now + found.knobs[i][: now.size])
+        return bool(found.drops[i] >= self.least.of(found.shares[i]) or 2.0 * spared >= found.drops[i])
+
+
+def _under(setting: Setting, fit: Fit) -> Fit:
+    """Return `fit` judged by another noise, its parameters as they are."""
+    return replace(fit, misfit=float(np.sum(squares_of(setting, fit.residuals))), log_variance=setting.log_variance)
+
+
+def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
+    """Return `fit` with one more effect, refitted from its screened `sizes` and the `knobs`' change beside it."""
+    before, held = fit.held()
+    sd = np.array([k.sd for k in setting.knobs])
+    # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
+    start = np.clip(fit.change + knobs[: fit.change.size], -_TRUSTED * sd, _TRUSTED * sd)
+    if candidate.effect.site is Site.MODEL:
+        # the effect takes over what the knobs did in its place, at any size; one that cannot be (a delay below zero)
+        # is left to the fit
+        with suppress(ConfigError):
+            sizes = sizes * part_to_take(setting, fit, candidate, sizes)
+            start = np.clip(taken_over(setting, fit, candidate, sizes)[0], -REACH, REACH)
+    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
+
+
+def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+    """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
+
+    Where periods repeat, all are compared under one noise. Without repetition the noise is what a fit itself leaves,
+    so each is brought into line with its own.
+    """
+    if setting.whitener.repeats:
+        setting = settle(setting, min(trials, key=lambda f: score(f, True)))
+        return setting, [again(setting, f) for f in trials], again(setting, before)
+    own = [lined_up(setting, trials[0])]
+    own += [lined_up(setting, f, score(own[0][1], False)) for f in trials[1:]]
+    own.sort(key=lambda pair: score(pair[1], False))
+    if _colour(*own[0]) > _DRIFTING:
+        # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
+        # White noise cannot, so the best is tried from there as well
+        plain = settle(setting, own[0][1], order=0)
+        other = lined_up(plain, again(plain, own[0][1], steps=_LONG))
+        if score(other[1], False) < score(own[0][1], False):
+            own[0] = other
+    return own[0][0], [fit for _, fit in own], before
+
+
+def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
+    """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
+
+    The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
+    is no such noise.
+    """
+    tried: list[Fit] = []
+    known = setting.whitener.repeats
+    while len(best.candidates) > (0 if known else 1):
+        smaller = []
+        for i in range(len(best.candidates)):
+            keep = [k for k in range(len(best.candidates)) if k != i]
+            smaller.append(again(setting, best, keep=keep))
+        tried += smaller
+        least = min(smaller, key=lambda f: score(f, known))
+        if _lead(setting, best, least) > price:
+            break
+        best = least
+    return best, tried

@@ -1,0 +1,202 @@
+"""From data, model and whitener to the inner products of all candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates.signature import Candidate, Motion, signature
+from analysis.diagnosis.fitting.starts import Start
+from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.nominal.tuning import Knob
+from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.diagnosis.search.gram import IMITATED, Gram
+from sim_backend.assembly import Places
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+Noise = tuple[Whitener, tuple[Start, ...]]
+"""A noise and, under it, the start bases of all records."""
+
+
+@dataclass(frozen=True)
+class Footing:
+    """What screening starts from: the data, the re-tuned linear model, its knobs and their present change.
+
+    `exact` (one (n, n_y, k) per record) holds the sensitivities to the knobs and then to the parameters of effects
+    that are already in the model; `plain` those to the knobs of the linear model by itself, nothing where that is all
+    there is. `states` (m, 2) per record are those in which they start.
+    """
+
+    data: Dataset
+    linear: ModalModel
+    places: Places
+    knobs: list[Knob]
+    change: Array
+    starts: tuple[Start, ...]
+    exact: tuple[Array, ...]
+    plain: tuple[Array, ...]
+    states: tuple[Array, ...]
+
+
+def gram_of(
+    footing: Footing,
+    motions: Sequence[Motion],
+    whitener: Whitener,
+    candidates: Sequence[Candidate],
+    *,
+    workers: int = 2,
+    others: Sequence[Noise] = (),
+) -> list[Gram]:
+    """Return the inner products of residual, knobs and all candidates over the rows that may be fitted.
+
+    The first are those under the noise of `whitener`, then come those under `others`.
+    """
+
+    def columns(r: int) -> list[Array]:
+        def column(candidate: Candidate) -> Array:
+            states, rate_hz = footing.states[r], footing.data.rate_hz
+            return signature(candidate, footing.linear, footing.places, motions[r], rate_hz, states, r)
+
+        with ThreadPoolExecutor(workers) as pool:
+            return list(pool.map(column, candidates))
+
+    grams = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)), others)
+    whole = tuple(c.effect.whole for c in candidates)
+    return [replace(gram, whole=whole) for gram in grams]
+
+
+def gathered(
+    footing: Footing,
+    motions: Sequence[Motion],
+    whitener: Whitener,
+    columns: Callable[[int], Sequence[Array]],
+    one_sided: tuple[bool, ...],
+    others: Sequence[Noise] = (),
+) -> list[Gram]:
+    """Return the inner products of residual, knobs and `columns` over the rows that may be fitted.
+
+    `columns` gives those of a record by its number, one (n, n_y, k) for each group; `one_sided` tells which groups can
+    only be positive. Records and outputs are taken one after another, so that memory holds one record's columns only.
+    The first products are those under the noise of `whitener`, then come those under each of `others`, which may differ
+    from it in the levels of its bands: few rows, so that they cost next to nothing.
+    """
+    totals: list[Array] = []
+    by_output = np.zeros((0, 0))
+    widths: list[int] = []
+    rows = 0
+    for r, (record, motion) in enumerate(zip(footing.data.records, motions, strict=True)):
+        rows += int(record.fitted().sum()) * footing.data.n_outputs
+        found = columns(r)
+        widths = [c.shape[2] for c in found]
+        known = [footing.exact[r], *(p[r] for p in (footing.plain,) if p)]
+        noises = [(w, starts[r]) for w, starts in ((whitener, footing.starts), *others)]
+        products, energies = _products([motion.residual[:, :, None], *known, *found], record, noises)
+        totals = products if r == 0 else [t + p for t, p in zip(totals, products, strict=True)]
+        by_output = energies if r == 0 else by_output + energies
+    n_before = footing.exact[0].shape[2]
+    ends = 1 + n_before + np.cumsum(widths, dtype=np.int64)
+    groups = tuple(np.arange(end - width, end) for end, width in zip(ends, widths, strict=True))
+    if footing.plain:
+        totals = [_carried(total, n_before, len(footing.knobs)) for total in totals]
+        by_output = np.delete(by_output, 1 + n_before + np.arange(len(footing.knobs)), axis=1)
+    return [
+        Gram(_held(total, footing), n_before, groups, one_sided, rows, whitener.repeats, by_output=by_output)
+        for total in totals
+    ]
+
+
+def _held(products: Array, footing: Footing) -> Array:
+    """Return products with the prior: the change of each knob from the nominal model is normal with its sd."""
+    out, at = products.copy(), np.arange(1, 1 + len(footing.knobs))
+    precision = np.array([1.0 / k.sd**2 for k in footing.knobs])
+    out[at, at] += precision
+    out[0, at] -= precision * footing.change
+    out[at, 0] -= precision * footing.change
+    out[0, 0] += float(precision @ footing.change**2)
+    return out
+
+
+def _carried(products: Array, n_exact: int, n_knobs: int) -> Array:
+    """Return products without the linear model's own sensitivities, by which columns that knobs imitate are put right.
+
+    A column is the linear model's response to a change. Where the model holds more, the knobs' exact columns are
+    another matter, and a change that is theirs (a stiffness, a gain) would stand out by what the two differ by, or be
+    drowned in it. Such a column takes the exact ones' place in the same proportions.
+    """
+    exact = np.arange(1, 1 + n_knobs)
+    plain = 1 + n_exact + np.arange(n_knobs)
+    kept = np.delete(np.arange(products.shape[0]), plain)
+    own = kept[kept > n_exact]
+    shares, left = _imitated(products, plain, own)
+    # a reading's error runs along the motion as it is, and is the exact columns' already
+    moved = (left < IMITATED * np.diag(products)[own]) & (left < _imitated(products, exact, own)[1])
+    at, parts = own[moved], shares[:, moved]
+    change = (products[:, exact] - products[:, plain]) @ parts
+    out = products.copy()
+    out[:, at] += change
+    out[at] += change.T
+    out[np.ix_(at, at)] += parts.T @ (change[exact] - change[plain])
+    return np.asarray(out[np.ix_(kept, kept)])
+
+
+def _imitated(products: Array, by: Ints, columns: Ints) -> tuple[Array, Array]:
+    """Return in which proportions (n_by, n) the columns `by` imitate others best, and what they leave of each (n,)."""
+    scale = np.sqrt(np.maximum(np.diag(products)[by], np.finfo(float).tiny))
+    cross = products[np.ix_(by, columns)] / scale[:, None]
+    shares = np.linalg.lstsq(products[np.ix_(by, by)] / np.outer(scale, scale), cross, rcond=1e-14)[0]
+    return shares / scale[:, None], np.diag(products)[columns] - np.sum(cross * shares, axis=0)
+
+
+def _one_sided(candidate: Candidate) -> bool:
+    """Tell whether the candidate's columns can only be positive: sizes that cannot be negative, or a whole effect."""
+    return all(p.low >= 0.0 for p in candidate.effect.parameters() if p.size)
+
+
+def _products(
+    parts: Sequence[Array], record: Record, noises: Sequence[tuple[Whitener, Start]]
+) -> tuple[list[Array], Array]:
+    """Return the inner products of one record's columns after whitening, its unknown start projected out, per noise.
+
+    The second are the squares of the columns in each output, (n_y, n), under the first noise before that projection.
+    Output by output, because most columns move one output only and need no arithmetic in the others.
+    """
+    width = sum(p.shape[2] for p in parts)
+    mask = record.fitted()
+    rows = int(mask.sum())
+    whitener = noises[0][0]
+    totals = [np.zeros((width, width)) for _ in noises]
+    seen = [np.zeros((start.q.shape[1], width)) for _, start in noises]
+    energies = np.zeros((record.y.shape[1], width))
+    for o in range(record.y.shape[1]):
+        columns = np.concatenate([p[:, o] for p in parts], axis=1)
+        live = np.flatnonzero(np.any(columns != 0.0, axis=0))
+        white = record.weight * whitener.rows(columns[:, live], mask, o)
+        own = white.T @ white
+        energies[o, live] = np.diag(own)
+        for k, (noise, start) in enumerate(noises):
+            at, louder = _relative(whitener, noise, mask, o)
+            few, q = white[at], start.q[o * rows : (o + 1) * rows]
+            totals[k][np.ix_(live, live)] += own + few.T @ ((louder**2 - 1.0)[:, None] * few) if at.size else own
+            seen[k][:, live] += q.T @ white + q[at].T @ ((louder - 1.0)[:, None] * few)
+    return [total - s.T @ s for total, s in zip(totals, seen, strict=True)], energies
+
+
+def _relative(whitener: Whitener, other: Whitener, mask: Mask, output: int) -> tuple[Ints, Array]:
+    """Return which of the masked rows `other` whitens to another size, and to how many times that of `whitener`."""
+    at, ratio, first = [np.zeros(0, np.int64)], [np.zeros(0)], 0
+    if other is not whitener and whitener.levels.size:
+        for start, stop in runs_of(mask):
+            own, others = (w.band_levels(stop - start, output) for w in (whitener, other))
+            differ = np.flatnonzero(own != others)
+            at.append(first + differ)
+            ratio.append(np.sqrt(own[differ] / others[differ]))
+            first += stop - start
+    return np.concatenate(at), np.concatenate(ratio)

@@ -1,0 +1,229 @@
+"""What stands out: the evidence of every candidate beside a fit, and which of them are worth a refit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from analysis.diagnosis.candidates.motions import measured_motion
+from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
+from analysis.diagnosis.fitting.sensitivity import exact_sensitivities, plain_sensitivities
+from analysis.diagnosis.search.gram import IMITATED, Gram
+from analysis.diagnosis.search.matched import wanted_inputs
+from analysis.diagnosis.search.screening import Footing, Noise, gram_of
+from sim_backend.effects.base import Effect
+from sim_backend.effects.view import RecordView
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+SURE = 0.99
+"""An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""
+
+SURE_LEAD = float(np.log(SURE / (1.0 - SURE)))
+"""The lead in evidence, as a natural logarithm, over all else that this takes."""
+
+MOST = 6
+"""Effects at most, however many a place has of one kind."""
+
+_RARE = 0.01
+"""How often the best of a cause's starts is larger by chance than what its threshold is set by."""
+
+_SHORTLIST = 5
+_ALIKE = 3
+"""So many of those that the knobs imitate are refitted at most."""
+
+_NEAR = 0.3
+"""Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
+shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
+
+    First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
+    `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
+    """
+
+    effects: tuple[type[Effect], ...]
+    false_alarm: float
+    max_effects: int
+    substeps: int
+    seed: int
+
+    def beside(self, found: Sequence[type[Effect]]) -> tuple[type[Effect], ...]:
+        """Return the effects that may be added to those `found`."""
+        once = sum(not effect.several for effect in found) + len({effect for effect in found if effect.several})
+        if len(found) >= MOST or once > self.max_effects:
+            return ()
+        if once < self.max_effects:
+            return self.effects
+        return tuple(effect for effect in self.effects if effect.several and effect in found)
+
+
+@dataclass(frozen=True)
+class Screen:
+    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and their thresholds.
+
+    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it, `shares`
+    (n_y,) how its energy is shared out over the readings.
+    """
+
+    candidates: tuple[Candidate, ...]
+    gains: Array
+    drops: Array
+    sizes: tuple[Array, ...]
+    knobs: tuple[Array, ...]
+    freshness: Array
+    threshold: Array
+    shares: tuple[Array, ...] = ()
+
+    @property
+    def price(self) -> float:
+        """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
+        return 2.0 * (SURE_LEAD + float(np.log(max(len({c.key for c in self.candidates}), 1))))
+
+    @property
+    def top(self) -> float:
+        """Evidence of the candidate that stands out most."""
+        return float(np.max(self.gains, initial=0.0))
+
+    def best_per_key(self) -> list[int]:
+        """Return the index of the best start of each (effect, place), best first."""
+        seen: dict[tuple[str, str], int] = {}
+        for i in np.argsort(-self.gains):
+            seen.setdefault(self.candidates[i].key, int(i))
+        return list(seen.values())
+
+
+def screen(setting: Setting, fit: Fit, rules: Rules, scales: Scales) -> Screen:
+    """Return the evidence of every candidate beside what `fit` already holds."""
+    (gram,), candidates = gram_beside(setting, fit, rules, scales)
+    return evidence_of(gram, candidates, rules)
+
+
+def screen_both(
+    setting: Setting, other: Setting | None, fit: Fit, rules: Rules, scales: Scales
+) -> tuple[Screen, Screen | None]:
+    """Return the evidence under the noise of `setting` and under that of `other`, of other levels, if there is one."""
+    if other is None:
+        return screen(setting, fit, rules, scales), None
+    (gram, more), candidates = gram_beside(setting, fit, rules, scales, [(other.whitener, other.starts)])
+    return evidence_of(gram, candidates, rules), evidence_of(more, candidates, None)
+
+
+def gram_beside(
+    setting: Setting, fit: Fit, rules: Rules, scales: Scales, others: Sequence[Noise] = ()
+) -> tuple[list[Gram], list[Candidate]]:
+    """Return the inner products of everything that could be added to `fit`, and the candidates they are of.
+
+    The first are those under the noise of `setting`, then come those under `others`.
+    """
+    footing, motions = beside(setting, fit)
+    views = views_of(setting, motions, footing.linear)
+    taken = {c.key for c in fit.candidates if not c.effect.several}
+    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
+    grams = gram_of(footing, motions, setting.whitener, candidates, workers=setting.workers, others=others)
+    return grams, candidates
+
+
+def beside(setting: Setting, fit: Fit) -> tuple[Footing, list[Motion]]:
+    """Return what a screening of anything that could be added to `fit` starts from: footing and motions."""
+    linear = linear_of(setting, fit)
+    motions = [
+        measured_motion(record, position, residual, setting.whitener, setting.data.rate_hz)
+        for record, position, residual in zip(setting.data.records, positions(setting, fit), fit.residuals, strict=True)
+    ]
+    exact = exact_sensitivities(setting, fit)
+    plain = plain_sensitivities(setting, linear) if fit.effects or setting.known else ()
+    data, places, knobs = setting.data, setting.places, setting.knobs
+    return Footing(data, linear, places, knobs, fit.change, setting.starts, exact, plain, setting.states), motions
+
+
+def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules | None) -> Screen:
+    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the thresholds of chance.
+
+    Without `rules` there are none: the thresholds are infinite.
+    """
+    reduced = gram.without(gram.knob_columns())
+    solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
+    # the largest of M chance findings is larger by 2 log M than one of them
+    chosen = np.array([2.0 * math.log(max(c.choices, 1)) for c in candidates])
+    drops = np.array([drop for drop, _ in solved])
+    gains = np.maximum(gram.ratios(drops, float(reduced[0, 0])) - chosen, 0.0)
+    threshold = np.full(len(candidates), np.inf)
+    if rules is not None:
+        ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)
+        threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
+    sizes = tuple(s for _, s in solved)
+    knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
+    shares = tuple(gram.shares(i) for i in range(len(candidates)))
+    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold, shares)
+
+
+def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: float) -> Array:
+    """Return the evidence that each candidate must exceed so that noise alone brings any above its own so often.
+
+    `ratios` (n_candidates, draws) are those of noise alone. What is tried in many shapes, or has many sizes, stands out
+    by chance more often: each cause at each place has to exceed the common limit by as much as its own best is larger,
+    once in a hundred times, than that of a single known signature, so that it does not raise the limit of the others.
+    """
+    own = {key: np.max(ratios[[i for i, k in enumerate(keys) if k == key]], axis=0) for key in dict.fromkeys(keys)}
+    usual = float(chi2.isf(_RARE, 1))
+    larger = {key: max(float(np.quantile(best, 1.0 - _RARE)) - usual, 0.0) for key, best in own.items()}
+    if not own:
+        return np.zeros(0)
+    limit = np.quantile(np.max([best - larger[key] for key, best in own.items()], axis=0), 1.0 - false_alarm)
+    return np.array([float(limit) + larger[key] for key in keys])
+
+
+def views_of(setting: Setting, motions: Sequence[Motion], linear: ModalModel) -> dict[str, RecordView]:
+    """Return what effects may look at when they guess, per degree of freedom, all records joined."""
+    places, views = setting.places, {}
+    lowest = float(np.min(setting.nominal.omega_rad_s, initial=0.0)) / (2.0 * np.pi)
+    temperatures = [m.temperature_k for m in motions]
+    joined = (
+        None if any(t is None for t in temperatures) else np.concatenate([t for t in temperatures if t is not None])
+    )
+    ends = tuple(np.cumsum([m.u.shape[0] for m in motions]).tolist())
+    wanted, answers = wanted_inputs(setting, linear, [m.residual for m in motions])
+    for name in dict.fromkeys((*places.inputs, *places.outputs)):
+        i = places.inputs.index(name) if name in places.inputs else 0
+        own = name in places.outputs
+        along = np.eye(len(places.outputs))[places.outputs.index(name)] if own else places.coordinates[i]
+        views[name] = RecordView(
+            setting.data.rate_hz,
+            np.concatenate([m.u[:, i] for m in motions]),
+            np.concatenate([m.position @ along for m in motions]),
+            np.concatenate([m.rate @ along for m in motions]),
+            np.concatenate([m.residual @ along for m in motions]),
+            joined,
+            lowest,
+            wanted[i],
+            answers[i],
+            ends,
+        )
+    return views
+
+
+def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[tuple[str, str]] = ()) -> list[int]:
+    """Return the numbers of the candidates that are worth a refit, of `allowed` effects and not `seen`, best first."""
+    order = [i for i in found.best_per_key() if found.candidates[i].effect in allowed]
+    order = [i for i in order if found.candidates[i].key not in seen]
+    significant = [i for i in order if found.gains[i] > found.threshold[i]]
+    if not significant:
+        return []
+    # what the knobs can imitate gains by what it spares them, and by tiny differences that a refit rarely confirms:
+    # which of the kind it is, an inertia or a damping, only a fit can tell
+    fresh = [i for i in significant if found.freshness[i] > IMITATED]
+    limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
+    imitated = [i for i in significant if i not in fresh]
+    imitated = [i for i in imitated if found.gains[i] >= _NEAR * found.gains[imitated[0]]][:_ALIKE]
+    return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated

@@ -1,0 +1,32 @@
+"""What a cause looks like that shows only in the lattice, the size or the colour of the residual."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from analysis.diagnosis.noise.whitener import Bands
+from sim_backend.effects.base import Effect
+
+FALSE_ALARM = 0.002
+"""Chance that any of the causes looked for this way is named where there is none."""
+
+
+@dataclass(frozen=True)
+class Chance:
+    """One such cause at its fitted parameters, with the standard deviation of each that was fitted.
+
+    `evidence` is the natural logarithm of its evidence against nothing, `p_value` the chance of as much without it.
+    `allowed` is by how much, at most, it raises the mean square of the whitened residual; `shift` by how many standard
+    deviations it moves the readings in all. `rivals` are other explanations of the same, in words, with the logarithm
+    of the evidence by which they trail. `louder` says how strong it makes the noise in which other causes have to be
+    seen, where they cannot be told from it otherwise.
+    """
+
+    effect: Effect
+    std: dict[str, float]
+    evidence: float
+    p_value: float
+    allowed: float
+    shift: float
+    rivals: tuple[tuple[str, float], ...] = ()
+    louder: Bands | None = None

@@ -1,0 +1,37 @@
+"""A line or a band: noise in a narrow band looks like a line while it is watched, and is given up for the band."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from analysis.diagnosis.fitting.leeway import leeway_of
+from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.search.shortlist import SURE_LEAD
+from analysis.diagnosis.spread.shaking import noise_evidence
+from sim_backend.effects.vibration_line import VibrationLine
+
+
+def without_lines(found: Found) -> Found:
+    """Return the outcome without its vibration lines, where random vibration explains the data as well.
+
+    Both are compared by the evidence of what does not repeat, the noise of either being free to have a band; a line
+    must be worth its parameters (each half the logarithm of the rows) and being sure.
+    """
+    best, setting = found.best, found.setting
+    keep = [i for i, c in enumerate(best.candidates) if c.effect is not VibrationLine]
+    count = len(best.candidates) - len(keep)
+    if not count:
+        return found
+    candidates, sizes = best.held(keep)
+    rest = refit(setting, candidates, sizes, best.change, exact=True)
+    numbers = len(VibrationLine.parameters()) * count + sum(effect.chosen() for effect in best.effects)
+    price = SURE_LEAD + 0.5 * numbers * math.log(best.rows)
+    worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
+    if worth > price or not math.isfinite(rest.misfit):
+        return found
+    lost = max(rest.misfit - best.misfit, 0.0)
+    explained = max(found.explained - lost, 0.0) if candidates else 0.0
+    rivals = tuple(f for f in found.rivals if not any(c.effect is VibrationLine for c in f.candidates))
+    return replace(found, best=rest, rivals=rivals, explained=explained, leeway=leeway_of(setting, found.tuned, rest))

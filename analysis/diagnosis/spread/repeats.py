@@ -1,0 +1,120 @@
+"""Readings that repeat the last one where noise and motion make that all but impossible: samples that were lost.
+
+Two readings a sample apart differ by δ ~ N(motion, σ²). On a lattice of step q they are equal with probability
+E[max(0, 1 - |δ| / q)], which is next to nothing where q is the last place of a floating-point number, or where the
+motion between them is many steps. Only such pairs are counted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom, norm, poisson
+
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.spread.chance import Chance
+from analysis.diagnosis.spread.lattice import lattice_of
+from sim_backend.effects.dropped_samples import DroppedSamples
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_IMPOSSIBLE = 1e-6
+"""Pairs count that are equal by chance with less than this probability."""
+
+_MAD = 1.4826
+"""Standard deviation of normal numbers over the median of their magnitudes."""
+
+_ORDERED = 1e-4
+"""Repeats that stand together, or apart, as no random loss does with more than this probability are something else: a
+sensor that is stuck, or one that is read more often than it measures."""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How many of `pairs` are equal, how many were `expected` to be by chance, and whether they lie at random."""
+
+    equal: int
+    pairs: int
+    expected: float
+    random: bool
+    where: tuple[Mask, ...]
+
+    @property
+    def fraction(self) -> float:
+        """Share of the samples that are lost."""
+        return max(self.equal - self.expected, 0.0) / max(self.pairs, 1)
+
+
+def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
+    """Return what repeats in `readings`, one (n,) per record, beside the motion `predicted` for each."""
+    step = _spacing(readings)
+    moves = [np.diff(x) for x in predicted]
+    left = np.concatenate([np.diff(y) - move for y, move in zip(readings, moves, strict=True)])
+    sd = _MAD * float(np.median(np.abs(left - np.median(left))))
+    equal, pairs, expected, together, chances = 0, 0, 0.0, 0, 0
+    where = []
+    for y, move in zip(readings, moves, strict=True):
+        chance = _chance_of_equal(move, sd, step)
+        rare = chance < _IMPOSSIBLE
+        same = rare & (np.diff(y) == 0.0)
+        equal, pairs, expected = equal + int(same.sum()), pairs + int(rare.sum()), expected + float(chance[rare].sum())
+        together += int(np.sum(same[1:] & same[:-1]))
+        chances += int(np.sum(rare[1:] & same[:-1]))
+        where.append(np.concatenate([[False], same]))
+    share = equal / max(pairs, 1)
+    tail = 2.0 * min(binom.cdf(together, chances, share), binom.sf(together - 1, chances, share))
+    return Repeats(equal, pairs, expected, bool(tail > _ORDERED), tuple(where))
+
+
+def _spacing(readings: list[Array]) -> float:
+    """Return the distance of the values that readings can take: a lattice's step, or the last place of a number."""
+    values = np.concatenate(readings)
+    lattice = lattice_of(values)
+    peak = float(np.max(np.abs(values)))
+    short = bool(np.all(values.astype(np.float32) == values))
+    last = float(np.spacing(np.float32(peak))) if short else float(np.spacing(peak))
+    return max(lattice.step if lattice else 0.0, last)
+
+
+def _chance_of_equal(move: Array, sd: float, step: float) -> Array:
+    """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, sd²), shape of `move`."""
+    sd = max(sd, 1e-6 * step)
+    d = np.abs(move)
+    if step < 0.01 * sd:  # the triangle is as narrow as a point beside the normal curve
+        return np.asarray(step * norm.pdf(d / sd) / sd)
+    a, b, c = (d - step) / sd, d / sd, (d + step) / sd
+    # the triangle is a second difference of ramps, and E[max(0, δ - k)] of a normal δ is sd (pdf + z cdf)
+    ramp = [norm.pdf(z) + z * norm.cdf(z) for z in (a, b, c)]
+    return np.asarray(np.clip(sd / step * (ramp[0] - 2.0 * ramp[1] + ramp[2]), 0.0, 1.0))
+
+
+def lost_samples(setting: Setting, fit: Fit) -> list[Chance]:
+    """Return every output of which samples were lost at random."""
+    records, rows = setting.data.records, setting.rows // setting.data.n_outputs
+    found = []
+    for o, where in enumerate(setting.places.outputs):
+        predicted = [r.y[:, o] - residual[:, o] for r, residual in zip(records, fit.residuals, strict=True)]
+        seen = repeats_of([r.y[:, o] for r in records], predicted)
+        if seen.fraction <= 0.0 or not seen.random:
+            continue
+        expected = max(seen.expected, 1e-12)
+        share = seen.fraction
+        power = sum(
+            float(np.sum(residual[lost & r.fitted(), o] ** 2))
+            for r, residual, lost in zip(records, fit.residuals, seen.where, strict=True)
+        ) * float(np.sum(setting.whitener.taps[o] ** 2))
+        found.append(
+            Chance(
+                DroppedSamples(where, fraction=min(share, 0.99)),
+                {"fraction": math.sqrt(share * (1.0 - share) / seen.pairs)},
+                seen.equal * math.log(seen.equal / expected) - (seen.equal - expected),
+                float(poisson.sf(seen.equal - 1, expected)),
+                power / rows / setting.data.n_outputs,
+                math.sqrt(power),
+            )
+        )
+    return found

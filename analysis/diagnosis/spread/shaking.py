@@ -1,0 +1,245 @@
+"""Broadband vibration: a hump in the spectrum of the noise that has the form of a torque through the plant.
+
+The spectrum of what does not repeat is fitted with a smooth floor of each output, alone and with |G|² times a
+resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency of as many terms as Akaike's
+criterion likes. A torque of all frequencies is an amplifier's noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.starts import without_starts
+from analysis.diagnosis.noise.whitener import Bands
+from analysis.diagnosis.search.shortlist import SURE_LEAD
+from analysis.diagnosis.spread.chance import Chance
+from analysis.diagnosis.spread.whittle import Band, Start, Whittle, series_of, spectrum_of
+from sim_backend.effects.amplifier_noise import AmplifierNoise
+from sim_backend.effects.broadband_vibration import BroadbandVibration
+from sim_backend.effects.command_quantisation import CommandQuantisation
+from sim_backend.linear import ModalModel
+
+Array = NDArray[np.float64]
+
+_ORDERS = (4, 6, 8, 10, 12)
+"""Terms of the floor's polynomial."""
+
+_PITCH, _WIDTH, _FIRST_TERMS = 1.4, 0.3, 6
+"""Grid of starts: ratio of neighbouring centres, width in parts of the centre, and terms of the floor below."""
+
+_STARTS = 3
+"""Bands of the grid, per input, that are fitted over every floor."""
+
+_NARROW = 4.0
+"""A band below so many times the frequency resolution is a line, which is another effect."""
+
+_THERE = 0.1
+"""Part of the filtered noise from which a band makes it louder."""
+
+_CHUNK = 2048
+_STEADY = 0.5
+"""Whether the band is there as well when little moves, at least to this part, is seen on chunks of so many rows."""
+
+
+def shaking(setting: Setting, fit: Fit) -> list[Chance]:
+    """Return the broadband vibration that the noise shows, if there is one."""
+    series = _series(setting, fit)
+    whittle = _whittle(setting, fit, [x for x, _ in series])
+    found = None if whittle is None else _best(whittle, _resolution(setting, series))
+    if whittle is None or found is None or not _steady(setting, linear_of(setting, fit), series, found.band):
+        return []
+    place = setting.places.inputs[found.band.input]
+    known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
+    # noise of all frequencies through the plant is an amplifier's, which is no error of a simulation
+    return [] if known or found.lead < -SURE_LEAD else [_chance(setting, whittle, found, place)]
+
+
+def noise_evidence(setting: Setting, fit: Fit) -> float:
+    """Return the logarithm of the evidence of what does not repeat under the best floor, with or without a torque."""
+    series = _series(setting, fit)
+    whittle = _whittle(setting, fit, [x for x, _ in series])
+    if whittle is None:
+        return 0.0
+    found = _best(whittle, _resolution(setting, series))
+    # a torque of all frequencies may be the better one
+    return _nothing(whittle)[0] + (max(found.evidence + max(-found.lead, 0.0), 0.0) if found else 0.0)
+
+
+def _series(setting: Setting, fit: Fit) -> list[tuple[Array, Array]]:
+    # a start rings in the modes, as a random torque does, but once
+    linear = linear_of(setting, fit)
+    rest = without_starts(setting.data, linear, setting.whitener, fit.residuals)
+    return [
+        part
+        for record, residual in zip(setting.data.records, rest, strict=True)
+        for part in series_of(setting, record, _white(setting, residual))
+    ]
+
+
+def _whittle(setting: Setting, fit: Fit, series: Sequence[Array]) -> Whittle | None:
+    spectrum = spectrum_of(setting, series)
+    return None if spectrum is None else Whittle.of(spectrum, linear_of(setting, fit), setting.data.rate_hz)
+
+
+def _resolution(setting: Setting, series: Sequence[tuple[Array, Array]]) -> float:
+    return setting.data.rate_hz / max(x.shape[0] for x, _ in series)
+
+
+def _white(setting: Setting, residual: Array) -> Array:
+    columns = [setting.whitener.apply(residual[:, o, None], o)[:, 0] for o in setting.whitener.outputs]
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best band with its evidence against nothing, its p-value, and how far a torque of all frequencies trails."""
+
+    band: Band
+    evidence: float
+    p_value: float
+    lead: float
+
+
+def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
+    nothing, floors = _nothing(whittle)
+    price, n_y = _price(whittle), whittle.gain.shape[0]
+    flexible = max(value for _, value in floors.values())
+    terms = min(_FIRST_TERMS, max(floors))
+    starts, tried = _starts(whittle, floors[terms][0], terms)
+    best: dict[tuple[int, bool, bool], tuple[float, Band]] = {}
+    for terms, (floor, _) in floors.items():
+        for start in starts:
+            band = whittle.band(terms, start, floor)
+            if band is None or band.width_hz < _NARROW * resolution_hz:
+                continue
+            wide = math.isinf(band.width_hz)
+            value = band.log_likelihood - n_y * terms - price - (0.0 if wide else _narrowed(whittle, band))
+            key = band.input, wide, band.steep
+            if key not in best or value > best[key][0]:
+                best[key] = value, band
+    if not best:
+        return None
+    finite = [key for key in best if not key[1]]
+    if not finite:
+        return None
+    top = max(finite, key=lambda k: best[k][0])
+    value, band = best[top]
+    # against the most flexible floor of all, at any place of the grid
+    p_value = min(tried * float(chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
+    forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
+    unbounded = max((v for key, (v, _) in best.items() if key[1]), default=-math.inf)
+    return _Best(_blended(band, forms), value - nothing, p_value, value - unbounded)
+
+
+def _price(whittle: Whittle) -> float:
+    """Return what one parameter costs: half the logarithm of all numbers."""
+    return 0.5 * math.log(float(whittle.spectrum.count.sum()) * whittle.spectrum.power.shape[0])
+
+
+def _nothing(whittle: Whittle) -> tuple[float, dict[int, tuple[Array, float]]]:
+    """Return the evidence of the best floor alone, and every floor with its log-likelihood by its terms.
+
+    A term costs one (Akaike 1974): a floor that is too stiff would pull a band aside.
+    """
+    orders = [k for k in _ORDERS if 3 * k < whittle.spectrum.count.size]
+    floors = {k: whittle.floor(k) for k in orders or _ORDERS[:1]}
+    n_y = whittle.gain.shape[0]
+    return max(value - n_y * k for k, (_, value) in floors.items()), floors
+
+
+def _blended(band: Band, forms: Sequence[tuple[float, Band]]) -> Band:
+    """Return `band` with the mean of its numbers over both forms of its flanks, and their scatter in what is known."""
+    weight = np.exp([v for v, _ in forms])
+    weight /= weight.sum()
+    values = np.array([[b.rms, b.centre_hz, b.width_hz] for _, b in forms])
+    if not np.all(np.isfinite(values)):
+        return band
+    mean = weight @ values
+    std = np.sqrt(weight @ (np.array([b.std for _, b in forms]) ** 2 + (values - mean) ** 2))
+    return replace(
+        band,
+        rms=float(mean[0]),
+        centre_hz=float(mean[1]),
+        width_hz=float(mean[2]),
+        std=(float(std[0]), float(std[1]), float(std[2])),
+    )
+
+
+def _narrowed(whittle: Whittle, band: Band) -> float:
+    """Return the logarithm by which the data narrow centre and width, either of which may be of any size at first."""
+    f = whittle.spectrum.frequency_hz
+    room = math.log(float(f[-1, -1]) / float(f[0, 0]))
+    share = (band.std[1] / band.centre_hz, band.std[2] / band.width_hz)
+    return sum(max(math.log(room / (math.sqrt(2.0 * math.pi) * max(s, 1e-12))), 0.0) for s in share)
+
+
+def _starts(whittle: Whittle, floor: Array, terms: int) -> tuple[list[Start], int]:
+    """Return starts for every input, and how many were tried for them.
+
+    Whittle's likelihood has a maximum near every feature of the spectrum; a band is fitted from each of many centres.
+    """
+    low, high = float(whittle.spectrum.frequency_hz[0, 0]), float(whittle.spectrum.frequency_hz[-1, -1])
+    centres = np.geomspace(low * _PITCH, high / _PITCH, max(round(math.log(high / low) / math.log(_PITCH)), 2))
+
+    def start(j: int, centre: float, width: float, steep: bool) -> Start:
+        return j, centre, width, steep, 1.0 / float(np.max(whittle.hump(j, centre, width, steep) / floor))
+
+    starts = []
+    for j in range(whittle.gain.shape[1]):
+        tried = [whittle.band(terms, start(j, float(c), _WIDTH * float(c), True), floor) for c in centres]
+        bands = sorted((b for b in tried if b is not None), key=lambda b: -b.log_likelihood)[:_STARTS]
+        starts += [(j, b.centre_hz, b.width_hz, steep, b.rms**2) for b in bands for steep in (True, False)]
+        starts.append(start(j, 1.0, math.inf, True))
+    return starts, 2 * centres.size * whittle.gain.shape[1]
+
+
+def _steady(setting: Setting, linear: ModalModel, series: Sequence[tuple[Array, Array]], band: Band) -> bool:
+    """Tell whether the band is there as well in the half of the rows in which less is played."""
+    chunks = [
+        (x[a : a + _CHUNK], float(motion[a : a + _CHUNK].mean()))
+        for x, motion in series
+        for a in range(0, max(x.shape[0] - _CHUNK // 2, 1), _CHUNK)
+    ]
+    middle = float(np.median([size for _, size in chunks]))
+    halves = [[x for x, size in chunks if (size > middle) is loud] for loud in (False, True)]
+    seen = []
+    for half in halves:
+        spectrum = spectrum_of(setting, half)
+        if spectrum is None:
+            return True
+        seen.append(Whittle.of(spectrum, linear, setting.data.rate_hz).strength(band))
+    (quiet, first), (loud, second) = seen
+    return quiet > _STEADY * loud - 4.0 * math.hypot(first, _STEADY * second)
+
+
+def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Chance:
+    band = found.band
+    effect = BroadbandVibration(place, rms=band.rms, centre_hz=band.centre_hz, bandwidth_hz=band.width_hz)
+    std = dict(zip(("rms", "centre_hz", "bandwidth_hz"), band.std, strict=True))
+    hump = band.rms**2 * whittle.hump(band.input, band.centre_hz, band.width_hz, band.steep)
+    f = whittle.spectrum.frequency_hz.mean(axis=1) / setting.data.rate_hz
+    line = np.exp(-2j * np.pi * np.outer(f, np.arange(setting.whitener.order + 1)))
+    passed = np.abs(line @ setting.whitener.taps.T).T ** 2
+    raised = hump * passed
+    # as strong as it is there, for part of the hump may be in the filter already
+    louder = np.where(raised > _THERE, np.maximum(whittle.spectrum.power * passed, 1.0), 1.0)
+    count = whittle.spectrum.count
+    # what rounding leaves of a lively command is a torque of all frequencies as well
+    rivals = [(name, found.lead) for name in (AmplifierNoise.name, CommandQuantisation.name)]
+    return Chance(
+        effect,
+        std,
+        found.evidence,
+        found.p_value,
+        0.0 if setting.added else float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
+        math.sqrt(0.5 * float(np.sum(count * (hump / whittle.spectrum.power) ** 2))),
+        tuple(rivals),
+        Bands(whittle.spectrum.edges_hz / setting.data.rate_hz, louder),
+    )

@@ -1,0 +1,270 @@
+"""From a search to a verdict: what may be named, what is tied, and when nothing known is good enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.fit import Fit
+from analysis.diagnosis.fitting.leeway import form_error, target_of
+from analysis.diagnosis.fitting.settling import score, strain
+from analysis.diagnosis.noise.estimate import rows_of_noise
+from analysis.diagnosis.result import Cause, Estimate, Verdict
+from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
+from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
+from sim_backend.effects.base import Effect, Site
+from sim_backend.model import Model
+
+_OVERWHELMING = 10.0
+"""A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
+the threshold."""
+
+_EXPLAINED = 0.997
+"""An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
+leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
+friction's)."""
+
+_NEAR = 0.05
+"""So near the limit of a shape, as a part of it, both names that meet there hold."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict with the effects that it names, the tied sets, the posterior of the best and the noise inflation.
+
+    `objection` says what of the best model is left, or wrong, that makes its verdict *unknown*.
+    """
+
+    verdict: Verdict
+    named: tuple[int, ...]
+    tied: tuple[tuple[str, ...], ...]
+    probability: float
+    inflation: float
+    rivals: tuple[tuple[str, float], ...]
+    objection: str = ""
+
+
+def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), random: float = 0.0) -> Judgement:
+    """Return the verdict on the outcome of a search.
+
+    `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
+    `left` what the best model leaves along general ways, least likely first, `random` how much of each of these
+    (twice a log-likelihood) those causes may be.
+    """
+    best, inflation = found.best, found.inflation
+    against = objection(found, left, random)
+    if not best.candidates:
+        verdict: Verdict = "unknown" if against else _without_cause(found, allowed)
+        return Judgement(verdict, (), (), 1.0, inflation, (), against)
+    named = _material(found)
+    gaps = _gaps(found, named, inflation)
+    weights = np.exp(-np.array([gap for _, gap in gaps]))
+    probability = float(1.0 / (1.0 + weights.sum()))
+    rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
+    if against or not adequate(found, allowed):
+        return Judgement("unknown", (), (), probability, inflation, rivals, against)
+    border = _on_border(found, named)
+    if probability >= SURE and border:
+        sure = tuple(i for i in named if i not in border)
+        return Judgement("ambiguous", sure, tuple(border.values()), probability, inflation, rivals)
+    if probability >= SURE:
+        return Judgement("named", named, (), probability, inflation, rivals)
+    own = set(_label(best, named))
+    # the fewest rivals without which it would be sure
+    beyond = weights.sum() - np.cumsum(weights)
+    close = [set(label) for label, _ in gaps[: 1 + int(np.sum(beyond > (1.0 - SURE) / SURE))]]
+    shared = own.intersection(*close)
+    tied = [tuple(sorted(own - shared)), *(tuple(sorted(c - shared)) for c in close)]
+    flat = tuple(sorted({name for group in tied for name in group}))
+    sure = tuple(i for i in named if best.effects[i].reported() in shared)
+    return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
+
+
+def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
+    """Return why the best model cannot be the whole truth, in words; nothing where it can.
+
+    What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
+    is no listed cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
+    """
+    telling = [one for one in left if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION]
+    if telling:
+        return f"what the best model leaves holds {telling[0].words()}"
+    equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
+    if equal:
+        return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
+    count, off = len(found.setting.knobs), strain(found.setting, found.best.change)
+    # what the form of an effect gets wrong, knobs that the data do not hold make up for
+    if count and chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
+        return (
+            f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
+            f"(rms of {count})"
+        )
+    return ""
+
+
+def adequate(found: Found, allowed: float = 0.0) -> bool:
+    """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
+    best, tuned = found.best, found.tuned
+    if not found.setting.whitener.repeats:
+        fresh = found.last.freshness > IMITATED
+        significant = fresh & (found.last.gains > found.last.threshold)
+        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - _EXPLAINED) * found.explained)
+    spread = _uncertainty(found) + 0.002
+    excess = best.misfit / best.rows - 1.0 - allowed
+    explained = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
+    return bool(excess <= spread or explained >= _EXPLAINED)
+
+
+def _uncertainty(found: Found) -> float:
+    """Return by how much noise alone may miss its own level, a mean square of one: four standard deviations.
+
+    Both are known from so many numbers: what is left from all rows, the level from what differs between periods.
+    """
+    seen = max(rows_of_noise(found.setting.data), 1)
+    return float(4.0 * np.sqrt(2.0 / found.tuned.rows + 2.0 / seen))
+
+
+def _without_cause(found: Found, allowed: float) -> Verdict:
+    """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
+    tuned, last = found.tuned, found.last
+    if found.setting.whitener.repeats:
+        excess = tuned.misfit / tuned.rows - 1.0 - allowed
+        if excess > _uncertainty(found) + 0.01:
+            return "unknown"
+    trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
+    for i in np.flatnonzero(trusted & (last.gains > last.threshold)):
+        if (
+            last.gains[i] > _OVERWHELMING * last.threshold[i]
+            or _realised(found, last.candidates[i]) > 0.25 * last.gains[i]
+        ):
+            return "unknown"
+    return "consistent"
+
+
+def _realised(found: Found, candidate: Candidate) -> float:
+    """Return by how much the refit with a candidate alone improved the fit; less than its screening where that erred.
+
+    What was not refitted counts as realised in full.
+    """
+    known, tuned = found.setting.whitener.repeats, found.tuned
+    fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
+    return max((_worth(tuned, r, known) for r in fits), default=np.inf)
+
+
+def _worth(tuned: Fit, fit: Fit, known: bool = False) -> float:
+    """Return twice the log-likelihood that a fit gains over the tuned nominal model, each in its own noise or not."""
+    return score(tuned, known) - score(fit, known) + 2.0 * (fit.occam - tuned.occam)
+
+
+def _material(found: Found) -> tuple[int, ...]:
+    """Return the numbers of the effects that explain enough to be named, from what removing each of them costs."""
+    best, known = found.best, found.setting.whitener.repeats
+    if len(best.candidates) == 1:
+        return (0,)
+    whole = {c.key for c in best.candidates}
+    costs, spared = [], []
+    for c in best.candidates:
+        without = [r for r in found.rivals if {x.key for x in r.candidates} == whole - {c.key}]
+        # where nothing repeats each fit has a noise of its own, and only their evidence can be compared
+        worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
+        costs.append(min(worth, default=np.inf))
+        # what spares the knobs more than it explains has no form that could be another's error
+        eased = (strain(found.setting, r.change) - strain(found.setting, best.change) for r in without)
+        spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
+    places = [target_of(e.where) for e in best.effects]
+    leeway = {place: 0.0 for place in places}
+    for effect, place, cost in zip(best.effects, places, costs, strict=True):
+        if np.isfinite(cost):
+            leeway[place] = max(leeway[place], form_error(effect) * cost)
+    return tuple(i for i, cost in enumerate(costs) if spared[i] or not cost < leeway[places[i]])
+
+
+def _on_border(found: Found, named: tuple[int, ...]) -> dict[int, tuple[str, ...]]:
+    """Return which of the effects `named` lie so near the limit of their name that another fits them as well, and both.
+
+    What the other is called beyond the limit says the effect.
+    """
+    tied = {}
+    for i in named:
+        effect, limits = found.best.effects[i], found.best.candidates[i].limits
+        for shape, other in effect.beyond.items():
+            value = float(getattr(effect, shape))
+            if any(0.0 < limit < np.inf and abs(value - limit) < _NEAR * limit for limit in limits.get(shape, ())):
+                tied[i] = tuple(sorted((effect.reported(), other)))
+    return tied
+
+
+def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:
+    chosen = range(len(fit.effects)) if named is None else named
+    return tuple(sorted({f"{fit.effects[i].reported()}" for i in chosen}))
+
+
+def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[tuple[str, ...], float]]:
+    """Return rival names with the logarithm of the evidence by which the best one leads, closest first.
+
+    Fits count with their score; candidates that were screened but not refitted count with their screened evidence, as
+    rivals of the first effect found.
+    """
+    known = found.setting.whitener.repeats
+    own, reference = _label(found.best, named), score(found.best, known)
+    gaps: dict[tuple[str, ...], float] = {}
+    for rival in found.rivals:
+        if len(rival.candidates) < len(named) or not rival.candidates:
+            continue
+        label = _label(rival)
+        if set(own) <= set(label):
+            continue
+        gap = max(0.5 * (score(rival, known) - reference) / inflation, 0.0)
+        gaps[label] = min(gaps.get(label, np.inf), gap)
+    if len(found.best.candidates) == 1:
+        refitted = {c.key for r in found.rivals for c in r.candidates}
+        # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
+        shown = found.explained if known else _worth(found.tuned, found.best)
+        top = max(float(np.max(found.first.gains, initial=0.0)), shown)
+        # what the parameters of the best cost is known from its fit, those of the others are taken as well determined;
+        # what the knobs cost less beside it is part of what stands out
+        knobs = strain(found.setting, found.best.change)
+        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - knobs)
+        for i in found.first.best_per_key():
+            candidate = found.first.candidates[i]
+            label = (candidate.effect.reported(),)
+            if candidate.key in refitted or label == own or found.first.gains[i] <= 0.0:
+                continue
+            extra = 0.5 * len(candidate.effect.parameters()) * np.log(found.best.rows) - paid
+            screened = max(0.5 * (top - float(found.first.gains[i])) / inflation + extra, 0.0)
+            # what it was worth when it was fitted is known better than what it promised
+            gap = found.passed[candidate.key] / inflation if candidate.key in found.passed else screened
+            gaps[label] = min(gaps.get(label, np.inf), gap)
+    return sorted(gaps.items(), key=lambda pair: pair[1])
+
+
+def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
+    """Return the named causes with their parameters in units of the model's ports."""
+    best = found.best
+    causes = []
+    for i in judgement.named:
+        effect = best.effects[i]
+        u, y = units_of(effect, model)
+        spread = np.sqrt(judgement.inflation)
+        estimates = {}
+        for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True):
+            if owner == i:
+                dimension = next(p.dimension for p in effect.parameters() if p.name == name)
+                estimates[name] = Estimate(float(value), float(std * spread), dimension.unit(u, y))
+        why = f"the residual {effect.symptom}"
+        causes.append(Cause(effect.reported(), effect.where, judgement.probability, estimates, why))
+    return tuple(causes)
+
+
+def units_of(effect: Effect, model: Model) -> tuple[str, str]:
+    """Return the units of input and output at the place of an effect."""
+    target = effect.where.rpartition("->")[2]
+    u = next((p.unit for p in model.inputs if p.dof == target), model.inputs[0].unit)
+    y = next((p.unit for p in model.outputs if p.dof == target), model.outputs[0].unit)
+    return u, y

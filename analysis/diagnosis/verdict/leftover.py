@@ -1,0 +1,116 @@
+"""What a fitted hypothesis leaves, asked in general terms: does it follow any way in which a bench can be wrong?
+
+A total of squares over 10⁵ rows cannot show what a hundredth of a thousandth of them hold, and a cause of a hundred
+squared standard deviations is no more than that. A few columns that anything of its kind resembles can: along each way
+of `unlisted`, at each place, the residual's part is compared with what noise has there, everything fitted being
+re-tuned beside it. The name of a neighbour leaves a part, the right one does not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, f
+
+from analysis.diagnosis.candidates.motions import as_simulated
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.noise.levels import BAND_ROWS
+from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.screening import gathered
+from analysis.diagnosis.search.shortlist import beside, views_of
+from analysis.diagnosis.verdict.patterns import patterns_of
+from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
+from sim_backend.linear import discretise
+
+Array = NDArray[np.float64]
+
+ONE_IN_A_MILLION = 1e-6
+"""Chance of as much along one way at one place below which it is no noise. Some hundred are looked at; the rest of the
+margin is for small modes below any limit, and for a noise that is known from few periods."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """The part of a residual along one way, `what`, at one place.
+
+    `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
+    columns did it, chosen among so many `choices` by looking at the residual, where noise is so much `louder`.
+    `known_from` is from how many numbers that noise is known, `shares` how the way shares out over the readings.
+    """
+
+    what: str
+    where: str
+    drop: float
+    gain: float
+    columns: int
+    choices: int = 1
+    louder: float = 1.0
+    known_from: float = math.inf
+    shares: tuple[float, ...] = ()
+
+    def p_value(self, allowed: float = 0.0) -> float:
+        """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
+        gain = max((self.gain - allowed) / self.louder, 0.0)
+        if math.isfinite(self.known_from):
+            return min(self.choices * float(f.sf(gain / self.columns, self.columns, self.known_from)), 1.0)
+        return min(self.choices * float(chi2.sf(gain, self.columns)), 1.0)
+
+    def words(self) -> str:
+        """Return what it is, where, and how sure."""
+        return f"{self.what} at {self.where} (chance of as much in noise: {max(self.p_value(), 1e-300):.1g})"
+
+
+def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
+    """Return what is left of the residual of `fit` along every way at every place, least likely first."""
+    footing, motions = beside(setting, fit)
+    if not setting.whitener.repeats:
+        # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
+        motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
+    scenes, plant = scenes_of(motions, setting.places), discretise(footing.linear, setting.data.rate_hz)
+    places = setting.places
+    ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
+    ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
+    patterns = list(patterns_of(views_of(setting, motions, footing.linear), places))
+    waves = [wave for p in patterns for wave in (p, *p.neighbours)]
+
+    def columns(r: int) -> Sequence[Array]:
+        with ThreadPoolExecutor(setting.workers) as pool:
+            general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
+            return [*general, *pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)]
+
+    (gram,) = gathered(footing, motions, setting.whitener, columns, (False,) * (len(ways) + len(waves)))
+    reduced = gram.without(gram.knob_columns())
+
+    def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:
+        drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
+        gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
+        kind = "an error of the reading that follows" if output else "a torque that follows"
+        known_from = float(BAND_ROWS) if what in SLOWEST else math.inf
+        place = (places.outputs if output else places.inputs)[at]
+        shares = tuple(gram.shares(i).tolist())
+        return Leftover(f"{kind} {what}", place, drop, gain, live, known_from=known_from, shares=shares)
+
+    found = [left(i, *way) for i, way in enumerate(ways)]
+    # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says
+    everywhere = _loudness(np.median, found)
+    for pattern in patterns:
+        at = len(ways) + waves.index(pattern)
+        of = (pattern.what, pattern.reading, pattern.at)
+        without = gram.without(np.concatenate([gram.knob_columns(), gram.groups[at]]))
+        around = [left(at + k, *of, without) for k in range(1, 1 + len(pattern.neighbours))]
+        louder = max(_loudness(np.mean, around), everywhere)
+        found.append(replace(left(at, *of), choices=pattern.choices, louder=louder))
+    found = [one for one in found if one.columns]
+    return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
+
+
+def _loudness(middle: Callable[[Array], Any], parts: Sequence[Leftover]) -> float:
+    """Return how many times as strong as unit noise the residual is in the `middle` of some parts, at least once."""
+    found = [one.gain / one.columns for one in parts if one.columns]
+    return max(1.0, float(middle(np.array(found)))) if found else 1.0

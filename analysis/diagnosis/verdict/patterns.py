@@ -1,0 +1,109 @@
+"""Patterns that repeat over the position or in time: looked for in the residual, as no few columns hold them all.
+
+Any function of the position, however fine, is a sum of waves over it, and whatever goes on by itself one of waves in
+time. The strongest waves of the residual are tried; that they were chosen among so many is part of their price, and
+noise is taken for as loud as it is at their neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates.signature import Motion
+from analysis.diagnosis.nominal.responses import response
+from sim_backend.assembly import Places
+from sim_backend.effects.view import RecordView
+from sim_backend.linear import DiscreteModel
+
+Array = NDArray[np.float64]
+
+_DISTANCES = 1024
+"""Waves over the position among which the strongest are chosen."""
+
+_REPEATED = 2.0
+"""What comes again less often within where the positions mostly are is no pattern."""
+
+_RUNS = 12
+"""A line in time is looked for in so many of the longest records, each with a phase of its own."""
+
+_PERIODS = 20.0
+"""A wave in time of fewer periods is a drift: noise down there is known from a handful of rows."""
+
+
+_BESIDE = (-2.5, -1.5, 1.5, 2.5)
+"""Neighbours of a wave, in cycles over its span: next to nothing of it, and all of the noise that is there."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A wave over the position, or `timed`, at one place: the number `at` of an input, or of an output for a `reading`.
+
+    It has so many `cycles` over the `span`: where positions mostly are (in their unit), or a middling record in
+    seconds. `choices` is among how many it was chosen.
+    """
+
+    timed: bool
+    reading: bool
+    at: int
+    cycles: float
+    span: float
+    choices: int
+
+    @property
+    def what(self) -> str:
+        """What it follows, in words."""
+        return "time, at one frequency" if self.timed else "the position, over and over"
+
+    @property
+    def neighbours(self) -> list[Pattern]:
+        """Waves beside this one, which tell how strong noise is there."""
+        return [replace(self, cycles=self.cycles + by) for by in _BESIDE if self.cycles + by > 1.0]
+
+    def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
+        """Return the outputs' change (n, n_y, k) in the record with that number, by the wave and a quarter of it later.
+
+        In time each record has a phase of its own, and so columns of its own: what shakes a bench does not wait for
+        the start of a run.
+        """
+        motion = motions[record]
+        if self.timed:
+            angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
+            own = sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
+            out = np.zeros((*motion.sensed.shape, 2 * len(own)))
+            if record in own:
+                k = 2 * own.index(record)
+                out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            return out
+        seen = motion.sensed[:, self.at] if self.reading else motion.position @ places.coordinates[self.at]
+        angle = 2.0 * np.pi * self.cycles / self.span * seen
+        out = np.zeros((*motion.sensed.shape, 2))
+        for k, wave in enumerate((np.cos(angle), np.sin(angle))):
+            if self.reading:
+                out[:, self.at, k] = wave
+            else:
+                out[:, :, k] = response(plant, wave, self.at)
+        return out
+
+
+def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Pattern]:
+    """Yield the strongest wave at every place; those in time as errors of a reading, which they look like as well."""
+    for i, name in enumerate(places.inputs):
+        yield from _over_position(views[name], False, i, views[name].force_periods(1))
+    for o, name in enumerate(places.outputs):
+        view = views[name]
+        yield from _over_position(view, True, o, view.residual_periods(1))
+        span_s = float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
+        for frequency in view.residual_lines_hz(1, _PERIODS / span_s):
+            if frequency * span_s > _PERIODS:
+                yield Pattern(True, True, o, frequency * span_s, span_s, view.residual.size // 2)
+
+
+def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence[float]) -> Iterator[Pattern]:
+    span = view.position_spread
+    for distance in distances:
+        if span > _REPEATED * distance:
+            yield Pattern(False, reading, at, span / distance, span, _DISTANCES)

@@ -1,0 +1,1 @@
+"""From recorded data to a linear model, with the standard deviation of every number."""

@@ -1,0 +1,78 @@
+"""A model on records that it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.identification.identified import HeldOut
+from analysis.identification.validation import relative_error
+from analysis.linear.simulate import periodic_response, simulate_linear
+from analysis.recorded.folded import windowed
+from campaigns.log import LogSegment, Run
+from sim_backend.intersample import steps_for
+from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise
+from sim_backend.model import Intersample
+
+START_ROWS = 20_000
+"""Rows that decide in what motion a segment begins."""
+
+
+def tried(
+    model: ModalModel,
+    parts: Sequence[tuple[Run, LogSegment]],
+    rate_hz: float,
+    offset: Array | float = 0.0,
+    *,
+    intersample: Intersample = "held",
+) -> tuple[HeldOut, ...]:
+    """Return the errors on every held-out segment: in steady state where it is periodic, else from the best start.
+
+    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error. Of a
+    segment too long to be read at once, the middle is tried.
+    """
+    discrete, results = discretise(model, rate_hz), []
+    for run, segment in windowed(parts):
+        if not segment.held_out:
+            continue
+        period = int(segment.settings.get("period_samples", 0))
+        if period:
+            segment = replace(segment, start=max(segment.stop - period, segment.start))
+        u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")
+        played = steps_for(u, period=period) if intersample == "band-limited" else u
+        if period:
+            frequency = np.arange(period // 2 + 1) * rate_hz / period
+            modelled = periodic_response(model.frequency_response(frequency, rate_hz), played)
+            modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
+        else:
+            modelled = simulate_linear(discrete, played, _start_of(discrete, played, y - offset)) + offset
+        error = relative_error(y, modelled)
+        results.append(
+            HeldOut(
+                run.run_uid,
+                segment.label,
+                dict(zip(run.names("output"), error.per_channel.tolist(), strict=True)),
+                error.total,
+            )
+        )
+    return tuple(results)
+
+
+def _start_of(model: DiscreteModel, u: Array, y: Array) -> Array:
+    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by what is left from rest."""
+    m = model.a.shape[0]
+    rows = min(u.shape[0], START_ROWS)
+    u, left = u[:rows], y[:rows] - simulate_linear(model, u[:rows])
+    free = []
+    for unit in np.eye(2 * m):
+        free.append(simulate_linear(model, np.zeros_like(u), unit.reshape(m, 2)).ravel())
+    columns = np.stack(free, axis=1)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    return np.asarray(np.linalg.lstsq(columns / scale, left.ravel(), rcond=1e-9)[0] / scale).reshape(m, 2)
+
+
+def channels_of(run: Run, segment: LogSegment, role: str) -> Array:
+    """Return the channels of a role in one segment, (n, channels)."""
+    return np.stack([run.read(name, segment.start, segment.stop) for name in run.names(role)], axis=1)

@@ -1,0 +1,148 @@
+"""What an identification is: the model file with standard deviations, and how well it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.identification.modal_parameters import Layout
+from analysis.identification.response_curves import ResponseCurve
+from campaigns.log import Run
+from sim_backend.linear import ModalModel
+from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, from_linear
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How the model did on one held-out segment: rms of the error over rms of the output, per output and over all."""
+
+    run_uid: str
+    segment: str
+    per_output: dict[str, float]
+    total: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A model identified from logs; `modes` lists frequency and decay rate with standard deviations, per mode.
+
+    `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
+    `distortion` are relative to the output (rms), where the excitation tells them. `held_out` may be empty.
+    `response` is what was measured by frequency, before any model; empty for a record that is fitted in time.
+    """
+
+    model: Model
+    method: str
+    modes: tuple[dict[str, float], ...]
+    chi2_per_dof: float | None
+    noise: float | None
+    distortion: float | None
+    held_out: tuple[HeldOut, ...]
+    response: tuple[ResponseCurve, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit.
+
+    `offsets` (records, n_y) is what each output reads where the model is at rest, one row per record.
+    """
+
+    linear: ModalModel
+    std: ModalModel
+    chi2: float | None
+    dof: int
+    offsets: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+def deviations(model: ModalModel, layout: Layout, covariance: Array, omega_std: Array, sigma_std: Array) -> ModalModel:
+    """Return the standard deviations in the shapes of the model, given the covariance (p, p) of its vector."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    names = ("b", "b_direct", "c", "c_rate", "d", "delay_s")
+    arrays = {key: spread[layout.index(key)] for key in names}
+    return ModalModel(omega_rad_s=omega_std, sigma_1_s=sigma_std, **arrays)
+
+
+def side_by_side(models: Sequence[ModalModel]) -> ModalModel:
+    """Return one model of all axes, block-diagonal from inputs to outputs."""
+
+    def diagonal(key: str) -> Array:
+        blocks = [getattr(model, key) for model in models]
+        out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+        row = column = 0
+        for block in blocks:
+            out[row : row + block.shape[0], column : column + block.shape[1]] = block
+            row, column = row + block.shape[0], column + block.shape[1]
+        return out
+
+    flat = {key: np.concatenate([getattr(m, key) for m in models]) for key in ("omega_rad_s", "sigma_1_s", "delay_s")}
+    return ModalModel(**flat, **{key: diagonal(key) for key in ("b", "b_direct", "c", "c_rate", "d")})
+
+
+def identification(
+    fitted: Fitted,
+    runs: Sequence[Run],
+    inputs: list[Port],
+    outputs: list[Port],
+    *,
+    method: str,
+    name: str,
+    intersample: Intersample = "held",
+    levels: tuple[float | None, float | None] = (None, None),
+    held_out: tuple[HeldOut, ...] = (),
+    response: tuple[ResponseCurve, ...] = (),
+) -> Identification:
+    """Return the identification that a fit to `runs` amounts to; `levels` are noise and distortion over the output."""
+    linear, std = fitted.linear, fitted.std
+    source = f"{method} fit to run {', '.join(run.run_uid for run in runs)}"
+    model = from_linear(
+        linear,
+        name=name,
+        title=f"identified from {len(runs)} run{'s' if len(runs) > 1 else ''} ({method})",
+        sample_rate_hz=runs[0].sample_rate_hz,
+        inputs=inputs,
+        outputs=outputs,
+        origin="fitted",
+        source=source,
+        std=std,
+    )
+    model = msgspec.structs.replace(model, intersample=intersample)
+    if fitted.offsets.size and any(run.header.bench.get("kind") == "imported" for run in runs):
+        model = msgspec.structs.replace(model, effects=_zeros(fitted.offsets, outputs, source))
+    per_hz = 1.0 / (2.0 * np.pi)
+    modes = tuple(
+        {
+            "frequency_hz": float(linear.omega_rad_s[i] * per_hz),
+            "frequency_std_hz": float(std.omega_rad_s[i] * per_hz),
+            "decay_rate_1_s": float(linear.sigma_1_s[i]),
+            "decay_rate_std_1_s": float(std.sigma_1_s[i]),
+        }
+        for i in np.argsort(linear.omega_rad_s)
+    )
+    chi2_per_dof = None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1)
+    return Identification(model, method, modes, chi2_per_dof, *levels, held_out, response)
+
+
+def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:
+    """Return the operating point of each output as an effect: a bench of others counts from a zero of its own."""
+    mean = offsets.mean(axis=0)
+    std = offsets.std(axis=0, ddof=1) / np.sqrt(offsets.shape[0]) if offsets.shape[0] > 1 else None
+    return [
+        EffectEntry(
+            effect="sensor-offset",
+            where=port.dof,
+            parameters={
+                "offset": Quantity(
+                    value=float(mean[i]), origin="fitted", source=source, std=None if std is None else float(std[i])
+                )
+            },
+            note="operating point of the recorded output, not physics",
+        )
+        for i, port in enumerate(outputs)
+    ]

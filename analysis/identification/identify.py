@@ -1,0 +1,393 @@
+"""From recorded runs to a linear model file, by the method that fits how they were excited.
+
+- *stepped sine*: sine fits of the steady state, one axis per run, and a rational fit of each axis;
+- *periodic*: the response of all inputs at once, with noise and distortion told apart, and a rational fit of it;
+- *free*: anything else, a prediction-error fit in time with the start of every segment estimated; of an axis that
+  drifts and rubs, the balance of its torques.
+
+Segments with "held-out" in their label take no part; the model is tried on them afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic, response_to_steps, smoothed
+from analysis.identification.determined import SIGNIFICANT, without_undetermined
+from analysis.identification.held_out import channels_of, tried
+from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
+from analysis.identification.input_delay import with_delay
+from analysis.identification.inverse_dynamics import Balance, balance_of
+from analysis.identification.modal_parameters import Structure
+from analysis.identification.rational import fit_rational
+from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
+from analysis.identification.response_fit import RationalFit
+from analysis.identification.timefit import fit_records
+from analysis.recorded.folded import averaged_response, folded, together, too_long
+from analysis.recorded.settled import settling_periods
+from analysis.recorded.sweep import Sweep, sweep_of
+from campaigns.log import LogSegment, Run
+from campaigns.progress import Report, part_of, unheard
+from sim_backend.errors import DataError
+from sim_backend.linear import ModalModel
+from sim_backend.model import EffectEntry, Intersample, Port, Quantity
+
+Array = NDArray[np.float64]
+
+ROLES = ("input", "output")
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+"""Numbers of modes to choose from when none is given, for each input."""
+
+SEARCH_LINES = 1000
+"""Lines on which a start is searched: modes are far wider than a thousandth of the band."""
+
+POOLED_LINES = 20
+"""Lines to either side over which a variance is pooled."""
+
+ITERATIONS = 60
+
+RELATIVE_START = 1e-3
+"""Relative error of the first fit of a sweep: only its size against the noise matters, and only for that fit."""
+
+
+def identify_runs(
+    runs: Sequence[Run],
+    *,
+    modes: int | Sequence[int] | None = None,
+    only: str = "",
+    equal_weights: bool = False,
+    name: str = "identified",
+    report: Report = unheard,
+) -> Identification:
+    """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
+
+    `modes` is the number of modes or several to choose from (per axis for sweeps); `only` fits the segments whose
+    label contains it. `equal_weights` fits periodic data for the least rms error instead of weighing each line by its
+    noise: better when the misfit is nonlinear distortion, not noise. Raises DataError for runs that differ or hold
+    nothing to fit.
+    """
+    orders = _orders(runs, modes)
+    if not runs:
+        raise DataError("identify: no run is given; give one log at least")
+    if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
+        return _from_sweeps(runs, orders, name, report)
+    _require_samechannels_of(runs)
+    parts = [(run, s) for run in runs for s in run.segments]
+    fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
+    if not fitting:
+        raise DataError(
+            f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, and match --only"
+        )
+    periodic = _periodic(fitting)
+    if periodic is not None:
+        return _from_periods(periodic, parts, orders, name, equal_weights, report)
+    return (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
+
+
+def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int, ...]:
+    if modes is not None:
+        return (modes,) if isinstance(modes, int) else tuple(modes)
+    n_u = len(runs[0].names("input")) if runs else 1
+    return tuple(n * max(n_u, 1) for n in ORDERS)
+
+
+def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report: Report) -> Identification:
+    """One axis per run: the modes of all axes side by side, without coupling."""
+    fits: dict[str, Fitted] = {}
+    inputs, outputs, curves = [], [], []
+    for i, run in enumerate(runs):
+        report(i, len(runs), f"fitting {run.path.name}")
+        sweep = sweep_of(run)
+        if sweep.axis in fits:
+            raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
+        fits[sweep.axis] = _fit_sweep(sweep, run.sample_rate_hz, orders)
+        axis = [next(c.name for c in run.channels.values() if c.role == role and c.dof == sweep.axis) for role in ROLES]
+        curves.append(curve_of_sweep(sweep, *axis))
+        inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
+        outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
+    linear = side_by_side([fit.linear for fit in fits.values()])
+    std = side_by_side([fit.std for fit in fits.values()])
+    whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
+    ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
+    return identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
+
+
+def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
+    """Fit one axis, with what no number of modes explains counted as a relative error beside the noise.
+
+    Sines tell their noise to parts in 1e5, hysteresis and a last trace of the transient are larger: weighted by the
+    noise alone, those would be taken for modes. So the largest order is fitted first with equal relative weights, and
+    its relative misfit joins the noise in the weights of the choice. That misfit varies smoothly with frequency, which
+    the criterion cannot know, so a mode whose damping is not significant is given up.
+    """
+    usable = tuple(n for n in orders if 4 * n < sweep.frequency_hz.size) or orders[:1]
+    magnitude2 = np.abs(sweep.response) ** 2
+
+    def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
+        return fit_rational(
+            sweep.frequency_hz,
+            sweep.response[:, None, None],
+            choice,
+            variance=(sweep.variance + relative2 * magnitude2)[:, None, None],
+            hold_rate_hz=rate_hz,
+            structure=Structure("mechanical", feedthrough=False),
+        )
+
+    largest = fitted(usable[-1:], RELATIVE_START**2)
+    missed = largest.model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0] - sweep.response
+    # the median, because near a resonance the misfit is that of its frequency; of |error|², exponential, it is ln 2
+    relative2 = float(np.median(np.abs(missed) ** 2 / magnitude2) / np.log(2.0))
+    fit = fitted(usable, relative2)
+    while fit.model.n_blocks > usable[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
+        fit = fitted((fit.model.n_blocks - 1,), relative2)
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    return Fitted(fit.model, std, fit.chi2, fit.dof)
+
+
+@dataclass(frozen=True)
+class _Periods:
+    """Periodic data (sample, channel, realisation, mean of `group` periods) at one rate, transient periods left out."""
+
+    inputs: Array
+    outputs: Array
+    rate_hz: float
+    group: int
+
+
+def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
+    """The segments as realisations, when all have one period and there is one realisation per input at least."""
+    n_u = len(parts[0][0].names("input"))
+    periods = {int(s.settings.get("period_samples", 0)) for _, s in parts}
+    if len(periods) != 1 or 0 in periods or len(parts) < n_u or any("frequency_hz" in s.settings for _, s in parts):
+        return None
+    period = periods.pop()
+    count = min(s.rows // period for _, s in parts)
+    skip = settling_periods(parts, period, count)
+    stated = any("transient_periods" in s.settings for _, s in parts)
+    count -= skip
+    # a start that rings on into the last period but one leaves nothing that repeats: the records tell more in time
+    if count <= 0 or (count == 1 and skip and not stated):
+        return None
+    group, settled = together(parts, period, count), [(r, replace(s, start=s.start + skip * period)) for r, s in parts]
+    blocks = [np.stack([folded(r, s, role, period, count, group) for r, s in settled]) for role in ROLES]
+    inputs, outputs = (block.transpose(2, 3, 0, 1) for block in blocks)
+    return _Periods(inputs, outputs, parts[0][0].sample_rate_hz, group)
+
+
+def _from_periods(
+    data: _Periods,
+    parts: Sequence[tuple[Run, LogSegment]],
+    orders: tuple[int, ...],
+    name: str,
+    equal_weights: bool,
+    report: Report,
+) -> Identification:
+    measured = frequency_response_periodic(*_at_one_level(data), data.rate_hz)
+    measured = replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
+    variance = None if equal_weights else _variance(measured)
+    # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
+    held, filtered = part_of(report, 0.0, 0.4), part_of(report, 0.4, 0.8)
+    fits = {
+        data.rate_hz: _fit_lines(measured, variance, data.rate_hz, orders, held),
+        None: _fit_lines(measured, variance, None, orders, filtered),
+    }
+    report(0.8, 1.0, "giving up modes that are not there")
+    hold = min(fits, key=lambda key: fits[key].criterion)
+    fit, lines, late = fits[hold], measured, np.zeros(data.inputs.shape[1])
+    if hold is None:  # a simulation plays steps, so the model is made for the steps that stand for a smooth input
+        late = np.rint(fit.model.delay_s * data.rate_hz)
+        lines = response_to_steps(measured, data.rate_hz, late)
+        variance = None if equal_weights else _variance(lines)
+        fit = _fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
+    fit = without_undetermined(fit, orders, lambda n: _fit_lines(lines, variance, data.rate_hz, (n,)))
+    fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
+    intersample: Intersample = "held" if hold else "band-limited"
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    power, means = float(measured.output_power.sum()), (x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs))
+    ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
+    return identification(
+        Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)),
+        _runs_of(parts),
+        *_ports(parts[0][0]),
+        method="periodic, zero-order hold" if hold else "periodic, band-limited",
+        name=name,
+        intersample=intersample,
+        levels=(ratios[0], ratios[1]),
+        held_out=tried(fit.model, parts, data.rate_hz, intersample=intersample),
+        response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
+    )
+
+
+def _at_one_level(data: _Periods) -> tuple[Array, Array]:
+    """Return inputs and outputs with every realisation scaled to the same rms of the input.
+
+    A linear response does not change by that. A bench that is not linear answers each level in its own way; unscaled,
+    the loudest level would decide what is the best linear model of all.
+    """
+    rms = np.sqrt(np.mean(data.inputs**2, axis=(0, 1, 3), keepdims=True))
+    if np.any(rms == 0.0):
+        return data.inputs, data.outputs
+    scale = rms.mean() / rms
+    return data.inputs * scale, data.outputs * scale
+
+
+def _fit_lines(
+    measured: FrequencyResponse,
+    variance: Array | None,
+    hold: float | None,
+    orders: tuple[int, ...],
+    report: Report = unheard,
+) -> RationalFit:
+    """Fit all lines, from starts searched on about a thousand of them, twice: a search may end in a poorer minimum."""
+    f = measured.frequency_hz
+    usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
+    structure = Structure(delay=hold is None)
+
+    def fitted(every: int, choice: tuple[int, ...], start: ModalModel | None, told: Report = unheard) -> RationalFit:
+        return fit_rational(
+            f[::every],
+            measured.response[::every],
+            choice,
+            variance=None if variance is None else variance[::every],
+            hold_rate_hz=hold,
+            structure=structure,
+            start=start,
+            iterations=ITERATIONS,
+            report=told,
+        )
+
+    every = f.size // SEARCH_LINES + 1
+    steps = [1] if every == 1 else [every, every + 1]
+    shares = np.linspace(0.0, 1.0, len(steps) + 1)
+    found = [fitted(step, usable, None, part_of(report, *shares[i : i + 2])) for i, step in enumerate(steps)]
+    if every > 1:
+        found = [fitted(1, (one.model.n_blocks,), one.model) for one in found]
+    return min(found, key=lambda one: one.criterion)
+
+
+def _variance(measured: FrequencyResponse) -> Array | None:
+    """The variance to weight by, or None: a record of one period and no spare realisation has none.
+
+    Pooled over neighbouring lines, for one line's own has too few degrees of freedom to divide by.
+    """
+    try:
+        return smoothed(measured.variance, POOLED_LINES)
+    except DataError:
+        return None
+
+
+def _relative(level: Array, power: float) -> float | None:
+    """A level over the output, both as rms; None where the record cannot tell it."""
+    total = float(level.sum())
+    return float(np.sqrt(max(total, 0.0) / power)) if np.isfinite(total) and power > 0.0 else None
+
+
+def _from_records(
+    fitting: Sequence[tuple[Run, LogSegment]],
+    parts: Sequence[tuple[Run, LogSegment]],
+    orders: tuple[int, ...],
+    name: str,
+    report: Report,
+) -> Identification:
+    """Fit in time, and give up modes that are not there.
+
+    What no linear model explains is not noise, so the criterion finds modes in it; their frequency or damping is then
+    nothing that the data determine.
+    """
+    rate = fitting[0][0].sample_rate_hz
+    inputs, outputs = ([channels_of(run, s, role) for run, s in fitting] for role in ROLES)
+    balance = balance_of(inputs, outputs, rate)
+    if balance is not None:
+        return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
+    fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None, report=part_of(report, 0.0, 0.8))
+    report(0.8, 1.0, "giving up modes that are not there")
+    fit = without_undetermined(fit, orders, lambda n: fit_records(inputs, outputs, rate, n, rigid_bodies=None))
+    if fitting[0][0].header.bench.get("kind") == "imported":  # our own bench has no delay
+        report(0.9, 1.0, "fitting a delay")
+        fit = with_delay(fit, inputs, outputs, rate)
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    offsets = np.array(fit.offsets)
+    return identification(
+        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
+        _runs_of(parts),
+        *_ports(parts[0][0]),
+        method="free",
+        name=name,
+        held_out=tried(fit.model, parts, rate, offsets.mean(axis=0)),
+    )
+
+
+def _from_spectra(
+    fitting: Sequence[tuple[Run, LogSegment]],
+    parts: Sequence[tuple[Run, LogSegment]],
+    orders: tuple[int, ...],
+    name: str,
+    report: Report,
+) -> Identification:
+    """Fit the averaged response of records that are too long to be fitted in time."""
+    rate = fitting[0][0].sample_rate_hz
+    measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
+    variance = _variance(measured)
+    fit = _fit_lines(measured, variance, rate, orders, part_of(report, 0.5, 1.0))
+    fit = without_undetermined(fit, orders, lambda n: _fit_lines(measured, variance, rate, (n,)))
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    offsets = _rest(fit.model, u, y)
+    return identification(
+        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
+        _runs_of(parts),
+        *_ports(parts[0][0]),
+        method="free, averaged spectra",
+        name=name,
+        held_out=tried(fit.model, parts, rate, offsets.mean(axis=0)),
+        response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
+    )
+
+
+def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], rows: int, name: str) -> Identification:
+    """Return the linear part of a balance of torques; the torque that is always there goes with it."""
+    inputs, outputs = _ports(parts[0][0])
+    whole = Fitted(balance.linear, balance.std, None, rows)
+    found = identification(whole, _runs_of(parts), inputs, outputs, method="free, beside friction", name=name)
+    source = f"{found.method} fit to run {', '.join(run.run_uid for run in _runs_of(parts))}"
+    torque = Quantity(value=balance.constant, origin="fitted", source=source, std=balance.constant_std)
+    point = EffectEntry(
+        effect="constant-torque",
+        where=inputs[0].dof,
+        parameters={"torque": torque},
+        note="operating point of the recorded input, not physics",
+    )
+    return replace(found, model=msgspec.structs.replace(found.model, effects=[point]))
+
+
+def _rest(model: ModalModel, u: Array, y: Array) -> Array:
+    """Return (n, n_y) what mean outputs (n_y, n) read beyond what the model makes of the mean inputs (n_u, n)."""
+    if np.any(model.omega_rad_s == 0.0):  # a rigid body drifts away under any mean input: there was none
+        return np.asarray(y.T)
+    return np.asarray((y - model.frequency_response(np.zeros(1))[0].real @ u).T)
+
+
+def _require_samechannels_of(runs: Sequence[Run]) -> None:
+    for run in runs[1:]:
+        same = [run.names(role) == runs[0].names(role) for role in ("input", "output")]
+        if not all(same) or run.sample_rate_hz != runs[0].sample_rate_hz:
+            raise DataError(f"{run.path} has other channels or another rate than {runs[0].path}; identify them apart")
+    for role in ("input", "output"):
+        if not runs[0].names(role):
+            raise DataError(f"{runs[0].path} has no {role} channel; give at least one that role when importing")
+
+
+def _ports(run: Run) -> tuple[list[Port], list[Port]]:
+    def of(role: str) -> list[Port]:
+        return [Port(name=n, unit=run.channels[n].unit, dof=run.channels[n].dof or n) for n in run.names(role)]
+
+    return of("input"), of("output")
+
+
+def _runs_of(parts: Sequence[tuple[Run, LogSegment]]) -> list[Run]:
+    return list({id(run): run for run, _ in parts}.values())

@@ -1,0 +1,179 @@
+"""The parameters of a ModalModel as one vector, with every derivative that a fit in time or frequency needs.
+
+Each block enters the output only through its position q and rate v under a unit force,
+
+    y = sum over blocks of (N0 q + N1 v) + D u
+    N1 = c b_direct' + c_rate b'
+    N0 = c (2 sigma b_direct + b)' - omega^2 c_rate b_direct'
+
+so a fit needs only q, v and their derivatives with respect to ln(omega) and ln(sigma): as spectra (rational.py) or as
+signals (timefit.py). Logarithms keep every pole in the left half plane and make the units of time irrelevant.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.errors import ConfigError
+from sim_backend.linear import Array, ModalModel
+
+IntArray = NDArray[np.intp]
+FORMS = ("general", "mechanical")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each array of a ModalModel stands in the parameter vector, and which entries a fit may move.
+
+    `free` (p,) is True where the entry moves. Built by `layout_of`.
+    """
+
+    n_blocks: int
+    n_inputs: int
+    n_outputs: int
+    free: NDArray[np.bool_]
+
+    def index(self, name: str) -> IntArray:
+        """Return the positions of the named array in the vector, in the array's own shape; do not write to it."""
+        if name not in self._places:
+            raise ConfigError(f"linear model has no parameter {name!r}; it has {', '.join(self._places)}")
+        return self._places[name]
+
+    @cached_property
+    def _places(self) -> dict[str, IntArray]:
+        m, n_u, n_y = self.n_blocks, self.n_inputs, self.n_outputs
+        shapes = {
+            "log_omega": (m,),
+            "log_sigma": (m,),
+            "b": (m, n_u),
+            "b_direct": (m, n_u),
+            "c": (n_y, m),
+            "c_rate": (n_y, m),
+            "d": (n_y, n_u),
+            "delay_s": (n_u,),
+        }
+        places, start = {}, 0
+        for name, shape in shapes.items():
+            stop = start + math.prod(shape)
+            places[name] = np.arange(start, stop).reshape(shape)
+            start = stop
+        return places
+
+    @property
+    def size(self) -> int:
+        """Length of the parameter vector."""
+        return sum(place.size for place in self._places.values())
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a fit assumes about the plant.
+
+    `form` is "general" or "mechanical" (b_direct = c_rate = 0: each block is c b' / (s² + 2 sigma s + omega²));
+    `feedthrough` lets D move, `delay` the delay of each input. Raises ConfigError for an unknown form.
+    """
+
+    form: str = "general"
+    feedthrough: bool = True
+    delay: bool = False
+
+    def __post_init__(self) -> None:
+        if self.form not in FORMS:
+            raise ConfigError(f"model form {self.form!r} is unknown; choose one of {', '.join(FORMS)}")
+
+
+def layout_of(model: ModalModel, structure: Structure) -> Layout:
+    """Return the layout of a model's parameters; an omega or a sigma that is zero stays zero."""
+    bare = Layout(model.n_blocks, model.n_inputs, model.n_outputs, np.zeros(0, dtype=bool))
+    free = np.ones(bare.size, dtype=bool)
+    free[bare.index("log_omega")] = model.omega_rad_s > 0.0
+    free[bare.index("log_sigma")] = model.sigma_1_s > 0.0
+    if structure.form == "mechanical":
+        free[bare.index("b_direct")] = False
+        free[bare.index("c_rate")] = False
+    free[bare.index("d")] = structure.feedthrough
+    free[bare.index("delay_s")] = structure.delay
+    return Layout(bare.n_blocks, bare.n_inputs, bare.n_outputs, free)
+
+
+def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
+    """Return which parameters (p,) of a canonical model the data determine: the free ones but b = 1, b_direct = 0.
+
+    Each block's coordinates are a choice (see `analysis.linear.modal_form.canonical`); with the choice held fixed, the
+    remaining parameters have a covariance of their own.
+    """
+    mask = layout.free.copy()
+    b, direct = layout.index("b"), layout.index("b_direct")
+    for i in range(model.n_blocks):
+        chosen = np.flatnonzero((model.b[i] == 1.0) & (model.b_direct[i] == 0.0))
+        if chosen.size:
+            mask[b[i, chosen[0]]] = mask[direct[i, chosen[0]]] = False
+    return mask
+
+
+def step_limit(layout: Layout) -> Array:
+    """Return how far one step may move each free parameter: a factor e in a frequency or a decay rate."""
+    limit = np.full(layout.size, np.inf)
+    limit[layout.index("log_omega")] = limit[layout.index("log_sigma")] = 1.0
+    return limit[layout.free]
+
+
+def pack(model: ModalModel) -> Array:
+    """Return the parameter vector (p,) of a model; ln of a zero omega or sigma is stored as -inf and never moves."""
+    with np.errstate(divide="ignore"):
+        logs = np.log(model.omega_rad_s), np.log(model.sigma_1_s)
+    rest = (model.b, model.b_direct, model.c, model.c_rate, model.d, model.delay_s)
+    return np.concatenate([*logs, *(a.ravel() for a in rest)])
+
+
+def unpack(vector: Array, layout: Layout) -> ModalModel:
+    """Return the model that a parameter vector (p,) describes."""
+    get = {
+        name: vector[layout.index(name)]
+        for name in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")
+    }
+    return ModalModel(
+        np.exp(get["log_omega"]),
+        np.exp(get["log_sigma"]),
+        get["b"],
+        get["b_direct"],
+        get["c"],
+        get["c_rate"],
+        get["d"],
+        np.maximum(get["delay_s"], 0.0),
+    )
+
+
+@dataclass(frozen=True)
+class Participation:
+    """How blocks enter each output entry, with derivatives; all are linear weights on (q, v).
+
+    Shapes: `n0`, `n1`, `n0_log_omega`, `n0_log_sigma` (m, n_y, n_u); `force` (m, n_u) is 2 sigma b_direct + b.
+    """
+
+    n0: Array
+    n1: Array
+    n0_log_omega: Array
+    n0_log_sigma: Array
+    force: Array
+
+
+def participation(model: ModalModel) -> Participation:
+    """Return the weights of position and rate of each block in each entry (see the module's equations)."""
+    omega2, sigma2 = model.omega_rad_s[:, None] ** 2, 2.0 * model.sigma_1_s[:, None]
+    force = sigma2 * model.b_direct + model.b
+    c, c_rate = model.c.T[:, :, None], model.c_rate.T[:, :, None]
+    direct = model.b_direct[:, None, :]
+    rate_part = omega2[:, :, None] * c_rate * direct
+    return Participation(
+        n0=c * force[:, None, :] - rate_part,
+        n1=c * direct + c_rate * model.b[:, None, :],
+        n0_log_omega=-2.0 * rate_part,
+        n0_log_sigma=sigma2[:, :, None] * c * direct,
+        force=force,
+    )

@@ -1,0 +1,240 @@
+"""Weighted least squares between a ModalModel and a frequency response: normal equations and their minimum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.identification.block_basis import BlockMatrices, block_matrices, block_spectra, entry_jacobian
+from analysis.identification.modal_parameters import (
+    Layout,
+    Structure,
+    determined,
+    layout_of,
+    pack,
+    participation,
+    step_limit,
+    unpack,
+)
+from analysis.identification.normal_equations import Normal, covariance, minimise
+from analysis.linear.modal_form import canonical
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import Array, ModalModel, delay_taps
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a fit has to meet: frequency (n_f,), response and weight (n_f, n_y, n_u), and how it was measured.
+
+    The weight is 1 ÷ standard deviation of the real part (of the magnitude, for a magnitude-only fit).
+    """
+
+    frequency_hz: Array
+    response: ComplexArray
+    weight: Array
+    hold_rate_hz: float | None
+    magnitude_only: bool
+
+
+@dataclass(frozen=True)
+class RationalFit:
+    """A fitted model with its uncertainty.
+
+    `covariance` (p, p) belongs to the vector of `modal_parameters.pack(model)`; `omega_std_rad_s` and `sigma_std_1_s`
+    (m,) are drawn from it. `chi2` is the weighted sum of squares, `dof` its degrees of freedom; `scaled` is True when
+    no variance was given, and the covariance was scaled so that chi2 = dof. `criterion` is the Bayesian information
+    criterion, `orders` the numbers of blocks tried with their criteria.
+    """
+
+    model: ModalModel
+    layout: Layout
+    covariance: Array
+    omega_std_rad_s: Array
+    sigma_std_1_s: Array
+    chi2: float
+    dof: int
+    scaled: bool
+    criterion: float
+    converged: bool
+    orders: tuple[tuple[int, float], ...]
+
+
+def make_target(
+    frequency_hz: Array,
+    response: ComplexArray,
+    variance: Array | None,
+    hold_rate_hz: float | None,
+    magnitude_only: bool = False,
+) -> Target:
+    """Return the checked target with weights."""
+    f, g = np.asarray(frequency_hz, dtype=float), np.asarray(response, dtype=complex)
+    if g.ndim != 3 or g.shape[0] != f.size:
+        raise ConfigError(
+            f"response has shape {g.shape}, frequency has {f.size}; needs (n_f, n_y, n_u) with one row per frequency"
+        )
+    if f.size < 4 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0:
+        raise DataError(f"frequency response has {f.size} lines; a fit needs at least 4, positive and rising")
+    if hold_rate_hz is not None and not f[-1] <= 0.5 * hold_rate_hz:
+        raise ConfigError(
+            f"highest frequency is {f[-1]} Hz, above half the hold rate {hold_rate_hz} Hz; cut the band or mend it"
+        )
+    if not np.all(np.isfinite(g)):
+        raise DataError("frequency response holds a number that is not finite; leave out the lines without excitation")
+    if variance is None:
+        weight = np.full(g.shape, 1.0 / np.sqrt(np.mean(np.abs(g) ** 2)))
+    else:
+        if np.shape(variance) != g.shape or not np.all(np.asarray(variance) > 0.0):
+            raise DataError(
+                f"variance must be positive with shape {g.shape}; give one for every entry of the response, or none"
+            )
+        # half of E|error|^2 falls to the real part and half to the imaginary part, and along the magnitude too
+        weight = np.sqrt(2.0 / np.asarray(variance, dtype=float))
+    return Target(f, g, weight, hold_rate_hz, magnitude_only)
+
+
+def _points(model: ModalModel, target: Target) -> tuple[BlockMatrices, ComplexArray]:
+    """Return the block matrices and the points lambda at which they are resolved."""
+    s = 2j * np.pi * target.frequency_hz
+    point = np.asarray(s if target.hold_rate_hz is None else np.exp(s / target.hold_rate_hz), dtype=np.complex128)
+    return block_matrices(model.omega_rad_s, model.sigma_1_s, target.hold_rate_hz), point
+
+
+def refine(
+    target: Target, start: ModalModel, structure: Structure, scaled: bool = False, iterations: int = 200
+) -> RationalFit:
+    """Return the weighted least-squares fit reached from `start` by Levenberg-Marquardt with an analytic Jacobian."""
+    layout = layout_of(start, structure)
+    fixed = pack(start)
+
+    def full(x: Array) -> Array:
+        vector = fixed.copy()
+        vector[layout.free] = x
+        return vector
+
+    free = np.flatnonzero(layout.free)
+    latest: tuple[Array, Normal] | None = None
+
+    def assemble(x: Array) -> Normal:
+        nonlocal latest
+        if latest is None or not np.array_equal(latest[0], x):
+            normal = normal_equations(target, unpack(full(x), layout), layout)
+            latest = x, Normal(normal.cost, normal.gradient[free], normal.hessian[np.ix_(free, free)])
+        return latest[1]
+
+    def cost(x: Array) -> float:
+        # most steps are taken, and the Jacobian then costs little more than the response alone
+        return assemble(x).cost
+
+    minimum = minimise(assemble, cost, fixed[layout.free], iterations, limit=step_limit(layout))
+    model = canonical(unpack(full(minimum.parameters), layout))
+    return _result(target, model, layout, scaled, minimum.converged)
+
+
+def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, converged: bool) -> RationalFit:
+    """Return the result with the covariance of the canonical model and the criterion."""
+    normal = normal_equations(target, model, layout)
+    free = np.flatnonzero(determined(model, layout))
+    inside = np.ix_(free, free)
+    small = covariance(Normal(normal.cost, normal.gradient[free], normal.hessian[inside]))
+    values = target.response.size * (1 if target.magnitude_only else 2)
+    count = free.size
+    dof = max(values - count, 1)
+    factor = normal.cost / dof if scaled else 1.0
+    full = np.zeros((layout.size, layout.size))
+    full[inside] = small * factor
+    std = np.sqrt(np.maximum(np.diag(full), 0.0))
+    fit = values * np.log(normal.cost / values) if scaled else normal.cost
+    return RationalFit(
+        model,
+        layout,
+        full,
+        model.omega_rad_s * std[layout.index("log_omega")],
+        model.sigma_1_s * std[layout.index("log_sigma")],
+        normal.cost,
+        dof,
+        scaled,
+        float(fit + count * np.log(values)),
+        converged,
+        ((model.n_blocks, float(fit + count * np.log(values))),),
+    )
+
+
+def _residual(target: Target, response: ComplexArray) -> Array | ComplexArray:
+    """Return the weighted residual (model minus data), complex, or real for a magnitude-only fit."""
+    if target.magnitude_only:
+        return target.weight * (np.abs(response) - np.abs(target.response))
+    return target.weight * (response - target.response)
+
+
+def residual_cost(target: Target, model: ModalModel) -> float:
+    """Return the weighted sum of squares of the difference between model and data."""
+    return float(np.sum(np.abs(_residual(target, model_response(model, target))) ** 2))
+
+
+def model_response(model: ModalModel, target: Target) -> ComplexArray:
+    """Return the response (n_f, n_y, n_u) of a model as the target was measured."""
+    (q, v), part = block_states(model, target), participation(model)
+    response = np.tensordot(q, part.n0, axes=(0, 0)) + np.tensordot(v, part.n1, axes=(0, 0)) + model.d
+    return response * _delay_factor(model, target)[0][:, None, :]
+
+
+def block_states(model: ModalModel, target: Target) -> ComplexArray:
+    """Return (q, v) of every block under a unit force at the target's frequencies, shape (2, m, n_f)."""
+    return block_spectra(*_points(model, target))[0]
+
+
+def _delay_factor(model: ModalModel, target: Target) -> tuple[ComplexArray, ComplexArray]:
+    """Return the delay's factor and its derivative to the delay, each (n_f, n_u)."""
+    s = 2j * np.pi * target.frequency_hz[:, None]
+    if target.hold_rate_hz is None:
+        factor = np.exp(-s * model.delay_s)
+        return factor, -s * factor
+    factor, slope = np.empty((2, s.size, model.delay_s.size), dtype=complex)
+    back = np.exp(-s[:, 0] / target.hold_rate_hz)
+    for u, delay_s in enumerate(model.delay_s):
+        taps = delay_taps(float(delay_s * target.hold_rate_hz))
+        factor[:, u] = back**taps.first * np.polyval(taps.weights[::-1], back)
+        slope[:, u] = target.hold_rate_hz * back**taps.first * np.polyval(taps.slopes[::-1], back)
+    return factor, slope
+
+
+def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Normal:
+    """Return cost, J'r (p,) and J'J (p, p) over all parameters of the layout.
+
+    The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from one
+    narrow Jacobian per entry.
+    """
+    state, slopes = block_spectra(*_points(model, target))
+    part = participation(model)
+    factor, factor_slope = _delay_factor(model, target)
+    own = np.stack([2.0 * model.sigma_1_s, model.omega_rad_s**2])
+    gradient, hessian, cost = np.zeros(layout.size), np.zeros((layout.size, layout.size)), 0.0
+    place = {k: layout.index(k) for k in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")}
+    for y, u in np.ndindex(layout.n_outputs, layout.n_inputs):
+        weights = [p[:, y, u] for p in (part.n0, part.n1, part.n0_log_omega, part.n0_log_sigma)]
+        weights += [model.c[y], model.c_rate[y], model.b_direct[:, u], model.b[:, u], part.force[:, u], *own]
+        into = np.ascontiguousarray(factor[:, u]), np.ascontiguousarray(factor_slope[:, u])
+        response, columns = entry_jacobian(state, slopes, np.array(weights), float(model.d[y, u]), *into)
+        names = [place["log_omega"], place["log_sigma"], place["b"][:, u], place["b_direct"][:, u]]
+        names += [place["c"][y], place["c_rate"][y], place["d"][y, u : u + 1], place["delay_s"][u : u + 1]]
+        index = np.concatenate(names)
+        jacobian, residual = _weighted(target, y, u, response, columns)
+        cost += float(residual @ residual)
+        gradient[index] += jacobian @ residual
+        hessian[np.ix_(index, index)] += jacobian @ jacobian.T
+    return Normal(cost, gradient, hessian)
+
+
+def _weighted(target: Target, y: int, u: int, response: ComplexArray, columns: ComplexArray) -> tuple[Array, Array]:
+    """Return the real, weighted Jacobian (k, n) and residual (n,) of one entry."""
+    w, data = target.weight[:, y, u], target.response[:, y, u]
+    if target.magnitude_only:
+        size = np.abs(response)
+        along = np.conj(response) / np.where(size > 0.0, size, 1.0)
+        return (columns * (along * w)).real, w * (size - np.abs(data))
+    # real and imaginary parts one behind the other, line by line
+    return (columns * w).view(np.float64), (w * (response - data)).view(np.float64)

@@ -1,0 +1,323 @@
+"""Identification of a sum of second-order blocks from time records: subspace start, prediction-error refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, toeplitz
+
+from analysis.frequency.frf import smoothed
+from analysis.frequency.frf_records import frequency_response_local
+from analysis.identification.modal_parameters import Layout, Structure, determined, layout_of, pack, step_limit, unpack
+from analysis.identification.normal_equations import Normal, covariance, minimise
+from analysis.identification.rational import fit_rational
+from analysis.identification.subspace import subspace_model
+from analysis.identification.time_residual import (
+    TimeTarget,
+    model_outputs,
+    nuisances,
+    time_normal_equations,
+    whitened_cost,
+)
+from analysis.linear.modal_form import canonical
+from campaigns.progress import Report, part_of, unheard
+from sim_backend.errors import ConfigError, DataError, MccdError
+from sim_backend.linear import Array, ModalModel
+
+
+@dataclass(frozen=True)
+class TimeFit:
+    """A model fitted to time records, with its uncertainty.
+
+    `covariance` (p, p) belongs to the vector of `modal_parameters.pack(model)`; `omega_std_rad_s` and `sigma_std_1_s`
+    (m,) are drawn from it. `outputs` are the modelled records (n, n_y), from the estimated `initial_states` (m, 2) with
+    the `offsets` (n_y,). `noise_std` (n_y,) is that of the one-step innovation and `whitening` (n_y, p + 1) the filter
+    that makes the residual white with unit variance. `criterion` is the Bayesian information criterion, `orders` the
+    numbers of blocks tried with theirs.
+    """
+
+    model: ModalModel
+    layout: Layout
+    covariance: Array
+    omega_std_rad_s: Array
+    sigma_std_1_s: Array
+    outputs: tuple[Array, ...]
+    initial_states: tuple[Array, ...]
+    offsets: tuple[Array, ...]
+    noise_std: Array
+    whitening: Array
+    chi2: float
+    dof: int
+    criterion: float
+    converged: bool
+    orders: tuple[tuple[int, float], ...]
+
+
+def fit_records(
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate_hz: float,
+    blocks: int | tuple[int, ...],
+    *,
+    structure: Structure | None = None,
+    noise_order: int | None = None,
+    rigid_bodies: int | None = 0,
+    start: ModalModel | None = None,
+    iterations: int = 100,
+    report: Report = unheard,
+) -> TimeFit:
+    """Return the ModalModel behind a zero-order hold that explains records of any waveform best.
+
+    Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and
+    each output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens
+    each output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a
+    prediction-error fit, which feedback of the noise into the input does not bias. `blocks` and `rigid_bodies` are
+    as in `rational.fit_rational`. Raises ConfigError or DataError when the records cannot be used.
+    """
+    target = _target(inputs, outputs, rate_hz)
+    structure = structure or Structure()
+    wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
+    if not wanted or wanted[0] < 1:
+        raise ConfigError(f"blocks is {blocks}; give at least one positive number of blocks")
+    tried: list[tuple[int, float]] = []
+    best: TimeFit | None = None
+    done = 0
+    for count in wanted:
+        told, done = part_of(report, done / sum(wanted), (done + count) / sum(wanted)), done + count
+        starts = [start] if start is not None else list(_starts(target, count, structure))
+        if not starts:
+            few = f"{target.values} output values give no start for {count} blocks"
+            raise DataError(f"{few}; record more or ask for fewer blocks")
+        fit = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
+        tried.append((count, fit.criterion))
+        if best is not None and fit.criterion >= best.criterion and len(tried) > 2:
+            break  # one more block did not help, so more will not
+        best = fit if best is None or fit.criterion < best.criterion else best
+    assert best is not None
+    return replace(best, orders=tuple(tried))
+
+
+def _best_fit(
+    target: TimeTarget,
+    starts: list[ModalModel],
+    structure: Structure,
+    noise_order: int | None,
+    rigid_bodies: int | None,
+    iterations: int,
+    report: Report,
+) -> TimeFit:
+    """Return the best fit from any start, with each number of rigid bodies that is allowed.
+
+    Starts are compared as simulations, with white errors: a noise model that may explain anything would flatter a
+    start that explains nothing. Only then are the best two numbers of rigid bodies whitened.
+    """
+    near: dict[int, TimeFit] = {}
+    what = f"fitting {starts[0].n_blocks} modes"
+    for i, first in enumerate(starts):
+        report(0.5 * i, len(starts), what)
+        for rigid, model in _with_rigid_bodies(target, first, rigid_bodies):
+            fit = _fit(target, model, structure, 0, iterations)
+            if rigid not in near or fit.criterion < near[rigid].criterion:
+                near[rigid] = fit
+    ranked = sorted(near.values(), key=lambda fit: fit.criterion)[:2]
+    if noise_order == 0:
+        return ranked[0]
+    report(0.5, 1.0, what)  # whitening takes about as long as all the starts
+    whitened = [_fit(target, fit.model, structure, noise_order, iterations) for fit in ranked]
+    return min(whitened, key=lambda fit: fit.criterion)
+
+
+def _with_rigid_bodies(target: TimeTarget, model: ModalModel, wanted: int | None) -> Iterator[tuple[int, ModalModel]]:
+    """Yield (number of rigid bodies, model) with the poles of the lowest blocks at zero, as many as may be."""
+    pole = np.min(np.abs(model.poles_1_s()), axis=1)
+    order = np.argsort(pole)
+    longest = max(u.shape[0] for u in target.inputs) / target.rate_hz
+    # a pole that turns less than a few times in the longest record may be a rigid body's; the criterion decides
+    slow = int(np.sum(pole < 20.0 * np.pi / longest))
+    for count in range(slow + 1) if wanted is None else [min(wanted, model.n_blocks)]:
+        omega, sigma = model.omega_rad_s.copy(), model.sigma_1_s.copy()
+        omega[order[:count]] = sigma[order[:count]] = 0.0
+        yield count, model.with_(omega_rad_s=omega, sigma_1_s=sigma)
+
+
+def _target(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeTarget:
+    """Return the checked records with each output weighted by its own size."""
+    if not inputs or len(inputs) != len(outputs):
+        raise ConfigError(f"{len(inputs)} input and {len(outputs)} output records; give one of each per record")
+    us, ys = (tuple(np.asarray(x, dtype=float) for x in records) for records in (inputs, outputs))
+    for k, (u, y) in enumerate(zip(us, ys, strict=True)):
+        if u.ndim != 2 or y.ndim != 2 or u.shape[0] != y.shape[0]:
+            raise ConfigError(f"record {k}: input {u.shape} and output {y.shape}; needs (n, channels) with the same n")
+        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(y))):
+            raise DataError(f"record {k} holds a number that is not finite; cut it out or repair it")
+    size = np.sqrt(np.mean([y.var(axis=0) for y in ys], axis=0))
+    if np.any(size == 0.0):
+        raise DataError(f"output channel {int(np.argmin(size))} is constant; it cannot be identified")
+    return TimeTarget(us, ys, float(rate_hz), 1.0 / size[:, None])
+
+
+def _starts(target: TimeTarget, blocks: int, structure: Structure) -> Iterator[ModalModel]:
+    """Yield starts from local frequency responses and from the subspace method, as far as the records allow them.
+
+    The first are better for modes far below the sample rate, the second for short records and in a loop. Where the
+    output drifts so far that all else drowns in it (a rigid body), both are repeated on differences of input and
+    output, which the same plant connects.
+    """
+    inputs, outputs = target.inputs, target.outputs
+    for _ in range(3):
+        for method in (_response_start, _subspace_start):
+            try:
+                yield method(inputs, outputs, target.rate_hz, blocks, structure)
+            except (MccdError, LinAlgError):
+                # the other starts remain; that none is found is told by the caller
+                continue
+        steps = tuple(np.diff(y, axis=0) for y in outputs)
+        # a white sequence grows by sqrt(2) when differenced; what shrinks to a tenth is drift
+        if all(np.max(np.std(d, axis=0) / np.std(y, axis=0)) > 0.1 for d, y in zip(steps, outputs, strict=True)):
+            return
+        inputs, outputs = tuple(np.diff(u, axis=0) for u in inputs), steps
+
+
+def _response_start(
+    inputs: tuple[Array, ...], outputs: tuple[Array, ...], rate_hz: float, blocks: int, structure: Structure
+) -> ModalModel:
+    """Return a start from the local frequency response of the longest record."""
+    longest = int(np.argmax([u.shape[0] for u in inputs]))
+    step = max(1, inputs[longest].shape[0] // 8000)
+    frf = frequency_response_local(inputs[longest], outputs[longest], rate_hz, step=step)
+    return fit_rational(
+        frf.frequency_hz,
+        frf.response,
+        blocks,
+        variance=smoothed(frf.variance, 3),
+        hold_rate_hz=rate_hz,
+        structure=structure,
+        iterations=30,
+    ).model
+
+
+def _subspace_start(
+    inputs: tuple[Array, ...], outputs: tuple[Array, ...], rate_hz: float, blocks: int, structure: Structure
+) -> ModalModel:
+    """Return a start from the subspace method, cut down to the structure."""
+    model = subspace_model(inputs, outputs, rate_hz, 2 * blocks)
+    if structure.form == "mechanical":
+        model = model.with_(b_direct=np.zeros_like(model.b_direct), c_rate=np.zeros_like(model.c_rate))
+    return model if structure.feedthrough else model.with_(d=np.zeros_like(model.d))
+
+
+def _fit(
+    target: TimeTarget, start: ModalModel, structure: Structure, noise_order: int | None, iterations: int
+) -> TimeFit:
+    """Return the fit from one start: white errors first, then errors whitened by what they turned out to be."""
+    layout = layout_of(start, structure)
+    vector = np.concatenate([pack(start), np.zeros(len(target.inputs) * (2 * layout.n_blocks + layout.n_outputs))])
+    for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
+        vector[place.offset] = y.mean(axis=0)
+    free = np.concatenate([layout.free, np.ones(vector.size - layout.size, dtype=bool)])
+    limit = np.concatenate([step_limit(layout), np.full(vector.size - layout.size, np.inf)])
+    converged = False
+    for _ in range(4):
+        vector, converged = _minimise(target, vector, free, limit, layout, iterations)
+        errors = [m - y for m, y in zip(model_outputs(target, vector, layout), target.outputs, strict=True)]
+        filters = whitening_filters(errors, noise_order)
+        settled = filters.shape == target.whitening.shape and np.allclose(
+            filters, target.whitening, rtol=1e-3, atol=1e-3 * np.abs(filters).max()
+        )
+        target = replace(target, whitening=filters)
+        if settled:
+            break
+    return _result(target, vector, free, layout, converged)
+
+
+def _minimise(
+    target: TimeTarget, vector: Array, free: Array, limit: Array, layout: Layout, iterations: int
+) -> tuple[Array, bool]:
+    """Return the whole parameter vector at the minimum over its free part, and whether it was reached."""
+
+    def full(x: Array) -> Array:
+        whole = vector.copy()
+        whole[free] = x
+        return whole
+
+    def assemble(x: Array) -> Normal:
+        normal = time_normal_equations(target, full(x), layout)
+        return Normal(normal.cost, normal.gradient[free], normal.hessian[np.ix_(free, free)])
+
+    def cost(x: Array) -> float:
+        return whitened_cost(target, full(x), layout)
+
+    minimum = minimise(assemble, cost, vector[free], iterations, limit=limit)
+    return full(minimum.parameters), minimum.converged
+
+
+def whitening_filters(errors: Sequence[Array], order: int | None) -> Array:
+    """Return the filter (n_y, p + 1) that whitens each output's error to unit variance, by Yule-Walker.
+
+    With order None the Bayesian information criterion chooses it for each output, up to a twentieth of the samples
+    and at most 30; shorter filters are filled with zeros.
+    """
+    n = sum(e.shape[0] for e in errors)
+    most = min(30, n // 20) if order is None else order
+    filters = []
+    for o in range(errors[0].shape[1]):
+        signals = [e[:, o] - e[:, o].mean() for e in errors]
+        lags = np.array([sum(float(s[k:] @ s[: s.size - k]) for s in signals) / n for k in range(most + 1)])
+        lags[0] = max(lags[0] * (1.0 + 1e-12), np.finfo(float).tiny)
+        best: tuple[float, Array] | None = None
+        for p in range(most + 1) if order is None else [most]:
+            taps = np.linalg.lstsq(toeplitz(lags[:p]), lags[1 : p + 1], rcond=1e-12)[0] if p else np.zeros(0)
+            power = max(lags[0] - float(taps @ lags[1 : p + 1]), np.finfo(float).tiny)
+            score = n * np.log(power) + p * np.log(n)
+            if best is None or score < best[0]:
+                best = score, np.concatenate([[1.0], -taps, np.zeros(most - p)]) / np.sqrt(power)
+        assert best is not None
+        filters.append(best[1])
+    found = np.array(filters)
+    used = int(np.max(np.nonzero(np.any(found != 0.0, axis=0))[0])) + 1
+    return found[:, :used]
+
+
+def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, converged: bool) -> TimeFit:
+    """Return the result with the covariance of the canonical model."""
+    places = nuisances(layout, len(target.inputs))
+    outputs = tuple(model_outputs(target, vector, layout))
+    raw = unpack(vector[: layout.size], layout)
+    model = canonical(raw)
+    # the canonical scaling changes the states' coordinates; states are estimated anew in them, linearly, by one step
+    vector = np.concatenate([pack(model), vector[layout.size :]])
+    normal = time_normal_equations(target, vector, layout)
+    linear = np.concatenate([np.r_[place.state.ravel(), place.offset] for place in places])
+    part = normal.hessian[np.ix_(linear, linear)]
+    vector[linear] -= np.linalg.lstsq(part, normal.gradient[linear], rcond=1e-13)[0]
+    normal = time_normal_equations(target, vector, layout)
+    index = np.flatnonzero(np.concatenate([determined(model, layout), free[layout.size :]]))
+    inside = np.ix_(index, index)
+    small = covariance(Normal(normal.cost, normal.gradient[index], normal.hessian[inside]))
+    count = index.size
+    whole = np.zeros((vector.size, vector.size))
+    whole[inside] = small
+    cov = whole[: layout.size, : layout.size]
+    std = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    logs = -2.0 * sum(y.shape[0] for y in target.outputs) * float(np.sum(np.log(target.whitening[:, 0])))
+    taps = int(np.count_nonzero(target.whitening[:, 1:]))
+    criterion = normal.cost + logs + (count + taps) * np.log(target.values)
+    return TimeFit(
+        model,
+        layout,
+        cov,
+        model.omega_rad_s * std[layout.index("log_omega")],
+        model.sigma_1_s * std[layout.index("log_sigma")],
+        outputs,
+        tuple(vector[place.state] for place in places),
+        tuple(vector[place.offset] for place in places),
+        1.0 / target.whitening[:, 0],
+        target.whitening,
+        normal.cost,
+        max(target.values - count, 1),
+        float(criterion),
+        converged,
+        ((model.n_blocks, float(criterion)),),
+    )

@@ -1,0 +1,1 @@
+"""Linear models simulated, and written as other packages have them."""

@@ -1,0 +1,150 @@
+"""A figure that keeps what it draws: each call draws a curve on the axes and puts it into the numbers beside them."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+INK = "#1b1b1f"
+QUIET = "#6b7280"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+PAPER = "#d55e00"
+"""Whatever comes from the paper has this colour in every figure."""
+
+OURS = "#0072b2"
+MAX_POINTS = 4000
+"""Longest curve that is drawn in full; longer ones show the smallest and largest sample of every stretch."""
+
+
+@dataclass
+class Canvas:
+    """Axes in a grid and the numbers that were drawn on them, one row per point."""
+
+    title: str
+    caption: str
+    rows: int = 1
+    columns: int = 1
+    size: tuple[float, float] = (7.2, 4.2)
+    share_x: bool = False
+    share_y: bool = False
+    run_uids: tuple[str, ...] = ()
+    figure: Figure = field(init=False)
+    axes: list[Axes] = field(init=False)
+    _parts: list[pd.DataFrame] = field(init=False, default_factory=list)
+    _style: Any = field(init=False)
+    _finished: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        path = resources.files("analysis.pages") / "mccd.mplstyle"
+        with resources.as_file(path) as file:
+            self._style = mpl.rc_params_from_file(str(file), use_default_template=False)
+        with mpl.rc_context(self._style):
+            self.figure = Figure(figsize=self.size)
+            grid = self.figure.subplots(
+                self.rows, self.columns, sharex=self.share_x, sharey=self.share_y, squeeze=False
+            )
+        self.axes = list(grid.reshape(-1))
+
+    def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
+        """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas."""
+        axes = self.axes[i]
+        with mpl.rc_context(self._style):
+            axes.set_title(title, parse_math=False)
+            axes.set_xlabel(x_label, parse_math=False)
+            axes.set_ylabel(y_label, parse_math=False)
+        return axes
+
+    def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
+        """Draw a curve on panel `i`, thinned where it is long, and keep what was drawn."""
+        xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        self._keep(i, series, xs, ys)
+        with mpl.rc_context(self._style):
+            self.axes[i].plot(xs, ys, label=series, **style)
+
+    def points(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
+        """Draw single points on panel `i`, all of them, and keep them."""
+        xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        self._keep(i, series, xs, ys)
+        with mpl.rc_context(self._style):
+            self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+
+    def bars(self, i: int, series: str, centre: ArrayLike, height: ArrayLike, width: float, **style: Any) -> None:
+        """Draw bars on panel `i` and keep them."""
+        xs, ys = np.asarray(centre, dtype=float), np.asarray(height, dtype=float)
+        self._keep(i, series, xs, ys)
+        with mpl.rc_context(self._style):
+            self.axes[i].bar(xs, ys, width=width, label=series, linewidth=0, **style)
+
+    def band(self, i: int, low: float, high: float, label: str) -> None:
+        """Shade the allowed band of panel `i`."""
+        self.axes[i].axhspan(low, high, color=COLOURS[2], alpha=0.13, linewidth=0, label=label)
+
+    def circle(self, i: int, radius: float, label: str) -> None:
+        """Draw a limit circle about zero on panel `i`."""
+        self.axes[i].add_patch(Circle((0.0, 0.0), radius, fill=False, color=PAPER, linewidth=1.4, label=label))
+
+    def legend(self, i: int, **where: Any) -> None:
+        """Show the legend of panel `i`."""
+        with mpl.rc_context(self._style):
+            for text in self.axes[i].legend(**where).get_texts():
+                text.set_parse_math(False)
+
+    def numbers(self) -> pd.DataFrame:
+        """Return every drawn point: panel, series, x with its label, y with its label."""
+        return pd.concat(self._parts, ignore_index=True)
+
+    def svg(self, stamp: str = "") -> str:
+        """Return the figure as SVG text with `stamp` below it; identical data gives identical text.
+
+        Raises ValueError when called twice: laying out a figure again moves it by parts of a pixel.
+        """
+        if self._finished:
+            raise ValueError("a canvas is laid out once; keep the text of its first svg()")
+        self._finished = True
+        buffer = io.BytesIO()
+        with mpl.rc_context(self._style):
+            if stamp:
+                self.figure.supxlabel(stamp, x=0.005, ha="left", fontsize=6, color=QUIET, parse_math=False)
+            self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "mccd"})
+        return buffer.getvalue().decode("utf-8")
+
+    def _keep(self, i: int, series: str, x: Array, y: Array) -> None:
+        axes = self.axes[i]
+        name = axes.get_title(loc="left") or f"panel {i + 1}"
+        self._parts.append(
+            pd.DataFrame(
+                {
+                    "panel": name,
+                    "series": series,
+                    "x": x,
+                    "y": y,
+                    "x_quantity": axes.get_xlabel(),
+                    "y_quantity": axes.get_ylabel(),
+                }
+            )
+        )
+
+
+def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> tuple[Array, Array]:
+    """Return at most `most` points of a curve that look the same: every stretch keeps its extremes, in their order."""
+    if x.size <= most:
+        return x, y
+    stretch = -(-2 * x.size // most)
+    whole = x.size // stretch * stretch
+    parts = y[:whole].reshape(-1, stretch)
+    first = np.arange(parts.shape[0]) * stretch
+    both = np.sort(np.stack([first + parts.argmin(axis=1), first + parts.argmax(axis=1)], axis=1), axis=1)
+    keep = np.unique(np.concatenate([both.reshape(-1), np.arange(whole, x.size)]))
+    return x[keep], y[keep]

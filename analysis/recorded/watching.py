@@ -1,0 +1,192 @@
+"""A run seen while it is recorded: what its channels do now, how far a model is off, how long it will take.
+
+The log is opened for reading, without a lock, for each look and closed again, so the writer never waits. What is seen
+are the committed rows, which the writer never touches again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.linear.simulate import delayed, recur
+from campaigns.log import Run, read_run
+from sim_backend.errors import ConfigError
+from sim_backend.linear import DiscreteModel, delay_taps, discretise
+from sim_backend.model import Model, Port
+
+Array = NDArray[np.float64]
+
+BINS = 48
+"""Into how many stretches the recent past of a channel is divided."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One output over the last seconds: its newest value, its range, and the mean of each of BINS stretches (k,)."""
+
+    name: str
+    dof: str
+    unit: str
+    last: float
+    low: float
+    high: float
+    recent: Array
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Measured minus simulated of one output over the last seconds: its rms, and the output's own about its mean."""
+
+    dof: str
+    unit: str
+    residual_rms: float
+    output_rms: float
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A run at one moment; `left_s` is of the clock on the wall, None until it can be told."""
+
+    run_uid: str
+    test: str
+    status: str
+    status_reason: str
+    segment: str
+    rows: int
+    expected_rows: int | None
+    recorded_s: float
+    left_s: float | None
+    readings: tuple[Reading, ...]
+    misfits: tuple[Misfit, ...]
+
+    @property
+    def running(self) -> bool:
+        """Whether the writer lives."""
+        return self.status == "running"
+
+
+class Watch:
+    """Looks at the log at `path` again and again; with `model`, also simulates what it should show.
+
+    Of the model its linear part is simulated, from rest at the start of the run: effects are left out, so what they do
+    is in the residual. `window_s` is how far back the readings go.
+    """
+
+    def __init__(self, path: Path, model: Model | None = None, *, window_s: float = 2.0) -> None:
+        self.path, self.model, self.window_s = path, model, window_s
+        self._follower: _Follower | None = None
+        self._first: tuple[float, int] | None = None
+
+    def look(self, now_s: float) -> Snapshot:
+        """Return the run as it is; `now_s` is the time of a steady clock.
+
+        Raises DataError for a log that cannot be read, ConfigError when log and model do not match.
+        """
+        with read_run(self.path) as run:
+            if self.model is not None:
+                self._follow(run, self.model)
+            start = max(0, run.rows - round(self.window_s * run.sample_rate_hz))
+            segment = run.segments[-1].label if run.segments else ""
+            return Snapshot(
+                run.run_uid,
+                run.header.test,
+                run.status,
+                run.header.status_reason,
+                segment,
+                run.rows,
+                run.expected_rows,
+                run.rows / run.sample_rate_hz,
+                self._left(run, now_s),
+                tuple(_reading(run, name, start) for name in run.names("output")) if run.rows > start else (),
+                self._follower.misfits(run, start) if self._follower is not None and run.rows > start else (),
+            )
+
+    def _follow(self, run: Run, model: Model) -> None:
+        if self._follower is None:
+            self._follower = _Follower(run, model, round(self.window_s * run.sample_rate_hz))
+        self._follower.advance(run)
+
+    def _left(self, run: Run, now_s: float) -> float | None:
+        if run.status != "running":
+            return 0.0
+        if self._first is None:
+            self._first = (now_s, run.rows)
+        gained, passed = run.rows - self._first[1], now_s - self._first[0]
+        if run.expected_rows is None or gained <= 0 or passed <= 0.0:
+            return None
+        return max(run.expected_rows - run.rows, 0) * passed / gained
+
+
+class _Follower:
+    """Simulates a linear model along a growing log, each row once, and keeps the last seconds of what it gives."""
+
+    def __init__(self, run: Run, model: Model, window: int) -> None:
+        self.inputs, self.outputs = _channels(run, model.inputs, "input"), _channels(run, model.outputs, "output")
+        self.plant: DiscreteModel = discretise(model.linear(), run.sample_rate_hz)
+        self.row = 0
+        self._state = np.zeros((self.plant.a.shape[0], 2))
+        # a delayed input needs the samples before the block
+        reach = max(delay_taps(float(delay)).reach for delay in self.plant.delay_samples)
+        self._past = np.zeros((reach, len(model.inputs)))
+        self._window = max(window, 1)
+        self.simulated = np.zeros((0, len(model.outputs)))
+
+    def advance(self, run: Run) -> None:
+        for _, block in run.blocks(self.inputs.values(), start=self.row):
+            # what is not recorded was not driven
+            u = np.zeros((next(iter(block.values())).size, self._past.shape[1]))
+            for port, name in self.inputs.items():
+                u[:, port] = block[name]
+            self.simulated = np.concatenate([self.simulated, self._simulate(u)])[-self._window :]
+            self.row += u.shape[0]
+
+    def misfits(self, run: Run, start: int) -> tuple[Misfit, ...]:
+        found = []
+        for k, name in self.outputs.items():
+            measured = run.read(name, start, self.row)
+            residual = measured - self.simulated[-measured.size :, k]
+            channel = run.channels[name]
+            found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(measured - measured.mean())))
+        return tuple(found)
+
+    def _simulate(self, u: Array) -> Array:
+        plant, m = self.plant, self.plant.a.shape[0]
+        whole = np.concatenate([self._past, u])
+        drive = np.ascontiguousarray(delayed(whole, plant.delay_samples)[self._past.shape[0] :].T)
+        self._past = whole[-self._past.shape[0] :]
+        states = (plant.b.reshape(2 * m, -1) @ drive).reshape(m, 2, -1)
+        recur(plant.a, states, self._state)
+        output = plant.c.reshape(-1, 2 * m) @ states.reshape(2 * m, -1) + plant.d @ drive
+        return np.ascontiguousarray(output.T)
+
+
+def _channels(run: Run, ports: Sequence[Port], role: str) -> dict[int, str]:
+    """Return the channel of every port that was recorded, by the port's number: of its name, else of its dof."""
+    names = run.names(role)
+    found = {}
+    for k, port in enumerate(ports):
+        same = [n for n in names if n == port.name] or [n for n in names if run.channels[n].dof == port.dof]
+        if same and run.channels[same[0]].unit == port.unit:
+            found[k] = same[0]
+    if not found:
+        have = ", ".join(f"{n} ({run.channels[n].unit})" for n in names) or "none"
+        want = ", ".join(f"{p.name} ({p.unit})" for p in ports)
+        raise ConfigError(f"{run.path}: no {role} channel fits the model, which has {want}; the log has {have}")
+    return found
+
+
+def _reading(run: Run, name: str, start: int) -> Reading:
+    values = run.read(name, start)
+    channel = run.channels[name]
+    recent = np.array([part.mean() for part in np.array_split(values, min(BINS, values.size))])
+    last, low, high = float(values[-1]), float(values.min()), float(values.max())
+    return Reading(name, channel.dof, channel.unit, last, low, high, recent)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

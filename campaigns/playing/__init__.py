@@ -1,0 +1,1 @@
+"""Plans and whole campaigns played on a bench: signals heard, everything logged, resumable after anything."""

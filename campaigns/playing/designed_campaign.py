@@ -1,0 +1,48 @@
+"""The campaign that judges a controller: what Tables 6.6 and 6.7 ask for, and what each piece of knowledge gains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from campaigns.playing.campaign import Campaign, RunEntry
+
+AXES = {"x": 0.0, "y": 90.0}
+"""Axes by the last letter of their name, and the direction of a chop that moves them alone, in degrees."""
+
+ALPHAS_DEG = (0, 120, 240)
+FORMS_RAD = {"up": (0.0, 8.5e-3), "down": (0.0, -8.5e-3), "wide": (-8.5e-3, 8.5e-3)}
+"""Directions and forms of Table 6.7."""
+
+SLOW_LEARNING_S = 8.0
+"""Learning of a slow chop, four of its periods: it is observed when the feedback has long settled."""
+
+KNOWING = ("designed", "designed-hysteresis", "designed-modes", "designed-linear")
+
+
+def designed_campaign(controller: Path) -> Campaign:
+    """Return the runs that play the controller in a file: slow chops, fast ones by knowledge, and the long one."""
+    runs = [
+        _run(f"{strategy}-settle-{axis}", "settling", controller, strategy, alpha_deg=alpha)
+        for strategy in KNOWING
+        for axis, alpha in AXES.items()
+    ]
+    runs += [
+        _run(
+            f"designed-chop-{alpha}-{form}",
+            "chop",
+            controller,
+            alpha_deg=float(alpha),
+            from_rad=start,
+            to_rad=stop,
+            tuning={"learning_s": SLOW_LEARNING_S},
+        )
+        for alpha in ALPHAS_DEG
+        for form, (start, stop) in FORMS_RAD.items()
+    ]
+    runs.append(_run("designed-thermal", "thermal", controller))
+    return Campaign(name="designed", title="this project's controller", runs=tuple(runs))
+
+
+def _run(name: str, plan: str, controller: Path, strategy: str = "designed", **settings: Any) -> RunEntry:
+    return RunEntry(name=name, plan=plan, settings={"strategy": strategy, "controller": str(controller), **settings})

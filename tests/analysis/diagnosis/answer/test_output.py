@@ -1,0 +1,178 @@
+import json
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.answer.difference import changes
+from analysis.diagnosis.answer.output import document, extended_model, prepare_folder, write_files
+from analysis.diagnosis.answer.page import write_page
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.records.loading import Source
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, NextExperiment
+from sim_backend.effects import make_effect
+from sim_backend.errors import ConfigError
+from sim_backend.model import EffectEntry, Quantity, load_model, number
+from sim_backend.simbench import SimBench
+
+SHA = "ab" * 32
+SOURCES = (Source("data/run.h5", SHA, "uid-1", 4000),)
+CONTRACT = {"schema", "verdict", "causes", "ambiguous", "evidence", "gain", "next_experiment", "inputs"}
+DOMAINS = {"frequency", "amplitude", "position", "direction", "rate", "time", "temperature"}
+
+
+@pytest.fixture
+def diagnosis(oscillator):
+    """A made-up diagnosis: a cubic stiffness and a re-tuned frequency, with numbers that can be told apart."""
+    rng = np.random.default_rng(0)
+    residual = 1e-6 * rng.standard_normal((4000, 1))
+    windows = (Window("steps", 0, 3000), Window("held-out <b>noise</b>", 3000, 4000, held_out=True))
+    data = Dataset(1000.0, (Record("uid-1", rng.standard_normal((4000, 1)), rng.standard_normal((4000, 1)), windows),))
+    linear = oscillator.linear()
+    curve = Domain(
+        "uid-1", "x", np.array([1.0, 2.0]), "m", np.array([5.0, np.inf]), np.ones(2), 1e-9, "x at <i>top</i>"
+    )
+    return Diagnosis(
+        verdict="named",
+        sentence="The springs harden & <script>alert(1)</script>.",
+        causes=(Cause("cubic-stiffness", "x", 0.97, {"stiffness": Estimate(2.5, 0.125, "N/m^3")}, "It bends."),),
+        ambiguous=(("delay", "amplifier-lag"),),
+        evidence={"position": (curve, curve), "cross-axis": ()},
+        gain=Gain(("uid-1#held-out <b>noise</b>",), 0.5, 0.1, 0.09, 0.8, (0.78, 0.82)),
+        next_experiment=NextExperiment("freerun", {"torque_nm": 0.02}, ("delay", "amplifier-lag"), 6.5),
+        data=data,
+        nominal=linear,
+        linear=linear.with_(omega_rad_s=linear.omega_rad_s * 1.02),
+        effects=(make_effect("cubic-stiffness", "x", {"stiffness": 2.5}),),
+        before=(5.0 * residual,),
+        after=(residual,),
+        considered=(("cubic-stiffness", 0.0), ("backlash", -40.0)),
+        notes=("mind the gap",),
+        linear_std=linear.with_(omega_rad_s=linear.omega_rad_s * 0.001),
+    )
+
+
+def test_the_document_is_that_of_the_contract(diagnosis):
+    found = json.loads(json.dumps(document(diagnosis, SOURCES), allow_nan=False))
+    assert found["schema"] == "mccd-diagnosis/1"
+    assert set(found) >= CONTRACT and set(found["evidence"]) >= DOMAINS
+    assert found["causes"] == [
+        {
+            "effect": "cubic-stiffness",
+            "where": "x",
+            "probability": 0.97,
+            "parameters": {"stiffness": {"value": 2.5, "std": 0.125, "unit": "N/m^3"}},
+            "why": "It bends.",
+        }
+    ]
+    assert found["ambiguous"] == [["delay", "amplifier-lag"]]
+    assert found["gain"] == {
+        "held_out": ["uid-1#held-out <b>noise</b>"],
+        "rms_before": 0.5,
+        "rms_after": 0.1,
+        "noise_floor": 0.09,
+        "reduction": 0.8,
+        "ci95": [0.78, 0.82],
+    }
+    assert found["next_experiment"]["expected_sigma"] == 6.5
+    assert found["inputs"] == [{"file": "data/run.h5", "sha256": SHA}]
+    # what is not finite has no form in JSON; the p-value of the domain counts both of its curves
+    assert found["evidence"]["position"]["curves"][0]["level"] == [5.0, None]
+    assert found["evidence"]["position"]["p_value"] == 2e-9
+    assert found["evidence"]["time"] == {}
+
+
+def test_the_extended_model_says_where_each_new_number_comes_from(diagnosis, oscillator, tmp_path):
+    write_files(diagnosis, oscillator, SOURCES, tmp_path)
+    extended = load_model(tmp_path / "extended.toml")
+    (mode,) = extended.modes
+    assert isinstance(mode.frequency_hz, Quantity)
+    assert mode.frequency_hz.value == pytest.approx(20.4, rel=1e-12)
+    assert mode.frequency_hz.std == pytest.approx(0.02, rel=1e-12)
+    assert mode.frequency_hz.origin == "fitted"
+    assert SHA in mode.frequency_hz.source and "uid-1" in mode.frequency_hz.source
+    # what the fit left alone keeps its origin
+    assert mode.decay_rate_1_s == 6.0 and mode.input == {"force": (2.0 * np.pi * 20.0) ** 2}
+    (effect,) = extended.effects
+    assert (effect.effect, effect.where) == ("cubic-stiffness", "x")
+    stiffness = effect.parameters["stiffness"]
+    assert isinstance(stiffness, Quantity)
+    assert (stiffness.value, stiffness.std, stiffness.origin) == (2.5, 0.125, "fitted") and SHA in stiffness.source
+    assert SimBench(extended, seed=0).axes == ("x",)
+
+
+def test_effects_of_the_nominal_model_are_not_applied_twice(diagnosis, oscillator):
+    import msgspec
+
+    known = (
+        EffectEntry(effect="stiffness-shift", where="x", parameters={"relative": 0.1}),
+        EffectEntry(effect="coulomb-friction", where="x", parameters={"torque": 1e-3}),
+    )
+    nominal = msgspec.structs.replace(oscillator, effects=list(known))
+    extended = extended_model(nominal, diagnosis, SOURCES)
+    # the shift is in the re-tuned modes already, friction acts on a signal and stays
+    assert [e.effect for e in extended.effects] == ["coulomb-friction", "cubic-stiffness"]
+
+
+def test_the_difference_lists_what_changed_and_nothing_else(diagnosis, oscillator):
+    rows = changes(oscillator, extended_model(oscillator, diagnosis, SOURCES))
+    assert [(r.place, r.what, r.before, r.unit) for r in rows] == [
+        ("only", "frequency", 20.0, "Hz"),
+        ("cubic-stiffness at x", "stiffness", None, "N/m^3"),
+    ]
+    assert rows[0].relative == pytest.approx(0.02) and rows[1].after == 2.5
+    assert changes(oscillator, oscillator) == []
+
+
+def test_every_quantity_of_an_extended_as_built_bench_is_kept(diagnosis):
+    import dataclasses
+
+    bench = load_model("as-built")
+    same = dataclasses.replace(
+        diagnosis, linear=bench.linear(), linear_std=None, effects=(), causes=(), verdict="consistent"
+    )
+    extended = extended_model(bench, same, SOURCES)
+    assert [number(m.frequency_hz) for m in extended.modes] == [number(m.frequency_hz) for m in bench.modes]
+    assert changes(bench, extended) == []
+
+
+def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnosis, oscillator, tmp_path):
+    written = write_page(diagnosis, oscillator, SOURCES, tmp_path)
+    page = written["index.html"].read_text(encoding="utf-8")
+    assert "The springs harden &amp; &lt;script&gt;alert(1)&lt;/script&gt;." in page
+    first = page.index("The springs harden")
+    assert first < page.index('id="residual"') < page.index('id="causes"') < page.index('id="evidence"')
+    for foreign in ("<script>alert", "<b>noise</b>", "<i>top</i>"):
+        assert foreign not in page
+    # self-contained: nothing is fetched; the name space of SVG is a name, not an address
+    assert " src=" not in page and 'rel="stylesheet"' not in page and "@import" not in page
+    for text in ("97.0 % probable", "delay or amplifier-lag", "6.5 standard deviations", SHA, "mind the gap"):
+        assert text in page
+
+
+def test_the_figures_hold_the_residuals_they_are_drawn_from(diagnosis, oscillator, tmp_path):
+    import pandas as pd
+
+    write_page(diagnosis, oscillator, SOURCES, tmp_path)
+    drawn = pd.read_csv(tmp_path / "figures" / "residual-x.csv")
+    # the first segment and the second have the same size; whichever was drawn, before is five times after
+    largest = drawn.groupby("series")["y"].apply(lambda y: np.abs(y).max())
+    assert largest["nominal"] == pytest.approx(5.0 * largest["extended"], rel=1e-9)
+    assert set(drawn["y_quantity"]) == {"measured − simulated (µm)"}
+
+
+@pytest.mark.parametrize("verdict", ["consistent", "ambiguous", "unknown"])
+def test_every_verdict_has_a_page(diagnosis, oscillator, tmp_path, verdict):
+    import dataclasses
+
+    bare = dataclasses.replace(
+        diagnosis, verdict=verdict, causes=(), ambiguous=(), gain=None, next_experiment=None, evidence={}, effects=()
+    )
+    page = write_page(bare, oscillator, (), tmp_path)["index.html"].read_text(encoding="utf-8")
+    assert f'<span class="verdict {verdict}">' in page
+
+
+def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("here")
+    with pytest.raises(ConfigError, match="cannot be made a folder"):
+        prepare_folder(tmp_path / "file")
+    assert prepare_folder(tmp_path / "a" / "b").is_dir()

@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import binom
+
+from analysis.diagnosis.evidence.gain import gain_of, model_rms
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.nominal.responses import free_responses
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from sim_backend.linear import discretise
+
+RATE_HZ = 1000.0
+WHITENER = Whitener(np.array([[1.0]]), repeats=False)
+
+
+def record(y, windows):
+    return Record("run", np.zeros((y.shape[0], 1)), y, windows)
+
+
+def coloured(rng, n):
+    # forgets itself in about ten samples, far below the block of two periods of 20 Hz
+    return lfilter([np.sqrt(1.0 - 0.8**2)], [1.0, -0.8], rng.standard_normal((n + 100, 1)), axis=0)[100:]
+
+
+def test_only_held_out_rows_count(oscillator):
+    rng = np.random.default_rng(0)
+    y, before = 10.0 * rng.standard_normal((4000, 1)), rng.standard_normal((4000, 1))
+    after = before.copy()
+    after[2000:] *= 0.25
+    before[:2000] *= 100.0
+    data = Dataset(RATE_HZ, (record(y, (Window("fit", 0, 2000), Window("held-out", 2000, 4000, held_out=True))),))
+    linear = oscillator.linear()
+    found = gain_of(data, [before], [after], WHITENER, linear, linear)
+    assert found is not None
+    size = np.std(y[2000:])
+    assert found.held_out == ("run#held-out",)
+    assert found.rms_before == pytest.approx(np.sqrt(np.mean(before[2000:] ** 2)) / size, rel=1e-12)
+    assert found.rms_after == pytest.approx(0.25 * found.rms_before, rel=1e-12)
+    # before and after are drawn together, so a ratio that is the same in every row has no spread
+    assert found.ci95 == pytest.approx((0.75, 0.75), abs=1e-9)
+    assert found.reduction == pytest.approx(0.75, abs=1e-12)
+
+
+def test_nothing_held_out_gives_no_gain(oscillator):
+    data = Dataset(RATE_HZ, (record(np.zeros((100, 1)), (Window("fit", 0, 100),)),))
+    linear = oscillator.linear()
+    assert gain_of(data, [np.ones((100, 1))], [np.ones((100, 1))], WHITENER, linear, linear) is None
+
+
+def test_the_interval_holds_the_true_reduction_as_often_as_it_says(oscillator):
+    linear, trials, inside = oscillator.linear(), 150, 0
+    truth = 1.0 - np.sqrt((0.5**2 + 0.3**2) / (1.0 + 0.3**2))
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        wrong, noise = coloured(rng, 6000), 0.3 * coloured(rng, 6000)
+        data = Dataset(
+            RATE_HZ, (record(rng.standard_normal((6000, 1)), (Window("f", 0, 10), Window("h", 10, 6000, True))),)
+        )
+        found = gain_of(data, [wrong + noise], [0.5 * wrong + noise], WHITENER, linear, linear, seed)
+        assert found is not None
+        inside += found.ci95[0] <= truth <= found.ci95[1]
+    # percentile intervals from 60 blocks are a little short (90 to 95 %); binomial bounds of 1 in 1000 around that
+    assert binom.ppf(1e-3, trials, 0.90) <= inside <= trials
+
+
+def test_the_noise_floor_is_the_scatter_between_periods(oscillator):
+    rng = np.random.default_rng(1)
+    error = np.tile(rng.standard_normal((500, 1)), (10, 1))
+    noise = 0.2 * rng.standard_normal((5000, 1))
+    y = rng.standard_normal((5000, 1))
+    windows = (Window("fit", 0, 500), Window("h", 500, 5000, held_out=True, period=500))
+    linear = oscillator.linear()
+    found = gain_of(Dataset(RATE_HZ, (record(y, windows),)), [error + noise], [noise], WHITENER, linear, linear)
+    assert found is not None
+    # 3500 degrees of freedom: standard deviation of the estimate 1.2 %, five of them
+    assert found.noise_floor == pytest.approx(0.2 / np.std(y[500:]), rel=0.06)
+
+
+@pytest.mark.parametrize("a", [0.0, 0.7, -0.5])
+def test_the_models_noise_has_the_variance_of_its_autoregression(a):
+    sd = 3e-7
+    # AR(1): variance of the innovations over 1 - a²; what is left out at 0 Hz is its share of one line in `rows`
+    assert model_rms(np.array([1.0, -a]) / sd, 20_000) == pytest.approx(sd / np.sqrt(1.0 - a**2), rel=1e-3)
+
+
+def test_a_random_walk_has_the_rms_of_its_length():
+    # about its mean, a walk that returns to its start (a bridge) has n/12 of the steps' variance
+    assert model_rms(np.array([1.0, -1.0]), 1200) == pytest.approx(10.0, rel=1e-3)
+
+
+def test_the_unknown_start_of_a_record_held_out_as_a_whole_is_no_error(oscillator):
+    rng = np.random.default_rng(2)
+    linear = oscillator.linear()
+    start = free_responses(discretise(linear, RATE_HZ), 3000)[:, :, 0] * 5.0
+    noise = 0.01 * rng.standard_normal((3000, 1))
+    y = rng.standard_normal((3000, 1))
+    fit = record(y, (Window("fit", 0, 3000),))
+    held = record(y, (Window("h", 0, 3000, held_out=True),))
+    data = Dataset(RATE_HZ, (fit, held))
+    found = gain_of(data, [noise, noise + start], [noise, noise + start], WHITENER, linear, linear)
+    assert found is not None
+    # two states are fitted to 3000 rows
+    assert found.rms_after == pytest.approx(np.sqrt(np.mean(noise**2)) / np.std(y), rel=2e-3)
+
+
+def test_an_output_that_nothing_moves_does_not_water_the_gain_down(oscillator):
+    rng = np.random.default_rng(3)
+    motion, noise = 10.0 * rng.standard_normal((4000, 1)), rng.standard_normal((4000, 2))
+    error = np.hstack([3.0 * rng.standard_normal((4000, 1)), np.zeros((4000, 1))])
+    y = np.hstack([motion, np.zeros((4000, 1))]) + noise
+    data = Dataset(RATE_HZ, (Record("run", motion, y, (Window("held-out", 0, 4000, held_out=True),)),))
+    linear = oscillator.linear()
+    two = linear.with_(c=np.vstack([linear.c] * 2), c_rate=np.vstack([linear.c_rate] * 2), d=np.vstack([linear.d] * 2))
+    white = Whitener(np.array([[1.0], [1.0]]), repeats=False)
+    found = gain_of(data, [noise + error], [noise], white, two, two)
+    assert found is not None
+    # of the first output alone: sqrt(1 + 9) and 1 over its size; the second is noise before and after
+    assert found.rms_after == pytest.approx(1.0 / np.std(y[:, 0]), rel=0.03)
+    assert found.rms_before == pytest.approx(np.sqrt(10.0) * found.rms_after, rel=0.03)
+    assert found.noise_floor == pytest.approx(found.rms_after, rel=0.03)

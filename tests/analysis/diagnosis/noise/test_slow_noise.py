@@ -1,0 +1,45 @@
+"""What is slow beside noise that is known at higher frequencies only: a drift is found, and not invented."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.pipeline import Options, search_causes
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.verdict.judging import judge
+from sim_backend.effects import EFFECTS
+from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, flicker, moved
+
+_SLOW = {"sensor-drift", "constant-torque", "fringe-jump", "viscoelastic-creep"}
+_OPTIONS = Options(without=tuple(sorted({e.reported() for e in EFFECTS} - _SLOW)), workers=1)
+_NOISE = 1e-3
+
+
+def _data(seed: int, drift: float) -> Dataset:
+    """A force that repeats every second, and two records of steps."""
+    rng = np.random.default_rng(seed)
+    forces = [np.tile(rng.standard_normal(1000), 6), *(np.repeat(rng.uniform(-1.0, 1.0, 24), 500) for _ in range(2))]
+    records = []
+    for i, force in enumerate(forces):
+        reading = moved(force) + _NOISE * flicker(rng, force.size) + drift * np.arange(force.size) / RATE_HZ
+        window = Window("periods" if i == 0 else "steps", 0, force.size, period=0 if i else 1000)
+        records.append(Record(f"run {i}", force[:, None], reading[:, None], (window,)))
+    return Dataset(RATE_HZ, tuple(records))
+
+
+@pytest.mark.parametrize("drift", [5e-3, -5e-2])
+def test_a_drift_is_found_however_large(drift: float) -> None:
+    """The larger it is, the higher the noise seems at the frequencies that it fills."""
+    found = search_causes(_data(1, drift), MODEL, _OPTIONS)
+    judgement = judge(found)
+    assert judgement.verdict == "named"
+    assert [e.name for e in found.best.effects] == ["sensor-drift"]
+    # within four of its standard deviations, of which the noise's colour down there is the larger part
+    assert found.best.values[0] == pytest.approx(drift, abs=4.0 * found.best.std[0])
+
+
+def test_slow_noise_is_no_drift() -> None:
+    """Of four records none is one: at one in five hundred that would happen once in a hundred times."""
+    verdicts = [judge(search_causes(_data(seed, 0.0), MODEL, _OPTIONS)).verdict for seed in range(100, 104)]
+    assert verdicts == ["consistent"] * 4

@@ -1,0 +1,77 @@
+"""Two causes of which one is the model's own numbers: neither may hide in what the knobs do beside the other."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter
+
+from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.pipeline import Options, search_causes
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.verdict.judging import judge
+from sim_backend.effects import EFFECTS
+from sim_backend.model import EffectEntry
+from tests.analysis.diagnosis.residuals import DECAY_1_S, MODEL, RATE_HZ, RESONANCE_HZ
+
+Array = NDArray[np.float64]
+
+PERIOD = 2000
+STIFFER, WIDTH = 0.3, 0.02
+
+
+def _drive(rng: np.random.Generator) -> Array:
+    spectrum = np.zeros(PERIOD // 2 + 1, complex)
+    spectrum[2:400] = np.exp(2j * np.pi * rng.random(398))
+    wave = np.fft.irfft(spectrum, PERIOD)
+    return np.tile(wave / wave.std(), 5)
+
+
+def _stiffer(force: Array) -> Array:
+    """The oscillator with a spring that is stiffer by a third, its mass and damper as they were, by scipy."""
+    omega = 2.0 * np.pi * RESONANCE_HZ
+    held = ([omega**2], [1.0, 2.0 * DECAY_1_S, omega**2 * (1.0 + STIFFER)])
+    top, bottom, _ = cont2discrete(held, 1.0 / RATE_HZ)
+    return np.asarray(lfilter(top.ravel(), bottom, force))
+
+
+def test_a_stiffness_far_off_is_found_beside_a_dead_zone() -> None:
+    """The dead zone stands out first; the frequency is then eight tolerances off, which is the stiffness' doing."""
+    rng = np.random.default_rng(3)
+    drive = _drive(rng)
+    played = np.sign(drive) * np.maximum(np.abs(drive) - WIDTH, 0.0)
+    reading = _stiffer(played) + 3e-3 * rng.standard_normal(drive.size)
+    whole = (Window("all", 0, drive.size, False, PERIOD),)
+    data = Dataset(RATE_HZ, (Record("run", drive[:, None], reading[:, None], whole),))
+    among = {"dead-zone", "stiffness-shift", "damping-shift", "inertia-shift", "cubic-stiffness"}
+    options = Options(tolerance=0.0173, without=tuple({e.reported() for e in EFFECTS} - among), workers=1)
+    found = search_causes(data, MODEL, options)
+    assert {e.name for e in found.best.effects} == {"dead-zone", "stiffness-shift"}
+    judged = judge(found)
+    assert judged.verdict == "named", judged.objection
+    stiffness = [i for i, (_, name) in enumerate(found.best.names) if name == "relative"][0]
+    # its frequency is known to the tolerance of the nominal one, which is that of half the stiffness
+    assert abs(found.best.values[stiffness] - STIFFER) < 4.0 * found.best.std[stiffness] < 0.3
+
+
+def test_what_is_explained_in_one_reading_is_no_leeway_in_another() -> None:
+    leeway = Leeway(("theta_x", "theta_y"), (30.0, 0.1))
+    assert leeway.at("theta_y") == leeway.at("theta_x->theta_y") == 0.1
+    assert leeway.at("theta_x") == 30.0
+    assert leeway.at("coil 1") == leeway.of(()) == leeway.total == 30.1
+    assert abs(leeway.of((0.01, 0.99)) - 0.399) < 1e-12  # a torque of theta_y, a tenth of which moves theta_x
+
+
+def test_a_model_that_has_a_shift_of_its_own_has_it_once() -> None:
+    """An extended model with a stiffer spring explains the bench that has it: nothing is left to be found."""
+    rng = np.random.default_rng(4)
+    drive = _drive(rng)
+    reading = _stiffer(drive) + 3e-3 * rng.standard_normal(drive.size)
+    whole = (Window("all", 0, drive.size, False, PERIOD),)
+    data = Dataset(RATE_HZ, (Record("run", drive[:, None], reading[:, None], whole),))
+    entry = EffectEntry(effect="stiffness-shift", where="x", parameters={"relative": STIFFER})
+    model = msgspec.structs.replace(MODEL, effects=[entry])
+    found = search_causes(data, model, Options(tolerance=0.0173, workers=1))
+    assert judge(found).verdict == "consistent"
+    assert np.max(np.abs(found.tuned.change)) < 0.0173

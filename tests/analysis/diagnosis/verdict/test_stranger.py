@@ -1,0 +1,106 @@
+"""A verdict is held against what is no listed cause; each objection has its own case."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.pipeline import Options, diagnose
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.records.holding import with_held_out
+from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.search.shortlist import Screen
+from analysis.diagnosis.verdict.judging import judge, objection
+from analysis.diagnosis.verdict.leftover import Leftover
+from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, setting_of
+
+ROWS = 4000
+
+
+def _found(change: float = 0.0, leeway: float = 0.0, strangers: tuple[tuple[str, float], ...] = ()) -> Found:
+    """Return an outcome without effects whose first knob is `change` tolerances off, of noise of unit size."""
+    noise = np.random.default_rng(0).standard_normal(ROWS)
+    setting, fit = setting_of(np.zeros(ROWS), noise, noise, 1.0, period=ROWS // 4)
+    setting: Setting = replace(setting, knobs=knobs_of(setting.nominal, 0.02))
+    turned = np.zeros(len(setting.knobs))
+    turned[0] = change * 0.02
+    fit: Fit = replace(fit, change=turned)
+    nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
+    return Found(setting, fit, fit, (fit,), nothing, nothing, 1e4, Leeway(("x",), (leeway,)), strangers=strangers)
+
+
+def _left(gain: float) -> tuple[Leftover, ...]:
+    return (Leftover("a torque that follows time", "x", gain, gain, 9),)
+
+
+def test_noise_raises_no_objection() -> None:
+    assert objection(_found(change=2.0), _left(20.0)) == ""
+    assert judge(_found(), left=_left(20.0)).verdict == "consistent"
+
+
+def test_a_leftover_that_is_no_noise_is_told_with_its_place() -> None:
+    """Of nine columns 60 is one in 10⁹; without any effect that contradicts *consistent*."""
+    judged = judge(_found(), left=_left(60.0))
+    assert judged.verdict == "unknown"
+    assert "a torque that follows time at x" in judged.objection
+
+
+@pytest.mark.parametrize(("leeway", "told"), [(30.0, False), (5.0, True)])
+def test_what_the_form_of_the_cause_may_be_wrong_by_is_no_objection(leeway: float, told: bool) -> None:
+    assert bool(objection(_found(leeway=leeway), _left(60.0))) is told
+
+
+def test_random_causes_take_their_share_first() -> None:
+    assert objection(_found(), _left(60.0), random=45.0) == ""
+
+
+def test_nominal_numbers_far_beyond_their_tolerance_are_an_objection() -> None:
+    """Chi-square of the three knobs: 6.5² is four in 10⁹, 5² one in 7·10⁴."""
+    assert len(_found().best.change) == 3
+    assert "tolerance" in objection(_found(change=6.5), ())
+    assert objection(_found(change=5.0), ()) == ""
+
+
+def test_a_stranger_that_comes_near_is_an_objection() -> None:
+    """A lead of log 99 = 4.6 is needed, as against any rival."""
+    assert "x" in objection(_found(strangers=(("x", 4.0),)), ())
+    assert objection(_found(strangers=(("x", 5.0),)), ()) == ""
+
+
+def _played(law) -> Dataset:  # type: ignore[no-untyped-def]
+    """Return one loud record that never repeats, of the oscillator with a force `law(x)`, by the Runge-Kutta rule."""
+    rng, omega = np.random.default_rng(4), 2.0 * np.pi * 20.0
+    u, x, h, fine = np.zeros(ROWS), np.zeros(2), 1.0 / RATE_HZ / 4, 4
+    for k in range(1, ROWS):
+        u[k] = 0.8 * u[k - 1] + 0.05 * rng.standard_normal()
+    y = np.zeros(ROWS)
+
+    def slope(x: np.ndarray, drive: float) -> np.ndarray:
+        return np.array([x[1], omega**2 * (drive - x[0] - law(x[0])) - 24.0 * x[1]])
+
+    for k in range(ROWS):
+        y[k] = x[0]
+        for _ in range(fine):
+            k1 = slope(x, u[k])
+            k2 = slope(x + 0.5 * h * k1, u[k])
+            k3 = slope(x + 0.5 * h * k2, u[k])
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + slope(x + h * k3, u[k]))
+    y += 1e-4 * rng.standard_normal(ROWS)
+    held, _ = with_held_out([Record("played", u[:, None], y[:, None], (Window("all", 0, ROWS),))])
+    return Dataset(RATE_HZ, held)
+
+
+def test_a_cause_that_is_left_out_is_not_shared_out_among_others() -> None:
+    """A cubic spring, searched without it: where nothing repeats, what a few others leave of it passes for noise."""
+    data = _played(lambda x: 0.6 * x**3)
+    without = ("cubic-stiffness", "hysteresis", "position-dependent-force-constant")
+    found = diagnose(data, MODEL, Options(without=without))
+    assert found.verdict == "unknown", found.sentence
+    assert found.causes == ()
+    named = diagnose(data, MODEL, Options())
+    assert [cause.effect for cause in named.causes] == ["cubic-stiffness"], named.sentence

@@ -1,0 +1,42 @@
+"""The balance of torques against the axis it was played on, and its silence where friction is not what matters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, dlsim
+
+from analysis.identification.inverse_dynamics import balance_of
+from tests.analysis.identification.rubbing_axis import CONSTANT, DAMPING, FRICTION, MASS, RATE_HZ, play
+
+
+def test_the_numbers_of_an_axis_that_rubs_are_found() -> None:
+    u, y = play(12.0, 3)
+    found = balance_of([u[:, None]], [y[:, None]], RATE_HZ)
+    assert found is not None
+    # sign(rate) is smeared over the smoothing and the standstill: a tenth is what the start of a refit needs
+    assert 1.0 / found.linear.b[0, 0] == pytest.approx(MASS, rel=0.1)
+    assert 2.0 * found.linear.sigma_1_s[0] / found.linear.b[0, 0] == pytest.approx(DAMPING, rel=0.1)
+    assert found.friction == pytest.approx(FRICTION, rel=0.1)
+    # what the balance calls constant is what pulls beside the drive
+    assert found.constant == pytest.approx(-CONSTANT, abs=0.05)
+    assert found.linear.omega_rad_s[0] < 0.3 * found.linear.sigma_1_s[0]  # nothing holds it
+
+
+def test_an_axis_without_friction_has_no_such_balance() -> None:
+    u, y = play(12.0, 3, friction=0.0)
+    assert balance_of([u[:, None]], [y[:, None]], RATE_HZ) is None
+
+
+def test_an_oscillator_has_no_such_balance() -> None:
+    omega, damping = 2.0 * np.pi * 20.0, 0.05
+    u = np.random.default_rng(1).standard_normal(4000)
+    matrices = ([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]], [[0.0], [omega**2]], [[1.0, 0.0]], [[0.0]])
+    a, b, c, d, dt = cont2discrete(tuple(np.array(m) for m in matrices), 1.0 / RATE_HZ)
+    _, y, _ = dlsim((a, b, c, d, dt), u)
+    assert balance_of([u[:, None]], [y], RATE_HZ) is None
+
+
+def test_several_axes_are_left_to_the_fit() -> None:
+    u, y = play(3.0, 3)
+    assert balance_of([np.stack([u, u], axis=1)], [y[:, None]], RATE_HZ) is None

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+from scipy import signal
+
+from analysis.linear.simulate import delayed, periodic_response, simulate_linear
+from sim_backend.errors import ConfigError
+from sim_backend.linear import discretise
+
+
+def test_matches_scipy_state_space_over_several_chunks(rng, plant):
+    model = plant(rng, 5, 3, 2, False)
+    u = rng.normal(size=(10000, 2))
+    x0 = rng.normal(size=(5, 2))
+    a, b, c, d = model.state_space()
+    _, want, _ = signal.dlsim((*signal.cont2discrete((a, b, c, d), 1e-4)[:4], 1e-4), u, x0=x0.ravel())
+    got = simulate_linear(discretise(model, 1e4), u, x0)
+    assert np.allclose(got, want, atol=1e-9 * np.std(want))
+
+
+def test_steady_state_of_a_periodic_input_with_fractional_delay(rng, plant):
+    model = plant(rng, 3, 2, 2, True, band_hz=(100.0, 2000.0)).with_(delay_s=np.array([0.0, 2.34e-4]))
+    model = model.with_(sigma_1_s=np.full(3, 40.0))
+    discrete = discretise(model, 1e4)
+    u = rng.normal(size=(2000, 2))
+    long = simulate_linear(discrete, np.tile(u, (6, 1)))[-2000:]
+    steady = periodic_response(discrete.frequency_response(np.arange(1001) * 5.0), u)
+    # five periods of 0.2 s leave e^-40 of the transient
+    assert np.allclose(long, steady, atol=1e-11 * np.std(steady))
+
+
+@pytest.mark.parametrize("samples", [0.0, 0.3, 1.0, 1.25, 3.75])
+def test_delayed_input_is_the_cubic_through_its_samples(samples):
+    t = np.arange(12.0)
+    u = np.stack([t**3 - 4.0 * t**2 + 1.0, 5.0 - t], axis=1)
+    late = t - samples
+    want = np.stack([late**3 - 4.0 * late**2 + 1.0, 5.0 - late], axis=1)
+    # beyond the reach of the four samples a cubic is its own interpolation
+    np.testing.assert_allclose(delayed(u, np.full(2, samples))[7:], want[7:], rtol=1e-12, atol=1e-11)
+    assert np.array_equal(delayed(u[:, :1], np.array([13.5])), np.zeros((12, 1)))
+
+
+def test_wrong_shapes_are_refused(rng, plant):
+    discrete = discretise(plant(rng, 2, 1, 1, True), 1e4)
+    with pytest.raises(ConfigError, match=r"needs \(n, 1\)"):
+        simulate_linear(discrete, np.ones(5))
+    with pytest.raises(ConfigError, match=r"needs \(2, 2\)"):
+        simulate_linear(discrete, np.ones((5, 1)), np.zeros(4))
+    with pytest.raises(ConfigError, match="needs"):
+        periodic_response(np.ones((5, 1, 1)), np.ones((20, 1)))

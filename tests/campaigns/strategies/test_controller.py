@@ -1,0 +1,89 @@
+"""A controller file comes back as it was written, and one that no strategy could play is refused."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from campaigns.strategies.controller import (
+    AxisControl,
+    Blocks,
+    Controller,
+    dump_controller,
+    load_controller,
+    parse_controller,
+)
+from sim_backend.control.feedback import theta_controller
+from sim_backend.errors import ConfigError
+from tests.small_bench import bench_model
+
+AXIS = AxisControl(
+    dof="theta_y",
+    reach_rad=8.5e-3,
+    move_samples=47,
+    concentration=3.0,
+    feedback=Blocks.of(theta_controller()),
+    learning=Blocks(a=[], b=[], c=[], d=2.0),
+    lead_samples=10,
+    q_cutoff_hz=700.0,
+    q_half_length=60,
+    wait_s=0.4,
+    gains=[1.0, 0.5],
+)
+WHOLE = Controller(name="small", sample_rate_hz=10_000.0, model=bench_model(hardware=False), axes=[AXIS])
+
+
+def test_it_comes_back_as_it_was_written(tmp_path):
+    path = tmp_path / "controller.toml"
+    path.write_text(dump_controller(WHOLE), encoding="utf-8")
+    assert load_controller(path) == WHOLE
+    f = np.array([1.0, 30.0, 500.0])
+    back = load_controller(path).axes[0].feedback.filter(10_000.0)
+    np.testing.assert_array_equal(back.frequency_response(f), theta_controller().frequency_response(f))
+    assert back.integrator == theta_controller().integrator
+
+
+def test_longer_moves_take_longer_by_the_root_of_their_length():
+    assert [AXIS.samples(x * 8.5e-3) for x in (0.1, -1.0, 4.0, 1.21)] == [47, 47, 94, 52]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"gains": [1.0, 1.5]}, "learning gains"),
+        ({"gains": [float("nan")]}, "learning gains"),
+        ({"wait_s": -0.1}, "neither may be negative"),
+        ({"lead_samples": -1}, "neither may be negative"),
+        ({"reach_rad": 0.0}, "reach_rad"),
+        ({"concentration": 40.0}, "concentration"),
+        ({"q_cutoff_hz": 6000.0}, "Q filter"),
+        (
+            {"feedback": Blocks(a=[[[0.5, 0.0], [0.0, 0.0]]], b=[[1.0, 0.0], [1.0, 0.0]], c=[[1.0, 0.0]], d=0.0)},
+            "shape",
+        ),
+        ({"feedback": Blocks(a=[[[0.5], [0.0, 0.0]]], b=[], c=[], d=0.0)}, "different lengths"),
+    ],
+)
+def test_what_cannot_be_played_is_refused(change, message):
+    broken = msgspec.structs.replace(WHOLE, axes=[msgspec.structs.replace(AXIS, **change)])
+    with pytest.raises(ConfigError, match=f"x.toml, axis 'theta_y'.*{message}"):
+        parse_controller(dump_controller(broken), "x.toml")
+
+
+@pytest.mark.parametrize("text", ["schema = ", 'schema = "mccd-controller/9"', "speed = 3"])
+def test_what_is_no_controller_is_refused(text):
+    with pytest.raises(ConfigError, match="x.toml: .*mccd design"):
+        parse_controller(text, "x.toml")
+
+
+def test_an_axis_twice_or_none_is_refused():
+    for axes in ([], [AXIS, AXIS]):
+        with pytest.raises(ConfigError, match="each once"):
+            parse_controller(dump_controller(msgspec.structs.replace(WHOLE, axes=axes)), "x.toml")
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ConfigError, match="no such file; write one with `mccd design`"):
+        load_controller(tmp_path / "none.toml")
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
+    with pytest.raises(ConfigError, match="not UTF-8"):
+        load_controller(tmp_path / "latin.toml")
