@@ -151,13 +151,10 @@ def whitened_error(error: Array, watched: tuple[int, ...], whitener: Whitener, m
     n = error.shape[0]
     lines = np.fft.fft(error, axis=0) / np.sqrt(n)
     frequency = np.abs(np.fft.fftfreq(n))
+    levels = whitener.bands.at(frequency)
     parts = []
     for k, o in enumerate(watched):
-        power = 1.0 / np.maximum(np.abs(np.fft.fft(whitener.taps[o], n)) ** 2, np.finfo(float).tiny)
-        if whitener.levels.size:
-            band = np.searchsorted(whitener.edges, frequency, side="right") - 1
-            low = band < whitener.levels.shape[1]
-            power[low] *= whitener.levels[o][band[low]]
+        power = levels[o] / np.maximum(np.abs(np.fft.fft(whitener.taps[o], n)) ** 2, np.finfo(float).tiny)
         white = (lines[:, k] / np.sqrt(power + own))[1:]
         parts += [white.real, white.imag]
     return np.concatenate(parts)
