@@ -54,6 +54,31 @@ def contradictions_page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def effects_page() -> str:
+    """Return the library of effects: what each looks like, its parameters, and what it is called."""
+    from sim_backend.effects import EFFECTS
+
+    parts = [
+        "# The library of effects",
+        "What a diagnosis can name and a model can hold (`[[effects]]`, see [model files](../model-file.md)). Units "
+        "are those of a bench driven in N m and read in rad. A *size* makes the effect grow, a *shape* forms it, a "
+        "*constant* is stated and not searched. `mccd model effects` prints the same.",
+    ]
+    for effect in EFFECTS:
+        named = "" if effect.name == effect.reported() else f" It is named **{effect.reported()}**."
+        parts += [
+            f"## {effect.name}",
+            f"{effect.family.capitalize()}. The residual {effect.symptom}.{named}",
+            "| parameter | unit | kind | without it | meaning |\n|---|---|---|---|---|\n"
+            + "\n".join(
+                f"| `{p.name}` | {p.dimension.unit('N m', 'rad')} "
+                f"| {'size' if p.size else 'constant' if p.fixed else 'shape'} | {p.neutral:g} | {p.about} |"
+                for p in effect.parameters()
+            ),
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
 def notebook_page() -> str:
     """Return the example notebook as a page: its words, its code and what that printed."""
     cells = json.loads((HERE / "examples" / "diagnose.ipynb").read_text(encoding="utf-8"))["cells"]
@@ -82,6 +107,7 @@ def schemas_page() -> str:
 PAGES = {
     "reference/commands.md": commands_page,
     "reference/json.md": schemas_page,
+    "reference/effects.md": effects_page,
     "contradictions.md": contradictions_page,
     "notebook.md": notebook_page,
 }

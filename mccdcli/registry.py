@@ -22,7 +22,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
         "log": "Show, summarise, verify, export and recover logs.",
-        "model": "Convert models.",
+        "model": "Convert models, and list the effects that they can hold.",
     }
 )
 
@@ -145,6 +145,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "model convert": Entry(
             "mccdcli.commands.model_convert:convert", "Convert a model between TOML and JSON, checked on the way."
+        ),
+        "model effects": Entry(
+            "mccdcli.commands.model_effects:effects",
+            "List the effects that a diagnosis can name and a model can hold, or describe one with its parameters.",
         ),
         "log recover": Entry(
             "mccdcli.commands.log_recover:recover",

@@ -57,6 +57,7 @@ CALLS = {
     "campaign list": [],
     "bench list": [],
     "model convert": ["design", "-o", "design.json"],
+    "model effects": [],
     "config show": ["chop"],
     "import": ["map.toml", "-o", "imported.h5"],
     "bench check": ["--bench", "emulator"],
