@@ -14,6 +14,7 @@ from analysis.design.learning import WAIT_S, LearningDesign, design_learning
 from analysis.design.moves import Move, chop_of_reach, design_move
 from analysis.design.noise import MeasuredNoise, measure_noise
 from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from analysis.recorded.sweep import Sweep, sweep_of
 from campaigns.log import Run
@@ -30,8 +31,6 @@ Array = NDArray[np.float64]
 
 CUTOFFS_HZ = (400.0, 500.0, 600.0, 700.0, 800.0, 1000.0, 1200.0, 1500.0)
 """Bands that may be learned, in Hz: the narrowest that a move fits into is taken."""
-
-TIP_TILT = ("theta_x", "theta_y")
 
 
 @dataclass(frozen=True)

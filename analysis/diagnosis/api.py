@@ -36,8 +36,8 @@ def diagnose(
     model's ports; one record or a list of them, each starting in an unknown state. `held_out` numbers the records that
     no fit may see (without any, the last that differ, or the last fifth); `period` is that of the excitation in
     samples, 0 when it does not repeat. `temperature_k` has one (n,) per record. Write the result with
-    `write_files` and `write_page` of `analysis.diagnosis.answer`. Raises ConfigError when arrays and model do not
-    match, DataError when the data decide nothing.
+    `analysis.diagnosis.answer.output.write_files` and `analysis.diagnosis.answer.page.write_page`. Raises
+    ConfigError when arrays and model do not match, DataError when the data decide nothing.
     """
     us, ys = _records(inputs, len(model.inputs), "inputs"), _records(outputs, len(model.outputs), "outputs")
     if len(us) != len(ys):

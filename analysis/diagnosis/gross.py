@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
+from analysis.diagnosis.fitting.balance import settled_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
-from analysis.diagnosis.fitting.settling import settled_by
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
 from analysis.diagnosis.nominal.tuning import REACH
 from analysis.diagnosis.search.gram import Gram

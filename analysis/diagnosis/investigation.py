@@ -19,7 +19,7 @@ from analysis.diagnosis.answer.output import document, prepare_folder, write_fil
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.experiment.face import Face
 from analysis.diagnosis.experiment.first_experiment import first_plan
-from analysis.diagnosis.experiment.testimony import load_evidence
+from analysis.diagnosis.experiment.testimony import load_logs
 from analysis.diagnosis.pipeline import Options, diagnose
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import sha256_of
@@ -204,7 +204,7 @@ def _judged(
     folder = home / f"round-{entry.number}" / "diagnosis"
     found = _known(folder, logs)
     if found is None:
-        loaded, heard = load_evidence(logs, quest.model, max_rows=ROWS)
+        loaded, heard = load_logs(logs, quest.model, max_rows=ROWS)
 
         def progress(what: str, part: float) -> None:
             if report is not None:

@@ -14,8 +14,8 @@ from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
+from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting, residuals_on
-from analysis.diagnosis.fitting.settling import tune
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from

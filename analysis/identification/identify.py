@@ -77,7 +77,7 @@ def identify_runs(
         raise DataError("identify: no run is given; give one log at least")
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
         return _from_sweeps(runs, orders, name, report)
-    _require_samechannels_of(runs)
+    _require_same_channels(runs)
     parts = [(run, s) for run in runs for s in run.segments]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
@@ -372,14 +372,14 @@ def _rest(model: ModalModel, u: Array, y: Array) -> Array:
     return np.asarray((y - model.frequency_response(np.zeros(1))[0].real @ u).T)
 
 
-def _require_samechannels_of(runs: Sequence[Run]) -> None:
+def _require_same_channels(runs: Sequence[Run]) -> None:
     for run in runs[1:]:
         same = [run.names(role) == runs[0].names(role) for role in ("input", "output")]
         if not all(same) or run.sample_rate_hz != runs[0].sample_rate_hz:
             raise DataError(f"{run.path} has other channels or another rate than {runs[0].path}; identify them apart")
     for role in ("input", "output"):
         if not runs[0].names(role):
-            raise DataError(f"{runs[0].path} has no {role} channel; give at least one that role when importing")
+            raise DataError(f"{runs[0].path} has no {role} channel; give that role to at least one when importing")
 
 
 def _ports(run: Run) -> tuple[list[Port], list[Port]]:

@@ -1,1 +1,1 @@
-"""Linear models simulated, and written as other packages have them."""
+"""Linear models: simulated, brought to one form, and exchanged with other packages."""

@@ -1,1 +1,1 @@
-"""What all pages and figures are made of: the canvas, numbers as people read them, interactive plots, style."""
+"""What all pages, figures and sentences are made of: the canvas, numbers as people read them, plots, style."""

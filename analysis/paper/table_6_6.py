@@ -10,12 +10,10 @@ from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
 from analysis.paper.table_6_7 import FORMS
 from analysis.recorded.chop import ChopPhase
+from analysis.recorded.settle import FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W
 from sim_backend.errors import DataError
 
 ALPHA_OF = {"theta_x": 0.0, "theta_y": 90.0}
-FORCE_CONSTANT_N_A = 5.7
-STEEPNESS_N_SQRT_W = 7.9
-"""Printed in section 6.2.1; what a current dissipates follows from both."""
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from analysis.measurements.reproducibility import reproducibility
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
+from analysis.recorded.settle import FORCE_CONSTANT_N_A
 from analysis.recorded.sweep import difference_of
 
-FORCE_CONSTANT_N_A = 5.7
 PEAK_CURRENT_A = 9.0
 STEP_S = 5e-3
 

@@ -1,4 +1,5 @@
-"""Measurements of recorded runs: from the log of one test to its result, one test per file.
+"""Recorded runs: from the log of one test to its result, one test per file; runs still being recorded as well.
 
-These read channels and the settings of segments, and leave all arithmetic to the measurements beside this package.
+These read channels and the settings of segments, hold results against the requirements, and leave all arithmetic to
+`analysis.measurements`.
 """

@@ -15,6 +15,7 @@ from analysis.measurements.chop import ChopStability
 from analysis.measurements.endstop import NOISE_LIMIT_M
 from analysis.measurements.loops import Loop
 from analysis.measurements.thermal import SweepDifference
+from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.drift import DriftTest
 from analysis.recorded.sensors import EndstopTest, TheodoliteTest
 from analysis.recorded.settle import SettleTest
@@ -28,7 +29,6 @@ PEAK_CURRENT_A = 10.0
 PARASITIC_Z_M = 200e-6
 THERMAL_STABILITY_RAD = 1.7e-6
 FULL_ANGLE_RAD = 8.5e-3
-TIP_TILT = ("theta_x", "theta_y")
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from analysis.measurements.endstop import EndstopNoise, endstop_noise
 from analysis.measurements.theodolite import Calibration, calibrate
+from analysis.recorded.chop import TIP_TILT
 from campaigns.log import Run
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
-
-TIP_TILT = ("theta_x", "theta_y")
 
 
 @dataclass(frozen=True)

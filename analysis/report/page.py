@@ -13,8 +13,8 @@ from markupsafe import Markup, escape
 
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
 from analysis.pages.environment import page_environment
+from analysis.pages.explorer import Explorer
 from analysis.pages.svg import inlined
-from analysis.pages.view import Explorer
 from analysis.paper.pieces import Evidence
 from analysis.paper.rows import Row, Table, label_counts
 from analysis.report.tables import display_frame

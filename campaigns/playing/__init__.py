@@ -1,1 +1,1 @@
-"""Plans and whole campaigns played on a bench: signals heard, everything logged, resumable after anything."""
+"""Plans and whole campaigns played on a bench: signals heard, logged or kept in memory, resumable after anything."""

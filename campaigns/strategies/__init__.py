@@ -5,9 +5,9 @@ A strategy sees the task and a design model; what it returns is data, as `campai
 
 from __future__ import annotations
 
-from campaigns.strategies.approach import hybrid_stages, mbff_stages
 from campaigns.strategies.design import Design
 from campaigns.strategies.designed import designed
+from campaigns.strategies.feedforward import hybrid_stages, mbff_stages
 from campaigns.strategies.learned import learned_hybrid_stages, learned_mbff_stages, repetitive_stages
 from campaigns.strategies.stages import Stage, Strategy, Task
 from sim_backend.errors import ConfigError, did_you_mean

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.strategies.approach import move_profile_limits, move_samples
 from campaigns.strategies.design import Design, feedback_of
-from campaigns.strategies.stages import Program, Stage, Task, chop_of, held, moving, stage_of
+from campaigns.strategies.stages import Program, Stage, Task, chop_of, held, move_samples, moving, stage_of
 from sim_backend.bench import Gate
 from sim_backend.control.chop import AxisProgram, Chop
+from sim_backend.control.profile import MotionLimits
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,16 @@ def learned_hybrid_stages(task: Task, design: Design) -> tuple[Stage, ...]:
         return AxisProgram(chop.levels_held(), np.zeros(chop.period), tuple(gates))
 
     return _learn_then(task, design, program, 1.0)
+
+
+def move_profile_limits(distance: float, move_s: float, rate_hz: float) -> MotionLimits:
+    """Return limits under which a fourth-order move over `distance` takes at most `move_s`, only its snap being bound.
+
+    Eight equal stretches of t whole samples: x = 8 d t⁴ (Lambrechts et al., 2005).
+    """
+    free = 1e30
+    t_s = max(int(move_s * rate_hz / 8.0 + 1e-9), 1) / rate_hz
+    return MotionLimits(free, free, free, abs(distance) / (8.0 * t_s**4) if distance else 1.0)
 
 
 def _always_closed(task: Task) -> Program:

@@ -159,3 +159,8 @@ def stage_of(
         learning,
         shift,
     )
+
+
+def move_samples(task: Task, design: Design) -> int:
+    """Return the samples in which a move is made, one at least."""
+    return max(round(task.tuning.move_s * design.rate_hz), 1)

@@ -60,14 +60,14 @@ def diagnose(
 
     from analysis.diagnosis.answer.output import document, prepare_folder, write_extended, write_files
     from analysis.diagnosis.answer.page import write_page
-    from analysis.diagnosis.experiment.testimony import load_evidence
+    from analysis.diagnosis.experiment.testimony import load_logs
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
     from sim_backend.model import load_model
 
     folder = prepare_folder(out or Path("diagnosis"))
     model = load_model(nominal)
-    loaded, heard = load_evidence(runs, model)
+    loaded, heard = load_logs(runs, model)
     with progress("diagnosing") as report:
         found = judge(
             loaded.data,

@@ -72,7 +72,7 @@ def identify(
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
       mccd identify --log RUN.h5 --response response.csv -o nominal.toml
     """
-    from campaigns.playing.identification import sweep_campaign
+    from campaigns.playing.sweep_campaign import sweep_campaign
     from mccdcli.models import refuse_existing, save_model
 
     target = out or Path("nominal.toml")

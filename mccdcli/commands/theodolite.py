@@ -39,7 +39,7 @@ def theodolite(
       mccd theodolite --out theodolite.h5
       mccd theodolite --bench serial:/dev/ttyUSB0 --readings readings.csv
     """
-    from analysis.measurements.readings import read_angles
+    from analysis.recorded.readings import read_angles
     from campaigns.plans.theodolite import Theodolite
 
     plan = Theodolite.of(settings)

@@ -35,7 +35,7 @@ def thermal(
       mccd thermal --no-sweeps --set cycles=100
     """
     from campaigns.playing.campaign_run import estimate_campaign
-    from campaigns.playing.thermal import AXES, COLD, sweep_name, thermal_campaign
+    from campaigns.playing.thermal_campaign import AXES, COLD, sweep_name, thermal_campaign
 
     campaign = thermal_campaign(settings, sweeps=sweeps)
     if dry_run:

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from analysis.pages.words import share
+from analysis.pages.quantities import share
 from mccdcli.schema import schema_of
 from tests import headless
 from tests.docs.held_spring import relative_error

@@ -1,1 +1,1 @@
-"""The answer as files: `diagnosis.json`, the extended model, the page and its figures."""
+"""The answer in words and files: the sentence, `diagnosis.json`, the extended model and what it changed, the page."""

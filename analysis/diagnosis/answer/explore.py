@@ -17,8 +17,8 @@ from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categorie
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
-from analysis.pages.view import Explorer, Facts, Panel, Series, View
-from analysis.pages.words import scaled
+from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
+from analysis.pages.quantities import scaled
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Domain
 from analysis.pages.canvas import COLOURS, QUIET, Canvas, thinned
-from analysis.pages.words import scaled
+from analysis.pages.quantities import scaled
 from sim_backend.model import Model
 
 Array = NDArray[np.float64]

@@ -21,10 +21,10 @@ from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.pages.environment import page_environment
+from analysis.pages.explorer import Explorer
 from analysis.pages.formats import shown
+from analysis.pages.quantities import quantity, share
 from analysis.pages.svg import inlined
-from analysis.pages.view import Explorer
-from analysis.pages.words import quantity, share
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import EFFECTS
 from sim_backend.model import Model

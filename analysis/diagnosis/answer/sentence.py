@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from analysis.diagnosis.result import Cause, Choice, Gain, Verdict
-from analysis.pages.words import share
+from analysis.pages.quantities import share
 
 
 def sentence(

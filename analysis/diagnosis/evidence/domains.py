@@ -23,7 +23,7 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.result import Domain
-from analysis.pages.words import span
+from analysis.pages.quantities import span
 from sim_backend.linear import DiscreteModel, discretise
 from sim_backend.model import Model, Port
 

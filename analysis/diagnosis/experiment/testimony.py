@@ -43,7 +43,7 @@ class Testimony:
     error: Array
 
 
-def load_evidence(
+def load_logs(
     paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_ROWS
 ) -> tuple[Loaded, tuple[Testimony, ...]]:
     """Return the records of all logs that hold the motion, and the testimonies of those that an instrument watched.

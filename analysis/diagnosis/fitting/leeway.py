@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
-from analysis.diagnosis.fitting.settling import squares_of
 from analysis.diagnosis.nominal.tuning import turned
 from sim_backend.effects.base import Effect
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.balance import strain
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.fitting.settling import strain
 from analysis.diagnosis.nominal.tuning import imitation, turned
 from sim_backend.assembly import retuned
 from sim_backend.errors import ConfigError

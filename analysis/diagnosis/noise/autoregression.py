@@ -7,6 +7,7 @@ import numpy as np
 from analysis.diagnosis.noise.whitener import Array, Mask
 
 MAX_ORDER = 40
+"""Samples that a noise remembers at most; what it remembers longer stands in the levels of its bands."""
 
 
 def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = MAX_ORDER) -> Array:

@@ -48,7 +48,7 @@ def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
 def even_weights(data: Dataset, residuals: Sequence[Array], noise: float) -> Whitener:
     """Return the whitener that only scales every output by the rms of its `residuals`, one (n, n_y) per record.
 
-    `noise` is that of the noise, in the same unit.
+    `noise` is the rms of the noise in units of that residual.
 
     Where an error of the model is many times the noise, the noise says nothing of what is worth explaining: its quiet
     bands would decide, in which the error is smallest.

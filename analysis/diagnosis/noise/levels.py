@@ -7,6 +7,8 @@ import numpy as np
 from analysis.diagnosis.noise.whitener import Array, band_of
 
 BAND_ROWS, _MAX_BANDS = 12, 24
+"""Rows of a band at least: their median is known to 40 %; and bands at most."""
+
 _KNOWN_ROWS = 24
 """The mean square of so many normal numbers is known to 30 %."""
 

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
-from analysis.diagnosis.fitting.leeway import Leeway, explained_by, leeway_of
-from analysis.diagnosis.fitting.refit import refit
-from analysis.diagnosis.fitting.settling import (
+from analysis.diagnosis.fitting.balance import (
     again,
     guessed_squares,
     lined_up,
@@ -24,6 +21,9 @@ from analysis.diagnosis.fitting.settling import (
     squares_of,
     strain,
 )
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.leeway import Leeway, explained_by, leeway_of
+from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
 from analysis.diagnosis.nominal.tuning import REACH

@@ -1,1 +1,1 @@
-"""Causes without a signature: they show in the lattice, the size or the colour of the residual."""
+"""Causes that show only in the spread of the residual: its lattice, its size or its colour; and lines beside bands."""

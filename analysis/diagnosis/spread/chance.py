@@ -1,4 +1,4 @@
-"""What a cause looks like that shows only in the lattice, the size or the colour of the residual."""
+"""One cause of this kind as it was found: its parameters, its evidence, and what may be behind it instead."""
 
 from __future__ import annotations
 

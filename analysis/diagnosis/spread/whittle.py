@@ -17,7 +17,7 @@ from scipy.fft import dct
 from scipy.linalg import helmert
 
 from analysis.diagnosis.fitting.fit import Setting
-from analysis.diagnosis.noise.whitener import runs_of
+from analysis.diagnosis.noise.whitener import band_of, runs_of
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.linear import ModalModel
 
@@ -131,7 +131,7 @@ def spectrum_of(setting: Setting, series: Sequence[Array]) -> Spectrum | None:
         edges.append(float(ordered[at]))
     edges.append(float(np.nextafter(ordered[-1], np.inf)))
     low, high = np.array(edges[:-1]), np.array(edges[1:])
-    band = np.searchsorted(edges, frequency, side="right") - 1
+    band = band_of(np.array(edges), frequency)
     number = np.bincount(band, minlength=low.size)
     means = np.stack([np.bincount(band, p, low.size) / np.maximum(number, 1) for p in power.T])
     inside = (np.arange(5) + 0.5) / 5.0

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.balance import score, strain
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.fitting.leeway import form_error, target_of
-from analysis.diagnosis.fitting.settling import score, strain
 from analysis.diagnosis.noise.estimate import rows_of_noise
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search.gram import IMITATED

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.diagnosis.candidates.signature import Scales
+from analysis.diagnosis.fitting.balance import again, lined_up, score
 from analysis.diagnosis.fitting.fit import Fit
-from analysis.diagnosis.fitting.settling import again, lined_up, score
 from analysis.diagnosis.search.rounds import Found, Progress, extended
 from analysis.diagnosis.search.shortlist import Rules, screen
 from sim_backend.effects.base import Effect, Site

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from analysis.pages.view import Explorer
+from analysis.pages.explorer import Explorer
 from analysis.paper.measured import Measured
 from analysis.report.explore.bode import bode
 from analysis.report.explore.chopping import chopping

@@ -6,7 +6,7 @@ import numpy as np
 
 from analysis.measurements.chop import offsets
 from analysis.measurements.settling import BAND_RAD
-from analysis.pages.view import Explorer, Facts, Panel, Series, View
+from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import TIP_TILT, ChopPhase
 from analysis.report.explore.settling import direction

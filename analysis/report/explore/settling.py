@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.measurements.settling import BAND_RAD, settling
-from analysis.pages.view import Array, Explorer, Facts, Panel, Series, View
+from analysis.pages.explorer import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import ChopPhase
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.measurements.chop import chop_stability
-from analysis.measurements.readings import read_angles
+from analysis.recorded.readings import read_angles
 from analysis.recorded.requirements import Check, chop_checks
 from sim_backend.errors import DataError
 

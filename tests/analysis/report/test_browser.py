@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.pages.view import Explorer, Facts, Panel, Series, View
+from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.paper.numbers import PaperNumber, PaperTable
 from analysis.paper.rows import Ours, build_table
 from analysis.report.page import render_page

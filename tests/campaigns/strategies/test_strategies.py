@@ -7,7 +7,7 @@ import pytest
 
 from campaigns.plans import checked_segments, make_plan
 from campaigns.strategies import STRATEGIES
-from campaigns.strategies.approach import move_profile_limits
+from campaigns.strategies.learned import move_profile_limits
 from sim_backend.control.profile import fourth_order
 from sim_backend.errors import ConfigError
 from sim_backend.simbench import SimBench

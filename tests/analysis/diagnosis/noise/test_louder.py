@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.fitting.settling import tune
+from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
 from analysis.diagnosis.pipeline import Options, diagnose, found_and_spread

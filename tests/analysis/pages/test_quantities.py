@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from analysis.pages.words import share
+from analysis.pages.quantities import share
 
 
 @pytest.mark.parametrize(

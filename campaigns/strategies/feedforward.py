@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from campaigns.strategies.design import Design, feedback_of
-from campaigns.strategies.stages import Program, Stage, Task, chop_of, held, moving, stage_of
+from campaigns.strategies.stages import Program, Stage, Task, chop_of, held, move_samples, moving, stage_of
 from sim_backend.control.chop import AxisProgram, Chop
 from sim_backend.control.hybrid import hybrid
 from sim_backend.control.mbff import mbff
-from sim_backend.control.profile import MotionLimits
 
 
 def hybrid_stages(task: Task, design: Design) -> tuple[Stage, ...]:
@@ -29,21 +28,6 @@ def mbff_stages(task: Task, design: Design) -> tuple[Stage, ...]:
         return mbff(chop, design.axis(dof), design.unit_step(dof, move), axis)
 
     return _approach_and_chop(task, design, program)
-
-
-def move_profile_limits(distance: float, move_s: float, rate_hz: float) -> MotionLimits:
-    """Return limits under which a fourth-order move over `distance` takes at most `move_s`, only its snap being bound.
-
-    Eight equal stretches of t whole samples: x = 8 d t⁴ (Lambrechts et al., 2005).
-    """
-    free = 1e30
-    t_s = max(int(move_s * rate_hz / 8.0 + 1e-9), 1) / rate_hz
-    return MotionLimits(free, free, free, abs(distance) / (8.0 * t_s**4) if distance else 1.0)
-
-
-def move_samples(task: Task, design: Design) -> int:
-    """Return the samples in which a move is made, one at least."""
-    return max(round(task.tuning.move_s * design.rate_hz), 1)
 
 
 def _approach_and_chop(task: Task, design: Design, program: Program) -> tuple[Stage, ...]:
