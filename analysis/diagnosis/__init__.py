@@ -2,7 +2,8 @@
 
 From the bottom: `nominal` (the linear model), `records` (what was measured), `noise`, `candidates` (the effects of the
 library), `fitting`, `search`, `verdict`, `spread` (causes that show only in the spread of the residual), `experiment`
-(what would tell apart what is tied). Beside them `evidence` and `answer` (sentence, page, files). `pipeline` puts them
-in order, `api` is the door for scripts, `investigation` goes round with a bench, `gross` is the search for one main cause
-where a model misses by many noises, and `result` is what a diagnosis says.
+(what would tell apart what is tied). Beside them `evidence` and `answer` (sentence, page, files).
+
+`pipeline` puts them in order, `api` is the door for scripts, `investigation` goes round with a bench, `gross` searches
+for one main cause where a model misses by many noises, and `result` is what a diagnosis says.
 """

@@ -1,4 +1,4 @@
-"""A waveform from a CSV file, played open loop: a column per axis, a row per sample. PLANS lacks it: it needs a file."""
+"""A waveform from a CSV file, played open loop: a column per axis, a row per sample. It is no PLAN: it needs a file."""
 
 from __future__ import annotations
 
