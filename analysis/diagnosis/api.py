@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.diagnosis.pipeline import Options
 from analysis.diagnosis.pipeline import diagnose as _diagnose
+from analysis.diagnosis.records.checks import check_enough, check_inputs, check_outputs, without_copies
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.result import Diagnosis
@@ -37,7 +38,8 @@ def diagnose(
     no fit may see (without any, the last that differ, or the last fifth); `period` is that of the excitation in
     samples, 0 when it does not repeat. `temperature_k` has one (n,) per record. Write the result with
     `analysis.diagnosis.answer.output.write_files` and `analysis.diagnosis.answer.page.write_page`. Raises
-    ConfigError when arrays and model do not match, DataError when the data decide nothing.
+    ConfigError when arrays and model do not match, DataError for records that decide nothing: too few rows, a constant
+    or cut-off output, inputs at rest.
     """
     us, ys = _records(inputs, len(model.inputs), "inputs"), _records(outputs, len(model.outputs), "outputs")
     if len(us) != len(ys):
@@ -54,9 +56,13 @@ def diagnose(
         Record(f"record {i}", u, y, (Window(f"record {i}", 0, u.shape[0], i in held_out, _whole(period, u)),), t)
         for i, (u, y, t) in enumerate(zip(us, ys, warm, strict=True))
     ]
-    held, note = with_held_out(records)
+    check_outputs(records, [p.name for p in model.outputs], "outputs")
+    notes = check_inputs(records, [p.name for p in model.inputs])
+    different, copies = without_copies(records, [p.name for p in model.outputs])
+    held, note = with_held_out(different)
+    check_enough(held, "the records")
     found = _diagnose(Dataset(float(rate_hz), held).seen_by(model), model, options or Options())
-    return replace(found, notes=(*([note] if note else []), *found.notes))
+    return replace(found, notes=(*notes, *copies, *([note] if note else []), *found.notes))
 
 
 def _whole(period: int, u: Array) -> int:

@@ -2,7 +2,8 @@
 
 Every round is a folder: its log, played as a campaign of one run (so that what is complete is never repeated and what
 is partial is set aside), and the diagnosis of all logs so far. The state file says which plan each round plays, and is
-written before it moves anything, so that an investigation can go on after anything.
+written before it moves anything, so that an investigation can go on after anything. Once a cause is named, the bench
+plays a chop with the feed-forward of either model, outside of the budget: some seconds that show what was gained.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from analysis.diagnosis.answer.output import document, prepare_folder, write_files, write_text
 from analysis.diagnosis.answer.page import write_page
+from analysis.diagnosis.evidence.chop_gain import ChopGain, chops_or_why
 from analysis.diagnosis.experiment.face import Face
 from analysis.diagnosis.experiment.first_experiment import first_plan
 from analysis.diagnosis.experiment.testimony import load_logs
@@ -216,8 +219,16 @@ def _judged(
         diagnosis = replace(diagnosis, notes=(*loaded.notes, *diagnosis.notes))
         prepare_folder(folder)
         write_page(diagnosis, quest.model, loaded.sources, folder)
-        write_files(diagnosis, quest.model, loaded.sources, folder)
-        found = document(diagnosis, loaded.sources)
+        files = write_files(diagnosis, quest.model, loaded.sources, folder)
+        chops: tuple[ChopGain, ...] = ()
+        if diagnosis.verdict == "named":
+            nominal = write_text(folder / "nominal.toml", dump_model(quest.model))
+            extended, bench = files["extended.toml"], partial(open_bench, quest.address, quest.seed)
+            chops, why = chops_or_why(bench, nominal, extended, quest.model, quest.seed)
+            diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *why))
+            write_page(diagnosis, quest.model, loaded.sources, folder, chops)
+            write_files(diagnosis, quest.model, loaded.sources, folder, chops)
+        found = document(diagnosis, loaded.sources, chops)
     return replace(
         entry,
         verdict=found["verdict"],

@@ -21,14 +21,14 @@ from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, rema
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, knobs_of, turned
+from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, deviations, knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search.rounds import Found, Progress, search
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lines import without_lines
-from analysis.diagnosis.verdict.judging import causes_of, judge
+from analysis.diagnosis.verdict.judging import causes_of, judge, shortfall
 from analysis.diagnosis.verdict.leftover import leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
@@ -188,7 +188,7 @@ def diagnose(
 
     The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`, and none
     that is `done`. `heard` is what an instrument beside the bench saw; it decides between causes that readings cannot
-    tell apart. Raises ConfigError when model and data do not fit together, DataError when the data decide nothing.
+    tell apart. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
     found, spread = found_and_spread(data.for_fitting(), model, options, progress)
@@ -199,6 +199,7 @@ def diagnose(
     else:
         left = leftovers(spread.beside(found.setting, found.best), found.best)
         judgement = judge(found, spread.allowed, left, spread.share(found.best.rows))
+    short = "" if even else shortfall(found, judgement, spread.allowed)
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
@@ -210,13 +211,15 @@ def diagnose(
     own = setting.whitener.repeats and not setting.added
     noise = setting.whitener if own else whitener_from(data, list(after))
     gain = gain_of(data, before, after, noise, setting.nominal, linear, options.seed)
+    proposed = choice.reason if choice else ""
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
+    shown = evidence(data, before, whitener_from(data, list(before)) if even else setting.whitener, model)
     return Diagnosis(
         verdict=judgement.verdict,
-        sentence=sentence(judgement.verdict, causes, judgement.tied, gain, choice),
+        sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice),
         causes=causes,
         ambiguous=judgement.tied,
-        evidence=evidence(data, before, whitener_from(data, list(before)) if even else setting.whitener, model),
+        evidence=shown,
         gain=gain,
         next_experiment=choice.experiment if choice else None,
         data=data,
@@ -226,9 +229,19 @@ def diagnose(
         before=before,
         after=after,
         considered=judgement.rivals,
-        notes=tuple(
-            filter(
-                None, (judgement.objection, remark, choice.reason if choice else "", remainder(found) if even else "")
-            )
-        ),
+        notes=tuple(filter(None, (judgement.objection, short, remark, proposed, *_doubts(found)))),
+        linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
+
+
+def _doubts(found: Found) -> list[str]:
+    """Return what a reader has to know about the noise and about what is left."""
+    whitener = found.setting.whitener
+    if whitener.even:
+        return [remainder(found)]
+    if whitener.repeats:
+        return []
+    return [
+        "nothing repeats in these records, so the noise is taken from what the model leaves: slow forces and slow "
+        "noise look alike, and an error of the model may pass for noise; play every excitation at least twice"
+    ]

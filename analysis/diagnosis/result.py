@@ -55,8 +55,20 @@ class Domain:
 
 
 @dataclass(frozen=True)
+class SegmentGain:
+    """The error of one held-out segment before and after, relative to the size of the outputs in that segment."""
+
+    segment: str
+    rms_before: float
+    rms_after: float
+
+
+@dataclass(frozen=True)
 class Gain:
-    """What the extension gains on rows that no fit has seen, relative to the outputs' own size (rms ÷ rms)."""
+    """What the extension gains on rows that no fit has seen, relative to the outputs' own size (rms ÷ rms).
+
+    `segments` are the held-out ones one by one: levels and waveforms differ in what they gain.
+    """
 
     held_out: tuple[str, ...]
     rms_before: float
@@ -64,6 +76,7 @@ class Gain:
     noise_floor: float
     reduction: float
     ci95: tuple[float, float]
+    segments: tuple[SegmentGain, ...] = ()
 
 
 @dataclass(frozen=True)

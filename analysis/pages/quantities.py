@@ -41,3 +41,8 @@ def span(low: float, high: float, unit: str) -> str:
     apart = abs(high - low)
     digits = 3 if apart == 0.0 else min(max(math.ceil(math.log10(largest / apart)) + 2, 3), 9)
     return f"{low * factor:.{digits}g} to {high * factor:.{digits}g} {shown}".strip()
+
+
+def chance(p: float) -> str:
+    """Return a p-value in words."""
+    return "p < 1e-12" if p < 1e-12 else f"p = {p:.2g}"

@@ -58,7 +58,7 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from analysis.diagnosis.answer.output import document, prepare_folder, write_extended, write_files
+    from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.answer.page import write_page
     from analysis.diagnosis.experiment.testimony import load_logs
     from analysis.diagnosis.pipeline import Options
@@ -78,15 +78,17 @@ def diagnose(
             heard=heard,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
+    files = write_page(found, model, loaded.sources, folder) | write_files(found, model, loaded.sources, folder)
     chops: tuple[ChopGain, ...] = ()
     if bench is not None:
-        from analysis.diagnosis.evidence.chop_gain import chop_gains
+        # the diagnosis is safe by then, whatever the bench does
+        from analysis.diagnosis.evidence.chop_gain import chops_or_why
         from campaigns.benches import open_bench
 
-        extended = write_extended(found, model, loaded.sources, folder)
-        chops = chop_gains(lambda: open_bench(bench, seed), nominal, str(extended), model, seed=seed)
-    files = write_page(found, model, loaded.sources, folder, chops)
-    files |= write_files(found, model, loaded.sources, folder, chops)
+        chops, why = chops_or_why(lambda: open_bench(bench, seed), nominal, files["extended.toml"], model, seed)
+        found = replace(found, notes=(*found.notes, *why))
+        files = write_page(found, model, loaded.sources, folder, chops)
+        files |= write_files(found, model, loaded.sources, folder, chops)
     content = document(found, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files))
     return 0 if found.verdict == "consistent" else 1

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categories, chance, is_steep, level_label
+from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categories, is_steep, level_label
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
-from analysis.pages.quantities import scaled
+from analysis.pages.quantities import chance, scaled
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]

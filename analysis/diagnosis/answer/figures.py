@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Domain
 from analysis.pages.canvas import COLOURS, QUIET, Canvas, thinned
-from analysis.pages.quantities import scaled
+from analysis.pages.quantities import chance, scaled
 from sim_backend.model import Model
 
 Array = NDArray[np.float64]
@@ -106,11 +106,6 @@ def evidence_figures(
 def _legend(canvas: Canvas) -> None:
     """Put the legend above the axes, beside the title, where it covers no curve."""
     canvas.legend(0, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, borderpad=0.0, columnspacing=1.0)
-
-
-def chance(p: float) -> str:
-    """Return a p-value in words."""
-    return "p < 1e-12" if p < 1e-12 else f"p = {p:.2g}"
 
 
 def by_category(name: str) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from analysis.diagnosis.evidence.chop_gain import ChopGain
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain
+from campaigns.version import tool_version
 from sim_backend.assembly import coordinates_of
 from sim_backend.effects import effect_class
 from sim_backend.effects.base import Effect, Site
@@ -46,10 +47,11 @@ def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[Ch
             "causes": [_cause(c) for c in diagnosis.causes],
             "ambiguous": [list(tied) for tied in diagnosis.ambiguous],
             "evidence": {name: _evidence(diagnosis.evidence.get(name, ())) for name in names},
-            "gain": None if gain is None else vars(gain),
+            "gain": None if gain is None else {k: v for k, v in vars(gain).items() if k != "segments"},
             "next_experiment": None if next_experiment is None else vars(next_experiment),
             "inputs": [{"file": s.file, "sha256": s.sha256} for s in sources],
             "notes": list(diagnosis.notes),
+            "segments": [vars(one) for one in gain.segments] if gain else [],
             "chops": [vars(chop) for chop in chops],
         }
     )
@@ -107,11 +109,10 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
     """Return `model` with its linear part as re-tuned and the found effects added, each changed number with its origin.
 
     What the fit left alone keeps its own origin. Effects of `model` that act on its linear part are in the re-tuned
-    modes already. The result goes through `dump_model`, `load_model` and every bench.
+    modes and delays already. The result goes through `dump_model`, `load_model` and every bench.
     """
     source = _provenance(sources)
     linear, std = diagnosis.linear, diagnosis.linear_std
-    entries = [_entry(effect, diagnosis.causes, source) for effect in diagnosis.effects]
     kept = [e for e in model.effects if effect_class(e.effect).site is not Site.MODEL]
     nominal = [*model.modes, *_further_modes(model, linear)]
     return msgspec.structs.replace(
@@ -119,9 +120,19 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         name=f"{model.name}-extended",
         title=f"{model.title or model.name}, extended by diagnosis".strip(),
         modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(nominal)],
-        effects=[*kept, *entries],
+        effects=[*kept, *_entries(diagnosis, source)],
+        delay_s=_delays(model, linear),
         coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
+
+
+def _delays(model: Model, linear: ModalModel) -> dict[str, Value]:
+    """Return the delay of each input; what the model's own effects add to it has to stand in the file like the rest."""
+    delays, source = dict(model.delay_s), f"delay of {model.name} with its effects"
+    for port, seconds in zip(model.inputs, linear.delay_s, strict=True):
+        if not math.isclose(number(delays.get(port.name, 0.0)), float(seconds), rel_tol=1e-12, abs_tol=0.0):
+            delays[port.name] = Quantity(value=float(seconds), origin="derived", source=source)
+    return delays
 
 
 def _coordinates(model: Model, effects: Sequence[Effect]) -> dict[str, dict[str, Value]]:
@@ -161,7 +172,7 @@ def _further_modes(model: Model, linear: ModalModel) -> list[Mode]:
 def _provenance(sources: Sequence[Source]) -> str:
     named = [f"run {s.run_uid} (sha256 {s.sha256})" for s in sources[:LISTED_RUNS]]
     more = f" and {len(sources) - LISTED_RUNS} more in diagnosis.json" if len(sources) > LISTED_RUNS else ""
-    return f"mccd diagnose, fitted to {', '.join(named)}{more}" if named else "fitted to arrays"
+    return f"mccd {tool_version()} diagnose, fitted to {', '.join(named) or 'arrays'}{more}"
 
 
 def _mode(mode: Mode, m: int, model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> Mode:
@@ -174,7 +185,7 @@ def _mode(mode: Mode, m: int, model: Model, linear: ModalModel, std: ModalModel 
     def fitted(old: Value, new: float, spread: Any) -> Value:
         if math.isclose(number(old), float(new), rel_tol=1e-12, abs_tol=0.0):
             return old
-        known = None if spread is None else float(spread)
+        known = float(spread) if spread is not None and spread > 0.0 else None  # no knob turned it: not known
         return Quantity(value=float(new), origin="fitted", source=source, std=known)
 
     def of(name: str) -> tuple[Array, Array | None]:
@@ -196,8 +207,18 @@ def _mode(mode: Mode, m: int, model: Model, linear: ModalModel, std: ModalModel 
     )
 
 
-def _entry(effect: Effect, causes: Sequence[Cause], source: str) -> EffectEntry:
-    cause = next((c for c in causes if c.effect == effect.reported() and c.where == effect.where), None)
+def _entries(diagnosis: Diagnosis, source: str) -> list[EffectEntry]:
+    """Return the found effects; several of one kind at one place stand in the order of their causes."""
+    left, entries = list(diagnosis.causes), []
+    for effect in diagnosis.effects:
+        cause = next((c for c in left if (c.effect, c.where) == (effect.reported(), effect.where)), None)
+        if cause is not None:
+            left.remove(cause)
+        entries.append(_entry(effect, cause, source))
+    return entries
+
+
+def _entry(effect: Effect, cause: Cause | None, source: str) -> EffectEntry:
     parameters: dict[str, Value] = {}
     for p in effect.parameters():
         value = float(getattr(effect, p.name))

@@ -12,8 +12,9 @@ from markupsafe import Markup, escape
 
 from analysis.diagnosis.answer.difference import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
-from analysis.diagnosis.answer.figures import Drawn, chance, evidence_figures, residual_figures
+from analysis.diagnosis.answer.figures import Drawn, evidence_figures, residual_figures
 from analysis.diagnosis.answer.output import DOMAINS, extended_model, write_text
+from analysis.diagnosis.answer.sentence import SIGNIFICANT
 from analysis.diagnosis.evidence.chop_gain import ChopGain
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
@@ -23,7 +24,7 @@ from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
 from analysis.pages.formats import shown
-from analysis.pages.quantities import quantity, share
+from analysis.pages.quantities import chance, quantity, share
 from analysis.pages.svg import inlined
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import EFFECTS
@@ -35,9 +36,6 @@ HEADLINES = {
     "ambiguous": "The model is wrong; several causes would explain it",
     "unknown": "The model is wrong; no effect in the library explains it",
 }
-
-SIGNIFICANT = 1e-3
-"""A cell of the overview is marked where its p-value, times all cells of its row and column, stays below this."""
 
 
 @dataclass(frozen=True)

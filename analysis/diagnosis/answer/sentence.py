@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from analysis.diagnosis.result import Cause, Choice, Gain, Verdict
-from analysis.pages.quantities import share
+import numpy as np
+
+from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
+from analysis.pages.quantities import chance, share
+
+SIGNIFICANT = 1e-3
+"""Evidence with a larger p-value, counted over all curves of its domain, is not spoken of."""
 
 
 def sentence(
@@ -13,10 +18,14 @@ def sentence(
     causes: Sequence[Cause],
     tied: Sequence[Sequence[str]],
     gain: Gain | None,
+    evidence: Mapping[str, Sequence[Domain]],
     choice: Choice | None = None,
 ) -> str:
-    """Return the sentence for a verdict; with `choice` a second one says what to do next, or why nothing helps."""
-    return " ".join(filter(None, (_verdict(verdict, causes, tied, gain), _next(choice))))
+    """Return the sentence for a verdict; with `choice` a second one says what to do next, or why nothing helps.
+
+    `evidence` is told of an unknown verdict: where what is not understood lives.
+    """
+    return " ".join(filter(None, (_verdict(verdict, causes, tied, gain, evidence), _next(choice))))
 
 
 def _next(choice: Choice | None) -> str:
@@ -31,19 +40,57 @@ def _next(choice: Choice | None) -> str:
     )
 
 
-def _verdict(verdict: Verdict, causes: Sequence[Cause], tied: Sequence[Sequence[str]], gain: Gain | None) -> str:
+def _verdict(
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    tied: Sequence[Sequence[str]],
+    gain: Gain | None,
+    evidence: Mapping[str, Sequence[Domain]],
+) -> str:
     if verdict == "consistent":
         return "The simulation is consistent with the data: what it leaves is noise."
     if verdict == "unknown":
-        return "The simulation is wrong, and no effect in the library explains how; the evidence shows where it lives."
+        lives = _where_it_lives(evidence)
+        return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
     listed = " and ".join(f"{c.effect} at {c.where}" for c in causes)
+    sure = f" (probability {min((c.probability for c in causes), default=0.0):.1%})"
     if verdict == "ambiguous":
         choice = " or ".join(", ".join(group) for group in tied)
-        start = f"The simulation lacks {listed}, and" if listed else "The simulation is wrong, but"
-        return f"{start} these data cannot tell which of {choice} it is."
-    sure = min((c.probability for c in causes), default=0.0)
-    text = f"The simulation lacks {listed} (probability {sure:.1%}): {causes[0].why}"
-    if gain is not None:
-        before, after = share(gain.rms_before), share(gain.rms_after)
-        text += f"; adding it takes the held-out error from {before} to {after} of the output"
-    return f"{text}."
+        start = f"The simulation lacks {listed}{sure}, and" if listed else "The simulation is wrong, but"
+        return f"{start} these data cannot tell which of {choice} it is{_gained(gain, 'the best of them')}."
+    why = "; ".join(dict.fromkeys(c.why for c in causes))
+    return f"The simulation lacks {listed}{sure}: {why}{_gained(gain, 'it' if len(causes) == 1 else 'them')}."
+
+
+def _gained(gain: Gain | None, what: str) -> str:
+    if gain is None:
+        return ""
+    before, after = share(gain.rms_before), share(gain.rms_after)
+    return f"; adding {what} takes the held-out error from {before} to {after} of the output"
+
+
+def _missed(gain: Gain | None) -> str:
+    if gain is None:
+        return ""
+    return f"; it misses {share(gain.rms_before)} of the held-out output, of which {share(gain.noise_floor)} is noise"
+
+
+def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
+    """Return the domain in which the residual stands out least by chance, and where in it; nothing if nowhere."""
+    found = [
+        (min(len(curves) * curve.p_value, 1.0), -_height(curve), name, curve)
+        for name, curves in evidence.items()
+        for curve in curves
+    ]
+    if not found:
+        return ""
+    p, _, name, curve = min(found, key=lambda one: one[:3])
+    if not p < SIGNIFICANT:
+        return "; the remarks say what is left"
+    return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
+
+
+def _height(curve: Domain) -> float:
+    """Return the largest level of a curve in units of its floor; zero where none is known."""
+    ratio = curve.level / np.where(curve.floor > 0.0, curve.floor, np.inf)
+    return float(np.max(ratio[np.isfinite(ratio)], initial=0.0))

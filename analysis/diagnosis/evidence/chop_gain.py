@@ -18,6 +18,7 @@ from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
 from sim_backend.bench import Bench
+from sim_backend.errors import MccdError
 from sim_backend.model import Model
 
 ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}
@@ -58,6 +59,16 @@ def chop_gains(
         both = [_chopped(open_bench, design, axis, seed, strategy, size_rad, cycles) for design in (nominal, extended)]
         gains.append(ChopGain(axis, strategy, both[0][0], both[1][0], both[0][1], both[1][1]))
     return tuple(gains)
+
+
+def chops_or_why(
+    open_bench: Callable[[], Bench], nominal: str | Path, extended: str | Path, model: Model, seed: int
+) -> tuple[tuple[ChopGain, ...], tuple[str, ...]]:
+    """Return the gain of every axis, or none and a remark that says why the bench could not play the chop."""
+    try:
+        return chop_gains(open_bench, str(nominal), str(extended), model, seed=seed), ()
+    except MccdError as error:
+        return (), (f"the chop that shows what the extended model gains could not be played: {error}",)
 
 
 def _chopped(

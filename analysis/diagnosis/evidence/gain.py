@@ -6,7 +6,7 @@ anew from every held-out window, with before and after always drawn together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.diagnosis.result import Gain
+from analysis.diagnosis.result import Gain, SegmentGain
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -45,25 +45,29 @@ def gain_of(
     windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
     if not windows:
         return None
-    # what a start adds dies away within the first period, and would pass for noise that differs between periods
-    started = [_without_start(r, e, nominal, data.rate_hz) for r, e in zip(data.records, before, strict=True)]
-    noise = _noise_rms(data, started, whitener, windows)
+    # what a start adds dies away, and would pass for noise that differs between periods; so would motion that the
+    # model gets wrong after a change of what is played, which the better of both models leaves less of
+    left = _cleaned(data, before, nominal, windows), _cleaned(data, after, extended, windows)
+    noise = np.minimum(*(_noise_rms(clean, data.n_outputs, whitener, windows) for clean in left))
     size = _output_size(data, windows)
     moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
     size = np.where(moved | ~np.any(moved), size, np.inf)
-    first = _squares(data, before, nominal, windows, size)
-    second = _squares(data, after, extended, windows, size)
-    rms_before, rms_after = (float(np.sqrt(np.concatenate(x).mean())) for x in (first, second))
+    first, second = (_squares(clean, windows, size) for clean in left)
+    rms_before, rms_after = _rms(first), _rms(second)
     draws = _bootstrap(first, second, _block(data, nominal), np.random.default_rng(seed))
     counted = np.isfinite(size)
+    names = tuple(f"{data.records[i].name}#{w.label}" for i, w in windows)
+    own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]
+    each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
     floor = np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))
     return Gain(
-        held_out=tuple(f"{data.records[i].name}#{w.label}" for i, w in windows),
+        held_out=names,
         rms_before=rms_before,
         rms_after=rms_after,
         noise_floor=float(floor),
         reduction=1.0 - rms_after / rms_before if rms_before > 0.0 else 0.0,
         ci95=(float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))),
+        segments=tuple(SegmentGain(*one) for one in zip(names, *each, strict=True)),
     )
 
 
@@ -79,13 +83,23 @@ def _simulated_size(data: Dataset, residuals: Sequence[Array], windows: Sequence
     return np.asarray(np.std(np.concatenate(rows), axis=0), dtype=float)
 
 
-def _squares(
-    data: Dataset, residuals: Sequence[Array], linear: ModalModel, windows: Sequence[tuple[int, Window]], size: Array
-) -> list[Array]:
+def _cleaned(
+    data: Dataset, residuals: Sequence[Array], linear: ModalModel, windows: Sequence[tuple[int, Window]]
+) -> dict[int, Array]:
+    """Return the residuals (n, n_y) of the records of `windows`, by number, without what an unknown start adds."""
+    return {i: _without_start(data.records[i], residuals[i], linear, data.rate_hz) for i in {i for i, _ in windows}}
+
+
+def _squares(cleaned: Mapping[int, Array], windows: Sequence[tuple[int, Window]], size: Array) -> list[Array]:
     """Return, per window, each row's squared relative residual, mean over the outputs, shape (rows,)."""
     moving = np.isfinite(size)
-    cleaned = {i: _without_start(data.records[i], residuals[i], linear, data.rate_hz) for i in {i for i, _ in windows}}
+    if not moving.any():
+        return [np.full(w.stop - w.start, np.nan) for _, w in windows]
     return [np.mean((cleaned[i][w.start : w.stop, moving] / size[moving]) ** 2, axis=1) for i, w in windows]
+
+
+def _rms(squares: Sequence[Array]) -> float:
+    return float(np.sqrt(np.concatenate(squares).mean()))
 
 
 def _without_start(record: Record, residual: Array, linear: ModalModel, rate_hz: float) -> Array:
@@ -122,10 +136,10 @@ def _bootstrap(first: Sequence[Array], second: Sequence[Array], block: int, rng:
 
 
 def _noise_rms(
-    data: Dataset, residuals: Sequence[Array], whitener: Whitener, windows: Sequence[tuple[int, Window]]
+    residuals: Mapping[int, Array], n_outputs: int, whitener: Whitener, windows: Sequence[tuple[int, Window]]
 ) -> Array:
     """Return the noise's rms per output, (n_y,): from repeated periods of the held-out rows, else from its model."""
-    square, rows = np.zeros(data.n_outputs), 0
+    square, rows = np.zeros(n_outputs), 0
     for i, w in windows:
         whole = (w.stop - w.start) // w.period if w.period else 0
         first = 1 if whole >= 3 else 0  # which holds what is left of the transient

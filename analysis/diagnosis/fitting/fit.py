@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -68,7 +68,8 @@ class Fit:
     """A fitted hypothesis: `change` of the knobs, the `effects`, and the objective with its parts.
 
     `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
-    standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter). `occam`
+    standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter);
+    `change_std` are those of `change`. `occam`
     is by how much the data narrowed all parameters, knobs included: the logarithm of the ratio of the prior's volume
     to the posterior's. `log_variance` is the sum of the logarithms of the noise variances that `misfit` is in units of.
     """
@@ -85,6 +86,7 @@ class Fit:
     values: Array
     std: Array
     residuals: tuple[Array, ...]
+    change_std: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def objective(self) -> float:

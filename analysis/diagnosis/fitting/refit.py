@@ -245,8 +245,9 @@ class Problem:
         chosen = sum(effect.chosen() for effect in effects)
         occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, data, known))[1]) + chosen * math.log(rows))
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
-        deviation = np.sqrt(np.maximum(np.diag(covariance)[n_knobs:], 0.0))
-        std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in zip(deviation, values, self.scales, strict=True)]
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        own = zip(deviation[n_knobs:], values, self.scales, strict=True)
+        std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in own]
         names = tuple((s.effect, s.name) for s in self.scales)
         return Fit(
             self.candidates,
@@ -261,6 +262,7 @@ class Problem:
             values,
             np.array(std),
             at.residuals,
+            deviation[:n_knobs],
         )
 
     def _narrowed(self, x: Array, data: Array, known: Array) -> Array:

@@ -8,7 +8,7 @@ and a shift far beyond the tolerance stays visible as one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,11 +68,22 @@ def _unit(linear: ModalModel, name: str, m: int) -> float:
 
 def turned(linear: ModalModel, knobs: list[Knob], change: Array) -> ModalModel:
     """Return `linear` with every knob's parameter multiplied by exp(change)."""
-    fields: dict[str, Array] = {}
+    moved: dict[str, Array] = {}
     for knob, delta in zip(knobs, change, strict=True):
-        values = fields.setdefault(knob.field, getattr(linear, knob.field).copy())
+        values = moved.setdefault(knob.field, getattr(linear, knob.field).copy())
         values[knob.index] *= np.exp(delta)
-    return linear.with_(**fields)
+    return linear.with_(**moved)
+
+
+def deviations(linear: ModalModel, knobs: list[Knob], change_std: Array) -> ModalModel:
+    """Return the standard deviations of the parameters of `linear`, in its shapes; zero for what no knob turns.
+
+    `change_std` (n_knobs,) are those of the knobs, which are logarithms.
+    """
+    spread = {f.name: np.zeros_like(getattr(linear, f.name)) for f in fields(linear)}
+    for knob, std in zip(knobs, change_std, strict=True):
+        spread[knob.field][knob.index] = abs(getattr(linear, knob.field)[knob.index]) * std
+    return linear.with_(**spread)
 
 
 def imitation(linear: ModalModel, knobs: list[Knob], changed: ModalModel) -> Array:

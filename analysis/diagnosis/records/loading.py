@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from analysis.diagnosis.nominal.tuning import knobs_of
-from analysis.diagnosis.records.channels import Match, check_finite, match_channels, saturation
+from analysis.diagnosis.records.channels import Match, check_finite, match_channels
+from analysis.diagnosis.records.checks import MIN_ROWS, check_enough, check_inputs, check_outputs, without_copies
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
 from campaigns.log import Run, read_run, sha256_of
@@ -27,9 +28,6 @@ MAX_ROWS = 1_000_000
 
 MAX_PRODUCTS = 10_000_000
 """Rows times re-tunable numbers of the model that are taken: what their derivatives cost in memory and time."""
-
-MIN_ROWS = 60
-"""Fewest rows that a fit may use: three per output would fit a noise model alone."""
 
 RATE_AGREEMENT = 1e-6
 
@@ -107,12 +105,14 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     sources: list[Source] = []
     for run, match, per_run in zip(runs, matches, stretches, strict=True):
         found = [_read(run, match, s, warm) for s in per_run]
-        _check_outputs(run, match, found)
+        check_outputs(found, match.outputs, str(run.path))
         records += found
         sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, sum(r.n for r in found)))
-    notes += _check_inputs(records, model)
-    held, note = with_held_out(records)
-    _check_enough(held, runs)
+    notes += check_inputs(records, [p.name for p in model.inputs])
+    different, copies = without_copies(records, [p.name for p in model.outputs])
+    held, note = with_held_out(different)
+    check_enough(held, ", ".join(str(run.path) for run in runs))
+    notes += copies
     return Loaded(Dataset(rate_hz, held).seen_by(model), tuple(sources), (*notes, *([note] if note else [])))
 
 
@@ -204,41 +204,3 @@ def _read(run: Run, match: Match, s: _Stretch, warm: bool) -> Record:
         windows,
         np.ascontiguousarray(values[:, -1]) if len(names) > n_u + n_y else None,
     )
-
-
-def _check_outputs(run: Run, match: Match, records: Sequence[Record]) -> None:
-    for o, name in enumerate(match.outputs):
-        low = min(float(r.y[:, o].min()) for r in records)
-        high = max(float(r.y[:, o].max()) for r in records)
-        if low == high:
-            raise DataError(
-                f"{run.path}: output '{name}' is constant at {low:g} in all rows; a dead channel decides nothing: "
-                "leave this run out or mend the channel"
-            )
-        for record in records:
-            share, level = saturation(record.y[:, o])
-            if share > 0.0:
-                raise DataError(
-                    f"{run.path}: output '{name}' is cut off at {level:.6g} in {100.0 * share:.2g} % of the rows of "
-                    f"'{record.windows[0].label}' (limit 0.1 %), as a saturated sensor is; leave those segments out"
-                )
-
-
-def _check_inputs(records: Sequence[Record], model: Model) -> list[str]:
-    moves = np.any([np.ptp(r.u, axis=0) > 0.0 for r in records], axis=0)
-    if not np.any(moves):
-        raise DataError(
-            "every input is constant in all runs; nothing was excited, so nothing can be judged: give a run in which "
-            "the bench is driven"
-        )
-    still = [p.name for p, m in zip(model.inputs, moves, strict=True) if not m]
-    return [f"input {', '.join(still)} never moves; nothing can be said about it"] if still else []
-
-
-def _check_enough(records: Sequence[Record], runs: Sequence[Run]) -> None:
-    fitted = sum(int(r.fitted().sum()) for r in records)
-    if fitted < MIN_ROWS:
-        raise DataError(
-            f"{', '.join(str(run.path) for run in runs)}: {fitted} rows may be fitted, at least {MIN_ROWS} are needed "
-            "to tell an effect from noise; record more"
-        )

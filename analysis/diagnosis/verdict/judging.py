@@ -121,6 +121,25 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
     return bool(excess <= spread or explained >= _EXPLAINED)
 
 
+def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0) -> str:
+    """Return in words by how much the best model is not adequate, where that alone makes a verdict *unknown*."""
+    best, tuned = found.best, found.tuned
+    if judgement.verdict != "unknown" or judgement.objection:
+        return ""
+    if not best.candidates:
+        return "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
+    names = " and ".join(f"{e.reported()} at {e.where}" for e in best.effects)
+    if not found.setting.whitener.repeats:
+        return f"beside the best explanation, {names}, something else still stands out that no effect explains"
+    left = best.misfit / best.rows - allowed
+    part = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
+    return (
+        f"the best explanation, {names}, leaves {left:.3g} times the mean square of the noise, where at most "
+        f"{1.002 + _uncertainty(found):.3g} may be noise, and explains {100.0 * part:.4g} % of what was more than "
+        f"noise ({100.0 * _EXPLAINED:g} % are asked for)"
+    )
+
+
 def _uncertainty(found: Found) -> float:
     """Return by how much noise alone may miss its own level, a mean square of one: four standard deviations.
 

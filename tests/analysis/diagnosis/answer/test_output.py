@@ -176,3 +176,40 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path):
     with pytest.raises(ConfigError, match="cannot be made a folder"):
         prepare_folder(tmp_path / "file")
     assert prepare_folder(tmp_path / "a" / "b").is_dir()
+
+
+def test_several_of_one_kind_at_one_place_keep_their_own_deviations(diagnosis, oscillator):
+    import dataclasses
+
+    shapes = [{"frequency_hz": 100.0 * k, "damping_ratio": 0.01, "participation": 0.1 * k} for k in (1, 2)]
+    effects = tuple(make_effect("extra-resonance", "x", shape) for shape in shapes)
+    causes = tuple(
+        Cause("extra-resonance", "x", 0.99, {n: Estimate(v, 0.01 * k, "1") for n, v in shape.items()}, f"peak {k}")
+        for k, shape in enumerate(shapes, start=1)
+    )
+    two = extended_model(oscillator, dataclasses.replace(diagnosis, effects=effects, causes=causes), SOURCES).effects
+    assert [e.note for e in two] == ["peak 1", "peak 2"]
+    assert [number(e.parameters["frequency_hz"]) for e in two] == [100.0, 200.0]
+    assert [e.parameters["frequency_hz"].std for e in two] == [0.01, 0.02]
+
+
+def test_a_delay_among_the_effects_of_the_nominal_model_stays_once(diagnosis, oscillator):
+    import dataclasses
+
+    import msgspec
+
+    entry = EffectEntry(effect="delay", where="x", parameters={"seconds": 2e-4})
+    nominal = msgspec.structs.replace(oscillator, effects=[entry])
+    delayed = dataclasses.replace(
+        diagnosis, linear=oscillator.linear().with_(delay_s=np.array([2e-4])), effects=(), causes=()
+    )
+    extended = extended_model(nominal, delayed, SOURCES)
+    assert extended.effects == [] and extended.linear().delay_s == [2e-4]
+
+
+def test_a_number_that_no_fit_turned_has_no_deviation(diagnosis, oscillator):
+    import dataclasses
+
+    still = dataclasses.replace(diagnosis, linear_std=diagnosis.linear_std.with_(omega_rad_s=np.zeros(1)))
+    assert extended_model(oscillator, diagnosis, SOURCES).modes[0].frequency_hz.std > 0.0
+    assert extended_model(oscillator, still, SOURCES).modes[0].frequency_hz.std is None

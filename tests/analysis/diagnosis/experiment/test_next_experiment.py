@@ -39,7 +39,7 @@ def test_the_proposal_separates_what_the_old_record_could_not(tied):
     segments = list(make_plan(plan.test, plan.settings).segments(bench))
     assert max(np.max(np.abs(s.feedforward)) for s in segments) <= 1.1 * 0.02
     assert plan.duration_s == pytest.approx(sum(s.n_samples for s in segments) / 1000.0)
-    assert f"The plan {plan.test} would tell {CUBIC} from {CONSTANT}" in sentence("unknown", (), (), None, choice)
+    assert f"The plan {plan.test} would tell {CUBIC} from {CONSTANT}" in sentence("unknown", (), (), None, {}, choice)
 
 
 def test_what_is_done_is_not_proposed_again(tied):
@@ -56,7 +56,7 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     choice = choose(SimpleNamespace(setting=loud, best=found.best, rivals=found.rivals), judgement, model)
     assert choice.experiment is None and choice.best_sigma < LEAST
     assert f"no plan tells {CUBIC} from {CONSTANT}" in choice.reason
-    assert "No plan tells" in sentence("unknown", (), (), None, choice)
+    assert "No plan tells" in sentence("unknown", (), (), None, {}, choice)
 
 
 def consistent_with(tied, gain):

@@ -3,7 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.diagnosis.records.loading import MIN_ROWS, load_runs
+from analysis.diagnosis.records.checks import MIN_ROWS
+from analysis.diagnosis.records.loading import load_runs
 from campaigns.log import Channel, sha256_of
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Port

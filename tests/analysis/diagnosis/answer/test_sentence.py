@@ -1,0 +1,53 @@
+"""The opening sentence says what is wrong, where it lives, how sure that is and what it costs, for every verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.answer.sentence import sentence
+from analysis.diagnosis.result import Cause, Domain, Estimate, Gain
+
+GAIN = Gain(("run#a",), 0.25, 0.0125, 0.01, 0.95, (0.94, 0.96))
+
+
+def curve(p_value: float, levels: list[float], where: str) -> Domain:
+    return Domain("run", "x", np.arange(2.0), "m", np.array(levels), np.ones(2), p_value, where)
+
+
+def cause(effect: str, why: str, probability: float = 0.998) -> Cause:
+    return Cause(effect, "x", probability, {"torque": Estimate(1.0, 0.1, "N m")}, why)
+
+
+def test_unknown_says_where_it_lives_how_sure_and_how_large_it_is() -> None:
+    evidence = {
+        "time": (curve(1e-4, [1.5, 9.0], "x from 0 to 1 s"),),
+        "position": (
+            curve(1e-9, [2.0, 7.0], "x at 3 to 4 mm: 7 times the noise"),
+            curve(0.5, [1.0, 1.1], "y at 0 to 1 mm"),
+        ),
+    }
+    text = sentence("unknown", (), (), GAIN, evidence)
+    # the least chance counts, times the curves among which it was chosen
+    assert "by position, x at 3 to 4 mm: 7 times the noise (p = 2e-09)" in text
+    assert "misses 25.0 % of the held-out output, of which 1.00 % is noise" in text
+
+
+def test_unknown_without_evidence_points_to_the_remarks() -> None:
+    text = sentence("unknown", (), (), GAIN, {"time": (curve(0.2, [1.5, 9.0], "x from 0 to 1 s"),)})
+    assert "remarks" in text and "from 0 to 1 s" not in text
+
+
+def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
+    causes = (cause("coulomb-friction", "the residual switches sign"), cause("sensor-gain", "the residual is", 0.99))
+    text = sentence("named", causes, (), GAIN, {})
+    assert "coulomb-friction at x and sensor-gain at x (probability 99.0%)" in text
+    assert "the residual switches sign; the residual is" in text
+    assert "adding them takes the held-out error from 25.0 % to 1.25 %" in text
+
+
+@pytest.mark.parametrize("sure", [(), (cause("delay", "the residual leads"),)])
+def test_ambiguous_tells_the_tie_what_is_sure_beside_it_and_the_gain(sure: tuple[Cause, ...]) -> None:
+    text = sentence("ambiguous", sure, (("cubic-stiffness", "backlash"),), GAIN, {})
+    assert "which of cubic-stiffness, backlash it is" in text and "from 25.0 % to 1.25 %" in text
+    assert ("lacks delay at x (probability 99.8%)" in text) == bool(sure)

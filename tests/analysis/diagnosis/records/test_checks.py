@@ -1,0 +1,58 @@
+"""Records that decide nothing are refused, and copies of a period are not taken for a noise of zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis import diagnose
+from analysis.diagnosis.records.checks import without_copies
+from analysis.diagnosis.records.dataset import Record, Window
+from sim_backend.errors import DataError
+from sim_backend.model import Model
+
+RATE_HZ = 1000.0
+
+
+def test_periods_that_are_copies_are_taken_as_not_repeating() -> None:
+    rng = np.random.default_rng(4)
+    one = rng.standard_normal((100, 2))
+    tiled = np.tile(one, (3, 1))
+    alive = tiled + np.array([0.0, 1e-9]) * rng.standard_normal(tiled.shape)
+    record = Record("r", np.tile(one[:, :1], (3, 1)), alive, (Window("w", 0, 300, period=100),))
+    (plain,), (note,) = without_copies([record], ["x", "y"])
+    assert plain.windows[0].period == 0 and "periods of x are copies" in note
+    noisy = Record("r", record.u, alive + 1e-9 * rng.standard_normal(alive.shape), record.windows)
+    assert without_copies([noisy], ["x", "y"]) == ((noisy,), [])
+
+
+def test_averaged_and_tiled_data_end_in_a_verdict_with_a_remark(oscillator: Model) -> None:
+    from analysis.diagnosis.nominal.responses import simulate
+    from sim_backend.linear import discretise
+
+    rng = np.random.default_rng(5)
+    u = np.tile(rng.standard_normal((1000, 1)), (4, 1))
+    y = simulate(discretise(oscillator.linear(), RATE_HZ), u)[3000:]
+    tiled = np.tile(y + 0.01 * float(np.std(y)) * rng.standard_normal(y.shape), (4, 1))
+    found = diagnose(u, tiled, RATE_HZ, oscillator, period=1000)
+    assert any("copies of each other" in note for note in found.notes)
+    assert all(np.isfinite(estimate.std) for cause in found.causes for estimate in cause.parameters.values())
+    assert found.gain is not None and np.isfinite(found.gain.noise_floor) and found.gain.noise_floor > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda u, y: (u, 0.0 * y + 0.25), "output 'x' is constant at 0.25"),
+        (lambda u, y: (0.0 * u, y), "every input is constant"),
+        (lambda u, y: (u[:40], y[:40]), "at least 60 are needed"),
+        (lambda u, y: (u, np.clip(y, -0.5 * y.std(), 0.5 * y.std())), "is cut off at"),
+    ],
+)
+def test_arrays_that_decide_nothing_are_refused_as_logs_are(oscillator: Model, change, words: str) -> None:
+    from scipy.signal import lfilter
+
+    u = np.random.default_rng(1).standard_normal(4000)
+    inputs, outputs = change(u, lfilter([1e-3], [1.0, -1.95, 0.97], u))
+    with pytest.raises(DataError, match=words):
+        diagnose(inputs, outputs, RATE_HZ, oscillator)
