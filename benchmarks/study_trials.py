@@ -41,7 +41,10 @@ WARM = 200
 
 
 class Clock:
-    """Seconds by stage, each without the stages that it calls; `free_s` is what calls spend without Python's lock."""
+    """Processor seconds of this thread by stage, each without the stages that it calls.
+
+    `free_s` is what calls spend without Python's lock. Other programs change these seconds little.
+    """
 
     def __init__(self) -> None:
         self.stage_s: dict[str, float] = {}
@@ -55,11 +58,11 @@ class Clock:
         def timed(*args: Any, **more: Any) -> Any:
             self._inner.append(0.0)
             self._stages.append(name)
-            started = time.perf_counter()
+            started = time.thread_time()
             try:
                 return function(*args, **more)
             finally:
-                took = time.perf_counter() - started
+                took = time.thread_time() - started
                 self._stages.pop()
                 self.stage_s[name] = self.stage_s.get(name, 0.0) + took - self._inner.pop()
                 if self._inner:
@@ -71,12 +74,12 @@ class Clock:
         """Return a compiled function that leaves the lock to other threads, its time counted as such."""
 
         def timed(*args: Any) -> Any:
-            started = time.perf_counter()
+            started = time.thread_time()
             try:
                 return function(*args)
             finally:
                 stage = self._stages[-1]
-                self.free_s[stage] = self.free_s.get(stage, 0.0) + time.perf_counter() - started
+                self.free_s[stage] = self.free_s.get(stage, 0.0) + time.thread_time() - started
 
         return timed
 
@@ -127,7 +130,7 @@ def clocked() -> Iterator[Clock]:
 
 
 def shares(trials: int, warm: int = WARM) -> dict[str, Any]:
-    """Return where the time of a settling trial goes, as medians over `trials`, after `warm` others."""
+    """Return where the time of a settling trial goes, as means over `trials`, after `warm` others."""
     keep_freed_memory()  # as an engine does
     job = Job.of(load_study(SPREAD))
     for trial in range(warm):
@@ -137,20 +140,20 @@ def shares(trials: int, warm: int = WARM) -> dict[str, Any]:
     free: list[dict[str, float]] = []
     with clocked() as clock:
         for trial in range(warm, warm + trials):  # draws that no trial has made before
-            started = time.perf_counter()
+            started = time.thread_time()
             outcome = run_trial(job, trial)
-            whole.append(time.perf_counter() - started)
+            whole.append(time.thread_time() - started)
             if outcome.status != "done":
                 raise SystemExit(f"trial {trial} of spread.toml {outcome.status}: {outcome.reason}")
             for kept, table in zip((stages, free), clock.take(), strict=True):
                 kept.append(table)
-    trial_ms = 1e3 * statistics.median(whole)
+    trial_ms = 1e3 * statistics.fmean(whole)
 
-    def middle_ms(name: str, tables: list[dict[str, float]]) -> float:
-        return 1e3 * statistics.median(one.get(name, 0.0) for one in tables)
+    def mean_ms(name: str, tables: list[dict[str, float]]) -> float:
+        return 1e3 * statistics.fmean(one.get(name, 0.0) for one in tables)
 
     names = [*dict.fromkeys(stage for _, _, stage in STAGES)]
-    ms, free_ms = ({name: middle_ms(name, tables) for name in names} for tables in (stages, free))
+    ms, free_ms = ({name: mean_ms(name, tables) for name in names} for tables in (stages, free))
     table = {
         name: {
             "ms": round(ms[name], 3),

@@ -50,7 +50,7 @@ def test_trials_that_do_nothing_go_through_a_cluster(tmp_path: Path) -> None:
 
 def test_a_stage_is_timed_without_the_stages_that_it_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(time, "thread_time", lambda: now[0])
     clock = Clock()
 
     def passing(seconds: float) -> None:
@@ -73,8 +73,8 @@ def test_the_shares_add_up_to_the_trial_and_change_no_result() -> None:
     found = shares(9, warm=2)
     stages = found["stages"]
     assert set(stages) == {stage for _, _, stage in STAGES}
-    # a quarter for what stands between the stages, for medians do not add up, and for a machine that others use
-    assert 0.75 < sum(one["share"] for one in stages.values()) < 1.25
+    # means add up; a tenth for what stands between the stages, and half a unit of the last of three digits for each
+    assert 0.9 < sum(one["share"] for one in stages.values()) < 1.0 + 0.0005 * len(stages)
     # only playing is compiled, and all of that stands inside it
     assert 0.0 < stages["play"]["without_lock_ms"] < stages["play"]["ms"]
     assert all(one["without_lock_ms"] == 0.0 for name, one in stages.items() if name != "play")
