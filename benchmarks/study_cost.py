@@ -225,8 +225,9 @@ def measure(parts: Sequence[str], sizes: Sizes, home: Path) -> Row:
     if {"trials", "threads", "cluster"} & set(parts):
         studied("spread", 2, home, "--workers", "1")  # compiles what is not compiled yet
     if "shares" in parts:
-        cost, printed = measured(["-m", TRIALS, "shares", str(sizes.shares)])
-        found["shares"] = {**json.loads(printed), **cost}
+        for key, more in (("shares", []), ("shares_giving_memory_back", ["--give-back"])):
+            cost, printed = measured(["-m", TRIALS, "shares", str(sizes.shares), *more])
+            found[key] = {**json.loads(printed), **cost}
     if "trials" in parts:
         found["growth_with_trials"] = [studied("spread", n, home, "--workers", "1") for n in sizes.growth]
     if "threads" in parts:

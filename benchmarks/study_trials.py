@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -129,15 +130,20 @@ def clocked() -> Iterator[Clock]:
                 setattr(owner, name, function)
 
 
-def shares(trials: int, warm: int = WARM) -> dict[str, Any]:
-    """Return where the time of a settling trial goes, as means over `trials`, after `warm` others."""
-    keep_freed_memory()  # as an engine does
+def shares(trials: int, warm: int = WARM, *, give_back: bool = False) -> dict[str, Any]:
+    """Return where the time of a settling trial goes, as means over `trials`, after `warm` others.
+
+    The process keeps what trials free, as an engine does, or gives it back to the system.
+    """
+    if not give_back:
+        keep_freed_memory()
     job = Job.of(load_study(SPREAD))
     for trial in range(warm):
         run_trial(job, trial)
     whole: list[float] = []
     stages: list[dict[str, float]] = []
     free: list[dict[str, float]] = []
+    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     with clocked() as clock:
         for trial in range(warm, warm + trials):  # draws that no trial has made before
             started = time.thread_time()
@@ -147,6 +153,7 @@ def shares(trials: int, warm: int = WARM) -> dict[str, Any]:
                 raise SystemExit(f"trial {trial} of spread.toml {outcome.status}: {outcome.reason}")
             for kept, table in zip((stages, free), clock.take(), strict=True):
                 kept.append(table)
+    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - faults
     trial_ms = 1e3 * statistics.fmean(whole)
 
     def mean_ms(name: str, tables: list[dict[str, float]]) -> float:
@@ -165,6 +172,8 @@ def shares(trials: int, warm: int = WARM) -> dict[str, Any]:
     return {
         "study": "spread",
         "trials": trials,
+        "keeps_freed_memory": not give_back,
+        "page_faults_per_trial": round(faults / trials, 1),
         "trial_ms": round(trial_ms, 3),
         "stages": table,
         "without_lock_share": round(sum(free_ms.values()) / trial_ms, 3),
@@ -231,6 +240,7 @@ def main(arguments: list[str] | None = None) -> int:
     parts = parser.add_subparsers(dest="part", required=True)
     one = parts.add_parser("shares")
     one.add_argument("trials", type=int)
+    one.add_argument("--give-back", action="store_true", help="give freed memory back to the system")
     one = parts.add_parser("nothing")
     one.add_argument("folder", type=Path)
     one.add_argument("trials", type=int)
