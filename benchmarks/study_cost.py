@@ -264,8 +264,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Measure what is asked for and write the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     now = datetime.now(UTC)
-    usual = Path(__file__).parent / "results" / f"study-cost-{now:%Y-%m-%d}.json"
-    parser.add_argument("--out", type=Path, default=usual)
+    parser.add_argument("--out", type=Path, help="else benchmarks/results/study-cost-DATE.json, or named by the parts")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
     parser.add_argument("--workers", type=int, nargs="+", default=Sizes.workers)
     parser.add_argument("--nothing", type=int, nargs="+", default=Sizes.nothing, help="trials that do nothing")
@@ -288,8 +287,10 @@ def main(arguments: list[str] | None = None) -> int:
         "same_bytes": equal,
         **found,
     }
-    given.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    print(given.out, "the same bytes" if equal else "DIFFERENT bytes")
+    what = "cost" if set(given.parts) == set(PARTS) else "-".join(given.parts)
+    out = given.out or Path(__file__).parent / "results" / f"study-{what}-{now:%Y-%m-%d}.json"
+    out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(out, "the same bytes" if equal else "DIFFERENT bytes")
     return 0 if equal else 1
 
 
