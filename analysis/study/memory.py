@@ -16,8 +16,9 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # the numbers of glibc's malloc.h
 def keep_freed_memory() -> bool:
     """Let this process keep the memory that trials free; return False where the C library is none that can be told.
 
-    Of what a settling trial gives back, the next one asks for 830 pages again (2,400 where MALLOC_TRIM_THRESHOLD_ is
-    set, as dask sets it for its workers), and the system fills each with zeros: 2 ms and 5 ms. No result depends on it.
+    Of what a settling trial gives back, the next one asks for 830 pages again, which the system fills with zeros: 2 of
+    16 ms (benchmarks/results/study-shares-2026-11-21.json), more where MALLOC_TRIM_THRESHOLD_ is set, as dask sets it
+    for its workers. No result depends on it.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
