@@ -13,6 +13,7 @@ from itertools import islice
 from typing import Any
 
 from analysis.study.fingerprint import fingerprint, require_same
+from analysis.study.memory import keep_freed_memory
 from analysis.study.trial import Job, Outcome, run_trial
 from sim_backend.errors import ConfigError, HardwareError
 
@@ -69,10 +70,10 @@ class Engine:
 
 @contextlib.contextmanager
 def threads(job: Job, workers: int) -> Iterator[Engine]:
-    """Give an engine of `workers` threads; most of a trial is compiled code that leaves Python to the others."""
+    """Give an engine of `workers` threads: the compiled part of a trial leaves Python to the others."""
     pool = ThreadPoolExecutor(workers, thread_name_prefix="trial")
     try:
-        yield Engine(lambda trial: pool.submit(run_trial, job, trial), lambda: workers)
+        yield Engine(lambda trial: pool.submit(_tried, job, trial), lambda: workers)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -194,4 +195,9 @@ def _on_worker(held: _Held, trial: int) -> Outcome:
     """Do a trial on a worker; raises ConfigError where it would not give what another gives."""
     if held.difference:
         raise ConfigError(held.difference)
-    return run_trial(held.job, trial)
+    return _tried(held.job, trial)
+
+
+def _tried(job: Job, trial: int) -> Outcome:
+    keep_freed_memory()
+    return run_trial(job, trial)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 from functools import cache
 from typing import Any
@@ -19,6 +20,18 @@ from analysis.study.trial import Job
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError
 from sim_backend.model import Model
+
+BLAS = "threads of BLAS (OPENBLAS_NUM_THREADS)"
+"""The name of that part, with what sets it."""
+
+
+def blas_threads() -> str:
+    """Return how many threads share one product of matrices, which decides in which order its terms are added.
+
+    The library under numpy reads it from these variables, in this order, when it is first imported.
+    """
+    named = (os.environ.get(name) for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"))
+    return next((value for value in named if value), f"one for each of {os.cpu_count()} cores")
 
 
 @cache
@@ -56,6 +69,7 @@ def fingerprint(job: Job) -> dict[str, str]:
         "settings": _digest(study.settings),
         "what varies": _digest(msgspec.to_builtins(study.vary)),
         "files that the settings name": _digest(decided),
+        BLAS: blas_threads(),
         "machine": machine(),
     }
 
@@ -64,7 +78,7 @@ def require_same(expected: dict[str, str], found: dict[str, str], where: str, fi
     """Raise ConfigError naming the first part that differs."""
     for part, value in expected.items():
         if found.get(part) != value:
-            short = part in ("kind", "seed", "machine")
+            short = part in ("kind", "seed", BLAS, "machine")
             detail = f": {found.get(part)} instead of {value}" if short else ""
             raise ConfigError(f"{where}: not the same study in its {part}{detail}; {fix}")
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.study.definition import Study
 from analysis.study.engines import Engine, cluster, threads
@@ -19,6 +21,9 @@ from analysis.study.summary import Summary, summarise
 from analysis.study.trial import Job
 from campaigns.playing.interrupts import Interrupts
 from campaigns.playing.runner import Report
+
+AT_ONCE = 65_536
+"""Trials that are looked up together: their numbers take half a megabyte, however many trials a study has."""
 
 
 @dataclass(frozen=True)
@@ -68,14 +73,13 @@ def run_study(
     home, wall_s = Path(folder), 0.0
     with Store(home, parts, job.varied_names, job.columns, resume=resume) as store:
         before = store.finished(study.total)
-        tried = 0
+        tried, there = 0, int(np.count_nonzero(before))
         with Interrupts() as signals:
-            missing = map(int, np.flatnonzero(~before))
-            tally = _Tally(report, int(np.count_nonzero(~before)), int(np.count_nonzero(before)))
-            if not before.all():
+            tally = _Tally(report, study.total - there, there)
+            if there < study.total:
                 started = time.monotonic()
                 with _engine(job, parts, workers, address) as engine, signals.abortable():
-                    for batch in engine.outcomes(missing, lambda: signals.pausing):
+                    for batch in engine.outcomes(missing_trials(before), lambda: signals.pausing):
                         if batch:
                             store.add(batch)
                         tried += len(batch)
@@ -86,6 +90,12 @@ def run_study(
         finished = summary.finished
         timing = Timing(tried, wall_s, store.seconds(study.total) / max(finished, 1))
     return StudyOutcome("complete" if finished == study.total else "paused", summary, files, timing)
+
+
+def missing_trials(there: NDArray[np.bool_]) -> Iterator[int]:
+    """Yield the trials that are not there (total,), in their order, found a block at a time."""
+    for first in range(0, there.size, AT_ONCE):
+        yield from (first + np.flatnonzero(~there[first : first + AT_ONCE])).tolist()
 
 
 def _engine(

@@ -58,8 +58,13 @@ class Store:
 
     def _hold(self) -> None:
         """Take the file for this program alone and see that trials can stand in it."""
-        for pragma in ("locking_mode=EXCLUSIVE", "journal_mode=WAL", "synchronous=FULL"):
-            self._file.execute(f"PRAGMA {pragma}")
+        self._file.execute("PRAGMA locking_mode=EXCLUSIVE")
+        self._file.execute("PRAGMA synchronous=FULL")
+        (mode,) = self._file.execute("PRAGMA journal_mode=WAL").fetchone()
+        if mode != "wal":  # SQLite says what it has instead of failing
+            raise DataError(
+                f"{self.path}: its disk allows no write-ahead log (SQLite offers '{mode}'); choose an --out on another"
+            )
         self._file.execute("BEGIN IMMEDIATE")  # an exclusive connection keeps what this locks until it is closed
         self._file.execute("COMMIT")
 

@@ -7,9 +7,9 @@ its draw, never from what ran before it or beside it.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 from zlib import crc32
 
@@ -25,6 +25,9 @@ from sim_backend.model import Model, check_model, load_model
 Content = dict[str, Any]
 
 MAX_COLUMNS = 1500
+
+DRAWS_KEPT = 64
+"""Benches that are kept for the other points of their draw, which the threads reach at almost the same time."""
 
 
 @dataclass(frozen=True)
@@ -127,18 +130,33 @@ class Job:
         """Return what a trial is set up with; raises ConfigError when what was drawn makes no model."""
         point, study = self.point(trial), self.study
         name = str(point.get(MODEL, study.model))
-        content, settings, values = self.models[name], dict(study.settings), iter(varied)
+        settings, values, drawn = dict(study.settings), iter(varied), list[float]()
         for one in study.vary:
             if numbers := self.places.get((name, one.place)):
-                for number, value in zip(numbers, values, strict=False):
-                    content = replaced(content, number.way, _number(value, one))
+                drawn += [_number(value, one) for _, value in zip(numbers, values, strict=False)]
             elif one.place == MODEL:
                 next(values)
             else:
                 settings = _set(settings, one.place.split(".")[1:], next(values))
-        return Setup(
-            _checked(content, name), self.nominals[name], settings, _seed(study.seed, trial // len(study.points))
-        )
+        bench = self._bench(name, np.array(drawn).tobytes())  # every bit counts: 0.0 == -0.0 would not tell them apart
+        return Setup(bench, self.nominals[name], settings, _seed(study.seed, trial // len(study.points)))
+
+    @cached_property
+    def _bench(self) -> Callable[[str, bytes], Model]:
+        """Makes the model `name` with all its places at the float64 numbers in `drawn`: once for all points of a draw.
+
+        Raises ConfigError when that is no model.
+        """
+
+        @lru_cache(maxsize=DRAWS_KEPT)
+        def made(name: str, drawn: bytes) -> Model:
+            content, values = self.models[name], iter(np.frombuffer(drawn).tolist())
+            for one in self.study.vary:
+                for number in self.places.get((name, one.place), ()):
+                    content = replaced(content, number.way, next(values))
+            return _checked(content, name)
+
+        return made
 
     def undrawn(self, point: int) -> Setup:
         """Return the setup at a point of the grid before anything is drawn; raises ConfigError for an absurd sweep."""
@@ -150,7 +168,7 @@ class Job:
     def varied(self, trial: int) -> tuple[Scalar, ...]:
         """Return every number and setting of a trial that varies, in the order of `varied_names`."""
         point, study = self.point(trial), self.study
-        model, draw = str(point.get(MODEL, study.model)), trial // len(study.points)
+        model, key = str(point.get(MODEL, study.model)), _key(study.seed, trial // len(study.points))
         out: list[Scalar] = []
         for one in study.vary:
             numbers = self.places.get((model, one.place))
@@ -159,7 +177,7 @@ class Job:
                 out += [_swept(point[one.place], x, one) for x in own]
                 continue
             own = [n.value for n in numbers] if numbers else [self._setting(one)]
-            rng = np.random.default_rng([*_key(study.seed, draw), crc32(one.place.encode())])
+            rng = np.random.default_rng([*key, crc32(one.place.encode())])
             out += _drawn(one, own, rng)
         return tuple(out)
 
@@ -171,9 +189,10 @@ class Job:
         return node
 
 
-def _key(seed: int, draw: int) -> list[int]:
+@lru_cache(maxsize=DRAWS_KEPT)
+def _key(seed: int, draw: int) -> tuple[int, ...]:
     """Return the words that all randomness of a draw is made from."""
-    return np.random.SeedSequence(seed, spawn_key=(draw,)).generate_state(4).tolist()
+    return tuple(np.random.SeedSequence(seed, spawn_key=(draw,)).generate_state(4).tolist())
 
 
 def _seed(seed: int, draw: int) -> int:

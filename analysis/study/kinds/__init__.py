@@ -5,10 +5,25 @@ from __future__ import annotations
 from analysis.study.kinds.base import Column, Kind, Scalar, Setup
 from analysis.study.kinds.chop import ChopTrial
 from analysis.study.kinds.diagnosis import DiagnosisTrial
+from analysis.study.kinds.endstops import EndstopsTrial
+from analysis.study.kinds.hysteresis import HysteresisTrial
 from analysis.study.kinds.settling import SettlingTrial
+from analysis.study.kinds.theodolite import TheodoliteTrial
+from analysis.study.kinds.thermal import ThermalTrial
 from sim_backend.errors import ConfigError, did_you_mean
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (ChopTrial(), DiagnosisTrial(), SettlingTrial())}
+KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        ChopTrial(),
+        DiagnosisTrial(),
+        EndstopsTrial(),
+        HysteresisTrial(),
+        SettlingTrial(),
+        TheodoliteTrial(),
+        ThermalTrial(),
+    )
+}
 
 
 def kind_named(name: str) -> Kind:

@@ -28,10 +28,10 @@ class Cluster:
         self.scheduler = self._start("scheduler", [*options, "--scheduler-file", str(self._file)], ROOT)
         self.address = self._address()
 
-    def _start(self, what: str, options: list[str], cwd: Path) -> subprocess.Popen[bytes]:
+    def _start(self, what: str, options: list[str], cwd: Path, blas_threads: int = 1) -> subprocess.Popen[bytes]:
         number = len(self._started)
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *options]
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": str(blas_threads)}
         with (self._folder / f"{what}-{number}.log").open("wb") as words:
             process = subprocess.Popen(command, cwd=cwd, stdout=words, stderr=words, env=environment)
         self._started.append(process)
@@ -46,11 +46,11 @@ class Cluster:
                 time.sleep(0.05)
         raise TimeoutError("the scheduler did not start")
 
-    def worker(self, threads: int = 1, cwd: Path = ROOT) -> subprocess.Popen[bytes]:
+    def worker(self, threads: int = 1, cwd: Path = ROOT, blas_threads: int = 1) -> subprocess.Popen[bytes]:
         """Start a worker; it comes when it has started."""
         folder = self._folder / f"worker-{len(self._started)}"
         options = [self.address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
-        return self._start("worker", [*options, "--local-directory", str(folder)], cwd)
+        return self._start("worker", [*options, "--local-directory", str(folder)], cwd, blas_threads)
 
     def close(self) -> None:
         for process in self._started:

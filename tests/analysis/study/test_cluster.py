@@ -11,11 +11,12 @@ import pytest
 
 from analysis.study import engines
 from analysis.study.definition import parse_study
+from analysis.study.kinds import KINDS
 from analysis.study.run import run_study
 from sim_backend.errors import ConfigError, HardwareError
 from sim_backend.model import dump_model, load_model
 from tests.analysis.study.conftest import MISSING, Cluster
-from tests.analysis.study.studies import SPREAD, results, spread
+from tests.analysis.study.studies import SPREAD, results, smallest, spread
 
 TRIALS = 40
 
@@ -44,6 +45,22 @@ def test_a_killed_worker_loses_nothing_and_a_new_one_helps(
     # every trial is there once, and is what a thread gives, whoever did it
     assert (outcome.status, outcome.timing.trials) == ("complete", 2 * TRIALS)
     assert results(tmp_path) == reference
+
+
+@pytest.mark.slow
+def test_trials_of_every_kind_give_the_same_bytes_in_one_thread_in_four_and_on_a_cluster(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    cluster.worker()
+    for kind in KINDS:
+        study = smallest(kind, 4)
+        done = run_study(study, tmp_path / kind / "one", workers=1)
+        assert (done.summary.points[0].done, done.summary.failed, done.summary.broken) == (4, 0, 0), kind
+        run_study(study, tmp_path / kind / "four", workers=4)
+        run_study(study, tmp_path / kind / "cluster", address=cluster.address)
+        one = results(tmp_path / kind / "one")
+        assert results(tmp_path / kind / "four") == one, kind
+        assert results(tmp_path / kind / "cluster") == one, kind
 
 
 def test_a_pause_leaves_the_cluster_at_once_and_the_study_goes_on(
@@ -118,6 +135,13 @@ def test_a_worker_that_would_compute_something_else_is_refused(
     text = text.replace("seed = 3", "seed = 4")
     with pytest.raises(ConfigError, match="a worker of the cluster cannot do this study: .*no such file"):
         run_study(parse_study(text, "study"), tmp_path / "t", address=cluster.address)
+
+
+def test_a_worker_with_other_threads_of_blas_is_refused_by_name(cluster: Cluster, tmp_path: Path) -> None:
+    cluster.worker(blas_threads=2)
+    words = r"a worker of the cluster: .* threads of BLAS \(OPENBLAS_NUM_THREADS\): 2 instead of 1; start the workers"
+    with pytest.raises(ConfigError, match=words):
+        run_study(spread(1), tmp_path, address=cluster.address)
 
 
 def test_a_cluster_without_workers_is_given_up_after_a_while(

@@ -1,36 +1,39 @@
-"""What every kind of trial promises, and the diagnosis as a trial."""
+"""What every kind of trial promises, that it measures what the command does, and the diagnosis as a trial."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
+from analysis.recorded.drift import drift_of
+from analysis.recorded.hysteresis import loops_of
+from analysis.recorded.sensors import endstops_of, theodolite_of
 from analysis.study.definition import load_study
 from analysis.study.kinds import KINDS, Setup, kind_named
 from analysis.study.trial import Job, run_trial
-from sim_backend.errors import ConfigError
+from campaigns.benches import open_bench
+from campaigns.log import Run, read_run
+from campaigns.plans import make_plan
+from campaigns.playing.runner import run_plan
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import load_model
-
-EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
-SHORT = {"axes": ["theta_x"], "torque_rms_nm": 0.01, "stop_hz": 200.0, "period_s": 0.5, "realisations": 1}
-HIDDEN = {"effect": "cubic-stiffness", "where": "theta_x", "parameters": {"stiffness": 300.0}}
-SETTINGS = {
-    "settling": {"cycles": 2},
-    "chop": {"cycles": 1, "frequency_hz": 2.0, "window_s": 0.1},
-    "diagnosis": {"hidden": HIDDEN, "plan_settings": SHORT},
-}
+from tests.analysis.study.studies import EXAMPLES, HIDDEN, SMALLEST
 
 
 def setup(kind: str, **more: object) -> Setup:
     model = load_model(EXAMPLES / "quiet.toml" if kind == "diagnosis" else "as-built")
-    return Setup(model, model, {**SETTINGS[kind], **more}, 1)
+    return Setup(model, model, {**SMALLEST[kind], **more}, 1)
 
 
 def test_every_kind_is_tried_here() -> None:
-    assert set(SETTINGS) == set(KINDS)
+    assert set(SMALLEST) == set(KINDS)
     with pytest.raises(ConfigError, match="did you mean 'settling'"):
         kind_named("setling")
 
@@ -49,6 +52,69 @@ def test_a_trial_gives_its_columns_and_the_same_again(name: str) -> None:
     assert kind.run(setup(name)) == found
     if name != "diagnosis":  # its words may be the same for other noise
         assert kind.run(replace(setup(name), seed=2)) != found
+
+
+def worst_noise(run: Run) -> dict[str, Any]:
+    noise = endstops_of(run).noise
+    return {"noise_3sigma_m": noise.three_sigma_m.max(), "drift_m_s": np.abs(noise.drift_m_s).max()}
+
+
+def widest_loop(run: Run) -> dict[str, Any]:
+    loop = loops_of(run)[0.05]  # the larger of both torques
+    return {"remanence_rad": loop.remanence_rad, "remanence_ratio": loop.remanence_ratio, "area_j": loop.area_j}
+
+
+def gains(run: Run) -> dict[str, Any]:
+    x, y = theodolite_of(run).calibration.gain_correction
+    return {
+        "gain_correction_theta_x": x,
+        "gain_correction_theta_y": y,
+        "error_rad": max(abs(x), abs(y)) * 8.5e-3,  # the full angle
+    }
+
+
+def worst_drift(run: Run) -> dict[str, Any]:
+    test = drift_of(run)
+    both = np.array([one.total_rad for one in test.drift]), np.array([one.half_width_rad for one in test.drift])
+    return {
+        "drift_rad": np.abs(both[0]).max(),
+        "half_width_rad": both[1].max(),
+        "significant": bool(np.any(np.abs(both[0]) > both[1])),
+        "warming_k": run.read("temperature")[-1] - run.read("temperature")[0],
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "measured", "more"),
+    [
+        ("endstops", worst_noise, {}),
+        ("hysteresis", widest_loop, {"offsets_rad": []}),
+        ("theodolite", gains, {}),
+        ("thermal", worst_drift, {}),
+    ],
+)
+def test_a_trial_is_the_measurement_of_the_test_that_the_command_plays(
+    name: str, measured: Callable[[Run], dict[str, Any]], more: dict[str, Any], tmp_path: Path
+) -> None:
+    with contextlib.closing(open_bench("sim", 1)) as bench:
+        run_plan(make_plan(name, {**SMALLEST[name], **more}), bench, tmp_path / "run.h5", seed=1)
+    with read_run(tmp_path / "run.h5") as run:
+        expected = measured(run)
+    assert KINDS[name].run(setup(name)) == expected  # to the last bit: the same bench, the same measurement
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("endstops", "no hardware, so no sensor"), ("theodolite", "no theodolite; give its hardware")]
+)
+def test_a_bench_that_lacks_the_instrument_is_refused_before_anything_runs(name: str, words: str) -> None:
+    quiet = load_model(EXAMPLES / "quiet.toml")
+    with pytest.raises(ConfigError, match=words):
+        KINDS[name].decides(Setup(quiet, quiet, SMALLEST[name], 1))
+
+
+def test_a_hysteresis_without_a_loop_comes_to_nothing_with_its_reason() -> None:
+    with pytest.raises(DataError, match="torques_nm is empty"):
+        KINDS["hysteresis"].run(setup("hysteresis", torques_nm=[], offsets_rad=[1e-3]))
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
+import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ import pytest
 
 from analysis.study import engines
 from analysis.study.definition import parse_study
-from analysis.study.run import run_study
+from analysis.study.run import missing_trials, run_study
 from analysis.study.store import FILE
 from analysis.study.trial import Job, run_trial
 from campaigns.plans import ChopPlan
@@ -76,6 +78,18 @@ def test_a_changed_study_is_refused(old: str, new: str, part: str, reference: Pa
         run_study(parse_study(text, "study"), reference, resume=True)
 
 
+def test_other_threads_of_blas_are_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    run_study(spread(1), tmp_path, workers=1)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    with pytest.raises(ConfigError, match=r"in its threads of BLAS \(OPENBLAS_NUM_THREADS\): 3 instead of 1"):
+        run_study(spread(1), tmp_path, resume=True)
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(ConfigError, match="one for each of .* cores instead of 1"):
+        run_study(spread(1), tmp_path, resume=True)
+
+
 def test_a_file_that_the_settings_name_is_part_of_the_study(tmp_path: Path) -> None:
     from sim_backend.model import dump_model, load_model
 
@@ -101,6 +115,38 @@ def test_progress_counts_what_is_left_of_this_run_alone(reference: Path, tmp_pat
     run_study(spread(), tmp_path, workers=1, resume=True, report=lambda *one: told.append(one))
     assert told[-1] == (4, 4, "10 of 10 trials")
     assert all(total == 4 for _, total, _ in told) and [d for d, _, _ in told] == sorted(d for d, _, _ in told)
+
+
+def test_no_trial_is_reported_before_it_is_in_the_file(tmp_path: Path) -> None:
+    told: list[tuple[float, int]] = []
+
+    def report(done: float, _total: float, _what: str) -> None:
+        # the study holds its file for itself: read what a power cut at this moment would leave
+        left = tmp_path / f"left-{len(told)}"
+        left.mkdir()
+        for name in (FILE, f"{FILE}-wal"):
+            shutil.copy(tmp_path / "s" / name, left / name)
+        with contextlib.closing(sqlite3.connect(left / FILE)) as file:
+            told.append((done, file.execute("SELECT COUNT(*) FROM trials").fetchone()[0]))
+
+    run_study(spread(), tmp_path / "s", workers=2, report=report)
+    assert told[-1] == (10, 10) and all(kept >= done for done, kept in told)
+
+
+def test_the_missing_trials_of_a_huge_study_take_no_memory() -> None:
+    there = np.ones(20_000_000, dtype=bool)
+    gaps = [0, 3, 65_535, 65_536, 12_345_678, 19_999_999]
+    there[gaps] = False
+    assert list(missing_trials(there)) == gaps
+    tracemalloc.start()
+    try:
+        first = [trial for trial, _ in zip(missing_trials(np.zeros_like(there)), range(10), strict=False)]
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert first == list(range(10))
+    # the array itself, one byte each, and a block of whole numbers; all numbers at once would be 8 bytes each
+    assert peak < 1.5 * there.size
 
 
 def test_failed_trials_are_counted_and_the_rest_goes_on(tmp_path: Path) -> None:

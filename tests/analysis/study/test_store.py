@@ -6,7 +6,9 @@ import math
 import sqlite3
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -45,6 +47,32 @@ def test_a_batch_is_whole_or_absent(tmp_path: Path) -> None:
         with pytest.raises(DataError):
             store.add([again, good])  # trial 0 is there already
         assert store.finished(2).tolist() == [True, False]
+
+
+def test_what_is_added_is_on_the_disk_when_add_returns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    connections: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def watched(*args: Any, **more: Any) -> sqlite3.Connection:
+        connections.append(connect(*args, **more))
+        return connections[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", watched)
+    for resume in (False, True):
+        with opened(tmp_path, resume=resume):
+            # 2 is FULL: SQLite waits for the disk at the end of every transaction
+            assert connections[-1].execute("PRAGMA synchronous").fetchone() == (2,)
+            assert connections[-1].execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+
+def test_a_disk_without_a_write_ahead_log_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Another(sqlite3.Connection):
+        def execute(self, sql: str, *more: Any) -> sqlite3.Cursor:
+            return super().execute("SELECT 'delete'" if "journal_mode" in sql else sql, *more)
+
+    monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Another))
+    with pytest.raises(DataError, match="no write-ahead log .SQLite offers 'delete'.; choose an --out on another"):
+        opened(tmp_path)
 
 
 def test_a_second_program_is_kept_out(tmp_path: Path) -> None:

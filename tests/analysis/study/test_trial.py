@@ -17,6 +17,7 @@ from campaigns.benches import open_bench
 from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
+from sim_backend.model import number
 from tests.analysis.study.studies import spread
 
 HEAD = 'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n[settings]\ncycles = 2\n'
@@ -72,7 +73,14 @@ def test_every_point_of_the_grid_has_the_same_bench_and_the_same_noise() -> None
         first, second = (one.setup(t, one.varied(t)) for t in (2 * draw, 2 * draw + 1))
         assert first.bench == second.bench and first.seed == second.seed
         assert (first.settings["strategy"], second.settings["strategy"]) == ("hybrid", "mbff")
+        assert first.bench is second.bench  # made and checked once for both
     assert len({one.setup(t, one.varied(t)).seed for t in range(0, 10, 2)}) == 5
+
+
+def test_benches_that_differ_in_the_last_bit_are_told_apart() -> None:
+    one = job('place = "model.modes[theta_x suspension].output_rate.theta_x"\nsweep = [0.0, -0.0, 5e-324, 0.0]')
+    values = [one.setup(t, one.varied(t)).bench.modes[0].output_rate["theta_x"] for t in range(4)]
+    assert [number(v).hex() for v in values] == ["0x0.0p+0", "-0x0.0p+0", (5e-324).hex(), "0x0.0p+0"]
 
 
 def test_a_sweep_over_the_model_and_over_parts_of_a_number() -> None:
