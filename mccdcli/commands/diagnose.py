@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     help="How far the model's own numbers are trusted, relative (1 sigma).",
 )
 @click.option(
+    "--rows",
+    type=click.IntRange(min=1000),
+    default=250_000,
+    show_default=True,
+    help="Rows of all logs together to use at most; memory and time grow with them.",
+)
+@click.option(
     "--bench",
     type=BenchAddress(),
     metavar="BENCH",
@@ -42,6 +49,7 @@ def diagnose(
     nominal: str,
     without: tuple[str, ...],
     nominal_tolerance: float,
+    rows: int,
     bench: str | None,
 ) -> int:
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
@@ -67,7 +75,7 @@ def diagnose(
 
     folder = prepare_folder(out or Path("diagnosis"))
     model = load_model(nominal)
-    loaded, heard = load_logs(runs, model)
+    loaded, heard = load_logs(runs, model, max_rows=rows)
     with progress("diagnosing") as report:
         found = judge(
             loaded.data,
