@@ -76,7 +76,7 @@ def play_on_paper(
     try:
         segments = list(checked_segments(plan, bench))
         paper = SimBench(model, 0, substeps=substeps, truth=True)
-        played = [paper.play(_with_truth(s, paper)) for s in segments]
+        played = [paper.play(_on_paper(s, bench.axes, paper)) for s in segments]
     except (ConfigError, DataError):
         return None
     ins, outs = [p.dof for p in model.inputs], [p.dof for p in model.outputs]
@@ -102,9 +102,24 @@ def play_on_paper(
     return Played(Record("planned", u, y, tuple(windows), kelvin), position)
 
 
-def _with_truth(segment: Segment, paper: SimBench) -> Segment:
+def _on_paper(segment: Segment, axes: tuple[str, ...], paper: SimBench) -> Segment:
+    """Return a segment for a bench with `axes` as `paper` plays it: with true positions, and on its own axes alone.
+
+    A model may know of fewer axes than the bench has. Raises ConfigError for one that the bench lacks.
+    """
     names = tuple(s.name for s in paper.signals if not s.name.startswith(("theodolite_", "current_", "head_")))
-    return replace(segment, record=names)
+    if missing := [axis for axis in paper.axes if axis not in axes]:
+        raise ConfigError(f"the bench has no axis {missing[0]}; it has {', '.join(axes)}")
+    at = [axes.index(axis) for axis in paper.axes]
+    return replace(
+        segment,
+        record=names,
+        reference=np.ascontiguousarray(segment.reference[:, at]),
+        feedforward=np.ascontiguousarray(segment.feedforward[:, at]),
+        feedback=tuple(segment.feedback[i] for i in at) if segment.feedback else (),
+        learning=tuple(segment.learning[i] for i in at) if segment.learning else (),
+        gates=tuple(replace(gate, axis=at.index(gate.axis)) for gate in segment.gates if gate.axis in at),
+    )
 
 
 def reach_of(

@@ -77,6 +77,18 @@ def test_what_a_slow_loop_leaves_tied_the_next_experiment_names(tmp_path):
     assert f"Next experiment: {proposed['test']}" in page
 
 
+def test_a_model_of_one_axis_has_a_first_plan_on_a_bench_of_three(tmp_path):
+    three = bench_model()
+    one = msgspec.structs.replace(
+        three, name="one", inputs=three.inputs[:1], outputs=three.outputs[:1], modes=three.modes[:1], hardware=None
+    )
+    face = Face.of(SimBench(three, 0))
+    plan, whole = first_plan(face, one), first_plan(face, three)
+    assert (plan.name, plan.axes) == ("multisine", ("theta_x",))
+    # the axes are driven one after the other, so that what one may have does not depend on the others
+    assert plan.torque_rms_nm == pytest.approx(whole.torque_rms_nm, rel=0.1)
+
+
 def gain(tmp_path, effect, theodolite_rad, **quest):
     bench, nominal = models(tmp_path, 5000.0, hidden(effect, relative=0.1), theodolite_rad=theodolite_rad)
     plan = make_plan("multisine", SHORT)
