@@ -5,7 +5,7 @@
 #   make format   rewrite the sources in the one format
 #   make docs     the documents as a site (in build/docs), warnings as errors
 #   make release  wheel and source archive (in dist/), each tried in an empty environment
-#   make lock     pin all dependencies anew (constraints.txt)
+#   make lock     pin all dependencies anew (constraints*.txt)
 #   make picture  the picture of the README, from the report
 #   make help     set up, and show this list
 #   make clean    remove what the targets above have made
@@ -84,8 +84,12 @@ $(BIN)/python:
 lock:
 	$(PYTHON) -m venv --clear build/lock
 	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,cluster,docs,exchange]'
-	{ echo '# Every dependency, direct or not, of mccd and its extras. Made by `make lock`; do not edit.'; \
+	{ echo '# Every dependency, direct or not, of mccd and its extras but `peers-diagnosis`. Made by `make lock`; do not edit.'; \
 	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints.txt
+	$(PYTHON) -m venv --clear build/lock
+	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers-diagnosis]'
+	{ echo '# Every dependency of mccd with the extras `dev` and `peers-diagnosis`, which asks for an older numpy. Made by `make lock`; do not edit.'; \
+	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints-peers-diagnosis.txt
 	rm -rf build/lock
 
 clean:

@@ -1,12 +1,12 @@
 """What sparse regression makes of the same blind cases: FROLS (SysIdentPy) and discrepancy-SINDy (PySINDy).
 
-    python -m benchmarks.peers_diagnosis DIR
+    python -m benchmarks.peers_diagnosis DIR [--cases N] [--out FOLDER] [--made-by COMMAND ...]
 
 DIR is a challenge that `mccd challenge make` wrote. Taken are its one-axis cases with one effect or none; the truth is
 opened to score. Both peers get the samples that may be fitted, SINDy the nominal model as well, and both predict the
-held-out samples in free run. Install them first (`pip install pysindy sysidentpy`), best in an environment of their
-own, as they may ask for another numpy; one that is absent is left out. Both run with plain settings, not tuned to a
-case. The result goes to benchmarks/results/.
+held-out samples in free run. What `mccd challenge run` got of the same cases stands beside them. Both run with plain
+settings, not tuned to a case. They are the extra `peers-diagnosis`, in an environment of its own; one that is absent is
+left out. The result goes to benchmarks/results/ as JSON and as a page.
 """
 
 from __future__ import annotations
@@ -17,16 +17,19 @@ import json
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from campaigns.challenge.run import DIAGNOSIS, RESULTS, cases_of
+from campaigns.challenge.judge import judge
+from campaigns.challenge.run import DIAGNOSIS, RESULTS, cases_of, diagnosed_by, was_run
 from campaigns.challenge.truth import Case, reveal
 from campaigns.log import read_run
 from campaigns.version import tool_commit, tool_version
@@ -70,7 +73,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Found:
-    """What a method made of a case: held-out error (rms ÷ rms), number of terms, causes they stand for, seconds."""
+    """What a method made of a case: held-out error (rms ÷ rms), number of terms, causes they stand for, processor time."""
 
     error: float
     terms: int
@@ -115,9 +118,9 @@ def error_of(data: Data, predicted: Array) -> float:
 
 def nominal(data: Data) -> Found:
     """Return what the nominal model alone predicts."""
-    started = time.perf_counter()
+    started = time.process_time()
     predicted = simulated(data.nominal, data.u, data.rate_hz)
-    return Found(error_of(data, predicted), 0, (), time.perf_counter() - started)
+    return Found(error_of(data, predicted), 0, (), time.process_time() - started)
 
 
 def frols(data: Data) -> Found:
@@ -126,7 +129,7 @@ def frols(data: Data) -> Found:
     from sysidentpy.model_structure_selection import FROLS
     from sysidentpy.parameter_estimation import LeastSquares
 
-    started = time.perf_counter()
+    started = time.process_time()
     size_u, size_y = np.std(data.u[data.fitted]), np.std(data.y[data.fitted])
     u, y = (data.u / size_u)[:, None], (data.y / size_y)[:, None]
     last = int(np.flatnonzero(data.fitted)[-1]) + 1
@@ -138,7 +141,7 @@ def frols(data: Data) -> Found:
     begin = int(np.flatnonzero(~data.fitted)[0]) - 4
     predicted = np.full(data.y.size, np.nan)
     predicted[begin:] = model.predict(X=u[begin:], y=y[begin:])[:, 0] * size_y
-    return Found(error_of(data, predicted), len(model.final_model), (), time.perf_counter() - started)
+    return Found(error_of(data, predicted), len(model.final_model), (), time.process_time() - started)
 
 
 def sindy(data: Data) -> Found:
@@ -149,7 +152,7 @@ def sindy(data: Data) -> Found:
     """
     import pysindy
 
-    started = time.perf_counter()
+    started = time.process_time()
     m = int(np.argmax(np.abs(data.nominal.c[0] * data.nominal.b[:, 0]) / data.nominal.omega_rad_s**2))
     omega, sigma = data.nominal.omega_rad_s[m], data.nominal.sigma_1_s[m]
     gain = float(data.nominal.c[0, m] * data.nominal.b[m, 0])
@@ -178,7 +181,7 @@ def sindy(data: Data) -> Found:
             best = (miss, weights)
     kept = [name for name, w in zip(TERMS, best[1], strict=True) if w != 0.0]
     causes = tuple(sorted({TERMS[name][1] or "?" for name in kept}))
-    return Found(error_of(data, predicted(best[1])), len(kept), causes, time.perf_counter() - started)
+    return Found(error_of(data, predicted(best[1])), len(kept), causes, time.process_time() - started)
 
 
 def _without(model: ModalModel, m: int) -> ModalModel:
@@ -205,25 +208,40 @@ def _free_run(weights: Array, u: Array, omega: float, sigma: float, rate_hz: flo
     return out
 
 
+PEERS = ("sysidentpy", "pysindy")
 METHODS: dict[str, tuple[str, Callable[[Data], Found]]] = {
     "nominal model": ("numpy", nominal),
-    "FROLS (SysIdentPy)": ("sysidentpy", frols),
-    "discrepancy-SINDy (PySINDy)": ("pysindy", sindy),
+    "FROLS (SysIdentPy)": (PEERS[0], frols),
+    "discrepancy-SINDy (PySINDy)": (PEERS[1], sindy),
 }
 
 
-def ours(folder: Path, name: str) -> list[str] | None:
-    """Return the causes that `mccd challenge run` got for a case, None when it was not run."""
-    path = folder / RESULTS / name / DIAGNOSIS
-    return [c["effect"] for c in json.loads(path.read_text())["causes"]] if path.is_file() else None
+def ours(folder: Path, name: str, case: Case) -> dict[str, object] | None:
+    """Return what `mccd challenge run` got for a case as a row of the table, None when it was not run."""
+    if not was_run(folder, name):
+        return None
+    judged, path = judge(folder, name, case), folder / RESULTS / name / DIAGNOSIS
+    said = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    right = judged.right if case.effects else judged.verdict == "consistent"
+    causes = [cause["effect"] for cause in said.get("causes", [])]
+    error = (said.get("gain") or {}).get("rms_after")
+    return {
+        "verdict": judged.verdict,
+        "right": right,
+        "causes": causes,
+        "error": error,
+        "seconds": judged.outcome.cpu_s,
+    }
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Compare the methods on a challenge and write the result."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", type=int, default=10, help="at most so many cases")
-    options = parser.parse_args()
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results", help="folder of the result")
+    parser.add_argument("--made-by", action="append", default=[], metavar="COMMAND", help="to print before this one")
+    options = parser.parse_args(words)
     there = {n: m for n, (package, m) in METHODS.items() if importlib.util.find_spec(package) is not None}
     absent = sorted(set(METHODS) - set(there))
     for name in absent:
@@ -232,14 +250,30 @@ def main() -> int:
     chosen = [n for n in cases_of(options.folder) if truth[n].axes == 1 and truth[n].stratum in ("one", "none")]
     rows = [_row(options.folder, name, truth[name], there) for name in chosen[: options.cases]]
     today = datetime.now(UTC).date().isoformat()
-    result = {"version": tool_version(), "commit": tool_commit(), "date": today, "absent": absent, "cases": rows}
-    target = Path(__file__).parent / "results" / f"peers-diagnosis-{today}.json"
-    target.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    itself = f"python -m benchmarks.peers_diagnosis {options.folder} --cases {options.cases}"
+    result = {
+        "version": tool_version(),
+        "commit": tool_commit(),
+        "diagnosed_by": _diagnosed_by(options.folder, chosen[: options.cases]),
+        "peers": {package: version(package) for package in PEERS if importlib.util.find_spec(package) is not None},
+        "date": today,
+        "commands": [*options.made_by, itself],
+        "absent": absent,
+        "cases": rows,
+    }
+    target = options.out / f"peers-diagnosis-{today}.json"
+    target.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    target.with_suffix(".md").write_text(page(result), encoding="utf-8")
     print(target)
     return 0
 
 
-def _row(folder: Path, name: str, case: Case, methods: dict[str, Callable[[Data], Found]]) -> dict[str, object]:
+def _diagnosed_by(folder: Path, names: Sequence[str]) -> str | None:
+    done = [name for name in names if was_run(folder, name)]
+    return diagnosed_by(folder, done) if done else None
+
+
+def _row(folder: Path, name: str, case: Case, methods: dict[str, Callable[[Data], Found]]) -> dict[str, Any]:
     data = data_of(folder / "cases" / name)
     hidden = [e.effect for e in case.effects]
     found = {}
@@ -252,7 +286,50 @@ def _row(folder: Path, name: str, case: Case, methods: dict[str, Callable[[Data]
             f"{name} {'+'.join(hidden) or 'none':34s} {method:28s} error / truth's "
             f"{result.error / case.held_out_floor:10.2f}  {result.terms:3d} terms  {', '.join(result.causes)}"
         )
-    return {"case": name, "hidden": hidden, "floor": case.held_out_floor, "ours": ours(folder, name), "found": found}
+    return {
+        "case": name,
+        "shape": case.shape,
+        "hidden": hidden,
+        "times_naming": [e.size / e.naming_limit for e in case.effects],
+        "floor": case.held_out_floor,
+        "ours": ours(folder, name, case),
+        "found": found,
+    }
+
+
+def page(result: dict[str, Any]) -> str:
+    """Return a result as Markdown: one line per case and method."""
+    peers = ", ".join(f"{name} {number}" for name, number in result["peers"].items()) or "no peer installed"
+    lines = [
+        f"# Sparse regression on blind cases, {result['date']}",
+        "",
+        f"mccd {result['version']} (commit {result['commit']}), diagnoses by {result['diagnosed_by']}; {peers}.",
+        "Made by:",
+        "",
+        "```",
+        *result["commands"],
+        "```",
+        "",
+        "Errors are of the held-out samples, over the error of the true structure with the true parameters. FROLS has "
+        "names for no cause; SINDy's are those that its terms stand for, `?` where a term stands for none.",
+        "",
+        "| case | hidden (× naming limit) | method | error ÷ truth's | terms | says | processor time, s |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in result["cases"]:
+        hidden = ", ".join(f"{h} ({t:.1f})" for h, t in zip(row["hidden"], row["times_naming"], strict=True))
+        start = f"| {row['case']} | {hidden or 'nothing'} |"
+        for method, found in row["found"].items():
+            lines.append(f"{start} {method} {_cells(found, row['floor'], ', '.join(found['causes']))}")
+        if row["ours"] is not None:
+            said = row["ours"]["verdict"] + (": " + ", ".join(row["ours"]["causes"]) if row["ours"]["causes"] else "")
+            lines.append(f"{start} mccd diagnose {_cells(row['ours'], row['floor'], said)}")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(found: dict[str, Any], floor: float, said: str) -> str:
+    error = "ran away" if found["error"] is None else f"{found['error'] / floor:.2f}"
+    return f"| {error} | {found.get('terms', len(found['causes']))} | {said or '–'} | {found['seconds']:.1f} |"
 
 
 if __name__ == "__main__":

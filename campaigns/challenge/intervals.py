@@ -1,4 +1,4 @@
-"""Intervals of 95 %: of shares exactly (Clopper–Pearson), of medians by resampling; and where half is detected."""
+"""Intervals of 95 %: of shares and quantiles exactly, of medians by resampling; and where half is detected."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import beta, norm
+from scipy.stats import beta, binom, norm
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,19 @@ def share_interval(hits: int, n: int) -> tuple[float, float]:
     low = float(beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
     high = float(beta.isf(tail, hits + 1, n - hits)) if hits < n else 1.0
     return low, high
+
+
+def quantile_interval(values: Sequence[float], part: float) -> tuple[float, float] | None:
+    """Return the exact interval of what `part` of all values lie below, whatever they are distributed like.
+
+    Its ends are two of the values, as many as `part` of a sample may lie below by chance; None when there are too few.
+    Source: H. A. David and H. N. Nagaraja, Order Statistics (2003), section 7.1.
+    """
+    n, tail, ordered = len(values), (1.0 - LEVEL) / 2.0, sorted(values)
+    below = binom.cdf(np.arange(n), n, part)  # chance that at most so many values lie below the quantile
+    low = int(np.searchsorted(below, tail, side="right")) - 1
+    high = int(np.searchsorted(below, 1.0 - tail))
+    return (ordered[low], ordered[high]) if low >= 0 and high < n else None
 
 
 def bootstrap_interval(

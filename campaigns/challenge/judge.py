@@ -22,9 +22,11 @@ class Judged:
     """One case and what was said of it.
 
     `found` holds, per hidden effect, whether it was named at its place or rightly called indistinguishable; `by_name`
-    whether it was named outright. `wrong` are the names that are not in the truth. `pulls` are errors of parameters in
-    their stated standard deviations, by effect; `spreads` the stated variances and `misses` the squared errors, both
-    over the Cramér–Rao bound; `held_out` the error after over that of the truth, None when it was not right.
+    whether it was named outright. `wrong` are the names that are not in the truth; `stated` holds, per name, its
+    probability and whether it is in the truth. `pulls` are errors of parameters in their stated standard deviations, by
+    effect, `without_std` the number of those that none was stated for; `spreads` are the stated variances and `misses`
+    the squared errors, both over the Cramér–Rao bound; `held_out` is the error after over that of the truth, None when
+    it was not right.
     """
 
     name: str
@@ -34,7 +36,9 @@ class Judged:
     found: tuple[bool, ...]
     by_name: tuple[bool, ...]
     wrong: tuple[tuple[str, str], ...]
+    stated: tuple[tuple[float, bool], ...]
     pulls: tuple[float, ...]
+    without_std: int
     spreads: tuple[float, ...]
     misses: tuple[float, ...]
     held_out: float | None
@@ -56,7 +60,7 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
     said = _read(folder / RESULTS / name / DIAGNOSIS)
     if said is None:
         nothing = tuple(False for _ in case.effects)
-        return Judged(name, case, outcome, "failed", nothing, nothing, (), (), (), (), None)
+        return Judged(name, case, outcome, "failed", nothing, nothing, (), (), (), 0, (), (), None)
     causes = {(_cause(c["effect"]), c["where"]): c for c in said.get("causes", [])}
     groups = [{_cause(n) for n in group} for group in said.get("ambiguous", [])]
     truth = [(effect.effect, effect.where) for effect in case.effects]
@@ -75,7 +79,9 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
         found=found,
         by_name=by_name,
         wrong=wrong,
-        pulls=tuple(row[0] for row in compared),
+        stated=tuple((float(cause["probability"]), key in truth) for key, cause in causes.items()),
+        pulls=tuple(row[0] for row in compared if row[0] is not None),
+        without_std=sum(row[0] is None for row in compared),
         spreads=tuple(row[1] for row in compared if row[1] is not None),
         misses=tuple(row[2] for row in compared if row[2] is not None),
         held_out=_held_out(said, case) if by_name and all(by_name) and not wrong else None,
@@ -105,17 +111,23 @@ def _tied(effect: Buried, groups: list[set[str]]) -> bool:
     return any(effect.effect in group and len(group) > 1 and group <= twins | {effect.effect} for group in groups)
 
 
-def _compared(parameters: Mapping[str, Any], effect: Buried) -> list[tuple[float, float | None, float | None]]:
-    """Return (pull, stated variance over bound, squared error over bound) of each parameter that both name."""
+def _compared(parameters: Mapping[str, Any], effect: Buried) -> list[tuple[float | None, float | None, float | None]]:
+    """Return (pull, stated variance over bound, squared error over bound) of each parameter that both name.
+
+    A parameter without a value or without a positive standard deviation has no pull.
+    """
     rows = []
     for name, true in effect.parameters.items():
-        stated = parameters.get(name)
-        if not stated or not stated.get("std") or stated.get("value") is None:
+        if name not in parameters:
             continue
-        error, std = float(stated["value"]) - true.value, float(stated["std"])
-        bound = true.bound_std
+        value, std = (parameters[name].get(key) for key in ("value", "std"))
+        error = None if value is None else float(value) - true.value
         rows.append(
-            (error / std, (std / bound) ** 2 if bound else None, (error / bound) ** 2 if bound else None),
+            (
+                error / std if error is not None and std else None,
+                (std / true.bound_std) ** 2 if std and true.bound_std else None,
+                (error / true.bound_std) ** 2 if error is not None and true.bound_std else None,
+            )
         )
     return rows
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from campaigns.challenge.score import FamilyScore, Measure, Score
+from campaigns.challenge.measures import Measure
+from campaigns.challenge.score import FamilyScore, Score
 
 
 def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> str:
-    """Return the score as Markdown: measures, families, and the cases that went wrong."""
+    """Return the score as Markdown: measures, families, and the cases that went wrong (a faint one by a name only)."""
     parts = [
         f"# Blind challenge, {date}",
         f"mccd {version}, {len(score.cases)} cases, truth sealed as `{score.seal}`. Intervals are of 95 %. Made by:",
@@ -17,6 +18,7 @@ def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> s
             ("measure", "value", "interval", "n", "must reach", ""),
             [_measure(m) for m in score.measures],
         ),
+        *([f"Fewer cases than the design demands: {', '.join(score.too_few)}."] if score.too_few else []),
         "## Families",
         _table(
             ("family", "right", "interval", "wrong names", "left out: unknown", "detection / bound", "said"),
@@ -25,7 +27,7 @@ def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> s
         "## Cases that were not right",
         _table(
             ("case", "stratum", "campaign", "hidden", "verdict", "wrong names"),
-            [_case(c) for c in score.cases if not c["right"] and c["stratum"] in ("one", "two", "none")],
+            [_case(c) for c in score.cases if c["wrong"] or not (c["right"] or c["stratum"] == "faint")],
         ),
     ]
     return "\n\n".join(parts) + "\n"
@@ -39,9 +41,9 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _measure(m: Measure) -> tuple[str, ...]:
-    mark = {True: "yes", False: "**no**", None: ""}[m.ok]
+    mark = f"**{m.mark}**" if m.mark in ("no", "too few") else m.mark
     interval = "" if m.interval is None else f"{m.interval[0]:.3g} – {m.interval[1]:.3g}"
-    return (m.name.strip(), "–" if m.value is None else f"{m.value:.3g}", interval, str(m.n), m.must, mark)
+    return (m.name.strip(), "–" if m.value is None else f"{m.value:.3g}", interval, m.counted, m.must, mark)
 
 
 def _family(f: FamilyScore) -> tuple[str, ...]:

@@ -31,21 +31,43 @@ FULL = {
 }
 """Families that are played in a full campaign (136 000 rows); all others in a short one (13 200), to save time."""
 
+
+@dataclass(frozen=True)
+class Miss:
+    """What is said today of a case that does not come out: its verdict, the causes it names, and why."""
+
+    verdict: str
+    why: str
+    causes: tuple[str, ...] = ()
+
+
 NOT_YET = {
-    "command-quantisation": "unknown: at 2.2 times a limit that knows the step, not worth the 20 000 steps tried",
-    "fringe-jump": "unknown: its evidence stays 2 short of the price of a cause, at 2.6 times the limit",
+    "command-quantisation": Miss("consistent", "2.2 times a limit that knows the step, not worth the 20 000 tried"),
+    "fringe-jump": Miss("unknown", "its evidence stays 2 short of the price of a cause, at 2.6 times the limit"),
 }
-"""Families that are not named in their case yet, and what is said instead; docs/diagnosis.md lists them."""
+"""Families that are not named in their case yet; docs/diagnosis.md lists them."""
 
 OF_TRUTH = 1.1
 """Held-out error over that of the true structure with the true parameters: 1 % by chance, the rest is misfit."""
+
+PAIRS = {("coulomb-friction", "position-dependent-force-constant"): 360, ("cubic-stiffness", "vibration-line"): 361}
+"""Two causes at once, neither with a twin."""
+
+PAIRS_NOT_YET = {
+    ("cubic-stiffness", "vibration-line"): Miss(
+        "named",
+        "the line, at 3.8 times its limit on the other axis, is not found beside the spring",
+        ("cubic-stiffness",),
+    ),
+}
+"""Pairs of which not both are named yet; docs/diagnosis.md lists them."""
 
 NULL_SEEDS = (340, 341, 342)
 OUTSIDE = {"coulomb-friction": 350, "periodic-torque": 351, "sensor-drift": 352}
 """Families whose cause is left out of the search; each shows itself in another way: by motion, position, time."""
 
 OUTSIDE_NOT_YET = {
-    "coulomb-friction": "named hysteresis, of which friction is the case with one spring",
+    "coulomb-friction": Miss("named", "friction is the hysteresis of one spring", ("hysteresis",)),
 }
 """Families for which something else is named when they are left out; docs/diagnosis.md lists them."""
 
@@ -81,24 +103,49 @@ def diagnosed(folder: Path, seed: int, *what: str) -> Said:
     return Said(judged, json.loads((result / "diagnosis.json").read_text(encoding="utf-8")))
 
 
-def families(seeds: dict[str, int], not_yet: dict[str, str]) -> list[object]:
-    """Every family with its seed; those that do not come out yet must fail, so that none is repaired unnoticed."""
-    marks = {slug: [pytest.mark.xfail(reason=reason, strict=True)] for slug, reason in not_yet.items()}
-    return [pytest.param(slug, seed, id=slug, marks=marks.get(slug, [])) for slug, seed in seeds.items()]
+def missed_as_expected(said: Said, miss: Miss) -> None:
+    """Let a known miss be one: today's verdict and causes, no other; what came out right must lose its mark."""
+    causes = tuple(sorted(cause["effect"] for cause in said.content["causes"]))
+    assert (said.judged.verdict, causes) == (miss.verdict, miss.causes), f"not the known miss: {said}"
+    pytest.xfail(f"{miss.verdict}: {miss.why}")
 
 
-@pytest.mark.parametrize(("slug", "seed"), families(FAMILIES, NOT_YET))
+def adding_it_pays(said: Said) -> None:
+    """Require a held-out error near that of the truth, and a gain wherever there is one to be had."""
+    gain, floor = said.content["gain"], said.judged.case.held_out_floor
+    assert gain["rms_after"] <= OF_TRUTH * floor, str(said)
+    # What is compared is the nominal model after re-tuning. Where that is at the floor nothing is left to gain: a shift
+    # of a nominal number is re-tuned away, and another effect may leave no mark on the held-out rows (a fringe that is
+    # not lost there). The gain is zero to five digits then, on either side; the line above bounds what may be lost.
+    if gain["rms_before"] > OF_TRUTH * floor:
+        assert gain["ci95"][0] > 0.0, str(said)
+
+
+@pytest.mark.parametrize(("slug", "seed"), FAMILIES.items(), ids=FAMILIES)
 def test_a_hidden_cause_is_named_and_adding_it_pays(slug: str, seed: int, tmp_path: Path) -> None:
     shape = "full" if slug in FULL else "short"
     said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape)
     (hidden,) = said.judged.case.effects
     assert hidden.effect == slug and hidden.size >= 2.0 * hidden.naming_limit
+    if slug in NOT_YET:
+        assert not said.judged.right, f"named: take it out of NOT_YET; {said}"
+        missed_as_expected(said, NOT_YET[slug])
     assert said.judged.right, str(said)
-    gain, floor = said.content["gain"], said.judged.case.held_out_floor
-    assert gain["rms_after"] <= OF_TRUTH * floor, str(said)
-    if gain["rms_before"] > OF_TRUTH * floor:
-        # re-tuning the nominal model alone left something to gain on these rows: it was gained, beyond chance
-        assert gain["ci95"][0] > 0.0, str(said)
+    adding_it_pays(said)
+
+
+@pytest.mark.parametrize(("pair", "seed"), PAIRS.items(), ids=map("+".join, PAIRS))
+def test_two_hidden_causes_are_named_and_adding_them_pays(pair: tuple[str, str], seed: int, tmp_path: Path) -> None:
+    words = [word for slug in pair for word in ("--family", slug)]
+    said = diagnosed(tmp_path, seed, *words, "--one", "0", "--none", "0", "--two", "1", "--shape", "short")
+    hidden = said.judged.case.effects
+    assert {e.effect for e in hidden} == set(pair)
+    assert all(e.size >= 2.0 * e.naming_limit for e in hidden)
+    if pair in PAIRS_NOT_YET:
+        assert not said.judged.right, f"both named: take them out of PAIRS_NOT_YET; {said}"
+        missed_as_expected(said, PAIRS_NOT_YET[pair])
+    assert said.judged.right, str(said)
+    adding_it_pays(said)
 
 
 @pytest.mark.parametrize("seed", NULL_SEEDS)
@@ -107,8 +154,11 @@ def test_nothing_hidden_is_consistent(seed: int, tmp_path: Path) -> None:
     assert said.judged.verdict == "consistent", str(said)
 
 
-@pytest.mark.parametrize(("slug", "seed"), families(OUTSIDE, OUTSIDE_NOT_YET))
+@pytest.mark.parametrize(("slug", "seed"), OUTSIDE.items(), ids=OUTSIDE)
 def test_a_cause_that_is_left_out_of_the_search_is_unknown(slug: str, seed: int, tmp_path: Path) -> None:
     what = ("--family", slug, "--one", "0", "--none", "0", "--outside", "1", "--shape", "short")
     said = diagnosed(tmp_path, seed, *what)
+    if slug in OUTSIDE_NOT_YET:
+        assert said.judged.verdict != "unknown", f"unknown: take it out of OUTSIDE_NOT_YET; {said}"
+        missed_as_expected(said, OUTSIDE_NOT_YET[slug])
     assert said.judged.verdict == "unknown", str(said)

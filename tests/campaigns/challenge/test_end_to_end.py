@@ -31,6 +31,8 @@ def test_make_run_score(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     score = json.loads(capsys.readouterr().out)
     assert code == (0 if score["ok"] else 1)
     assert len(score["cases"]) == 2
+    # one of a gain and nothing may be a hard draw, not both
+    assert any(one["right"] for one in score["cases"]), score["cases"]
     assert json.loads((tmp_path / "dated" / "score.json").read_text())["measures"] == score["measures"]
     assert (tmp_path / "dated" / "score.md").read_text().startswith("# Blind challenge, ")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest, norm
+from scipy.stats import binomtest, norm, quantile_test
 
-from campaigns.challenge.intervals import bootstrap_interval, half_points, share_interval
+from campaigns.challenge.intervals import bootstrap_interval, half_points, quantile_interval, share_interval
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 20), (20, 20), (7, 20), (3, 300), (299, 300)])
@@ -17,6 +17,19 @@ def test_share_interval_is_that_of_scipys_exact_test(hits: int, n: int) -> None:
 
 def test_nothing_counted_tells_nothing() -> None:
     assert share_interval(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("n", "part"), [(6, 0.5), (40, 0.5), (36, 0.9), (300, 0.9)])
+def test_quantile_interval_is_that_of_scipys_exact_test(n: int, part: float) -> None:
+    values = np.random.default_rng(2).exponential(size=n)
+    expected = quantile_test(values, p=part).confidence_interval(0.95)
+    assert quantile_interval(list(values), part) == pytest.approx((expected.low, expected.high))
+
+
+@pytest.mark.parametrize(("n", "part"), [(0, 0.5), (5, 0.5), (35, 0.9)])
+def test_too_few_values_have_no_quantile_interval(n: int, part: float) -> None:
+    # all of five lie on one side of their median once in 16 times, all of 35 below the 90th percentile once in 40
+    assert quantile_interval(list(range(n)), part) is None
 
 
 def test_bootstrap_of_a_mean_has_the_width_of_theory() -> None:

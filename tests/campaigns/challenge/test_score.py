@@ -8,10 +8,12 @@ from typing import Any
 
 import pytest
 
+from campaigns.challenge.intervals import share_interval
 from campaigns.challenge.judge import judge
 from campaigns.challenge.markdown import page
+from campaigns.challenge.measures import Measure, calibration
 from campaigns.challenge.run import diagnosed_by
-from campaigns.challenge.score import CHI2_MEDIAN, Measure, score_challenge
+from campaigns.challenge.score import CHI2_MEDIAN, Score, score_challenge
 from campaigns.challenge.truth import Buried, Case, Number, Truth, seal
 from sim_backend.errors import ConfigError
 
@@ -37,9 +39,11 @@ def case(stratum: str, *effects: Buried) -> Case:
     return Case(stratum=stratum, effects=list(effects), held_out_floor=FLOOR, shape="full", axes=2)  # type: ignore[arg-type]
 
 
-def named(*pairs: tuple[str, str], value: float = 1.0, std: float = 0.1, after: float = FLOOR) -> dict[str, Any]:
+def named(
+    *pairs: tuple[str, str], value: float = 1.0, std: float | None = 0.1, after: float = FLOOR, sure: float = 0.99
+) -> dict[str, Any]:
     parameters = {"relative": {"value": value, "std": std, "unit": "1"}}
-    causes = [{"effect": e, "where": w, "probability": 0.99, "parameters": parameters, "why": ""} for e, w in pairs]
+    causes = [{"effect": e, "where": w, "probability": sure, "parameters": parameters, "why": ""} for e, w in pairs]
     return {"verdict": "named", "causes": causes, "ambiguous": [], "gain": {"rms_after": after}}
 
 
@@ -57,6 +61,11 @@ def write(folder: Path, diagnoses: dict[str, tuple[Case, dict[str, Any] | None]]
         (out / "run.json").write_text(json.dumps(outcome))
         if diagnosis is not None:
             (out / "diagnosis.json").write_text(json.dumps(diagnosis))
+
+
+def rows(score: Score) -> dict[str, Measure]:
+    """Every measure by the words before its first comma."""
+    return {m.name.split(",")[0].strip(): m for m in score.measures}
 
 
 def one(tmp_path: Path, hidden: Case, diagnosis: dict[str, Any] | None):
@@ -156,14 +165,17 @@ def test_all_measures_together(tmp_path: Path) -> None:
         },
     )
     score = score_challenge(tmp_path)
-    value = {m.name.split(",")[0].strip(): (m.value, m.n, m.ok) for m in score.measures}
+    value = {name: (m.value, m.n, m.ok) for name, m in rows(score).items()}
     assert value["named correctly"] == (pytest.approx(2 / 3), 3, False)
-    assert value["worst family"] == (pytest.approx(2 / 3), 1, False)
+    assert value["worst family"] == (pytest.approx(2 / 3), 3, False)
+    assert rows(score)["worst family"].interval == pytest.approx(share_interval(2, 3))
+    assert value["families below 80 %"] == (1, 1, False)
     assert value["confident wrong name"] == (pytest.approx(2 / 13), 13, False)
     # one alarm, and one that cannot be read, which is no "consistent" either
     assert value["false alarms on null campaigns"] == (pytest.approx(2 / 3), 3, False)
     assert value["out-of-library: unknown"] == (0.5, 2, False)
     assert value["two effects at once"] == (1.0, 1, True)
+    assert value["both named and nothing else"] == (1.0, 1, None)
     # pulls 1, 3, 0, 0
     assert value["parameters within 2 sigma"] == (0.75, 4, False)
     # variances over the bound: 1, 1, 4, 4
@@ -173,6 +185,10 @@ def test_all_measures_together(tmp_path: Path) -> None:
     assert value["held-out error / error of the truth"] == (1.0, 3, True)
     assert value["diagnoses that failed"][0] == pytest.approx(1 / 13)
     assert value["slowest diagnosis of a full campaign (s)"] == (5.0, 13, True)
+    assert value["within 60 s"] == (1.0, 13, None)
+    # 01, 02 and both of 06 are right, 03 and 08 wrong
+    assert value["names that are right"] == (pytest.approx(4 / 6), 6, False)
+    assert value["with the cause in the library"][:2] == (pytest.approx(4 / 5), 5)
     assert 1.0 < value["detection limit / matched-filter bound"][0] < 2.0
     assert not score.ok
     (family,) = [f for f in score.families if f.family == "delay"]
@@ -184,12 +200,100 @@ def test_page_holds_every_measure_and_what_went_wrong(tmp_path: Path) -> None:
     score = score_challenge(tmp_path)
     text = page(score, date="2026-01-02", commands=("mccd challenge score DIR",), version="1")
     assert all(m.name.strip().replace("|", "\\|") in text for m in score.measures)
+    assert "| worst family, delay | 0 | 0 – 0.975 | 1 | >= 80 % | **no** |" in text
     assert "| 01 | one | full, 2 axes | delay at theta_x (2.0 × naming limit) | named | backlash at theta_x |" in text
     assert "2026-01-02" in text
 
 
-def test_a_measure_without_cases_neither_passes_nor_fails() -> None:
-    assert Measure("m", None, None, 0, 0.9, None, "").ok is None
+def test_a_measure_without_cases_is_neither_reached_nor_missed_but_too_few() -> None:
+    measure = Measure("m", None, None, 0, 0.9, None, "", least=1)
+    assert measure.ok is None
+    assert (measure.enough, measure.mark, measure.counted) == (False, "too few", "0 of 1")
+
+
+def test_a_score_of_too_few_cases_is_not_passed(tmp_path: Path) -> None:
+    """Everything right, but of one case: neither 300 nulls nor 20 of each family, no pair, none left out."""
+    write(tmp_path, {"01": (case("none"), said("consistent"))})
+    score = score_challenge(tmp_path)
+    assert all(m.ok is not False for m in score.measures)
+    assert not score.ok
+    assert score.plain()["ok"] is False
+    few = rows(score)["false alarms on null campaigns"]
+    assert (few.value, few.mark, few.counted) == (0.0, "too few", "1 of 300")
+    text = page(score, date="2026-01-02", commands=("mccd challenge score DIR",), version="1")
+    assert "| false alarms on null campaigns | 0 | 0 – 0.975 | 1 of 300 | <= 1 % | **too few** |" in text
+    (line,) = [line for line in text.splitlines() if line.startswith("Fewer cases than the design demands: ")]
+    assert "families with 20 cases or more (0 of 33)" in line
+    assert "two effects at once, both named (0 of 1)" in line
+
+
+def test_a_right_pair_with_a_third_name_is_named_but_not_alone(tmp_path: Path) -> None:
+    pair = case("two", buried("delay"), buried("backlash", "theta_y"))
+    third = named(("delay", "theta_x"), ("backlash", "theta_y"), ("dead-zone", "theta_x"))
+    write(tmp_path, {"01": (pair, third), "02": (pair, named(("delay", "theta_x"), ("backlash", "theta_y")))})
+    found = rows(score_challenge(tmp_path))
+    assert (found["two effects at once"].value, found["both named and nothing else"].value) == (1.0, 0.5)
+
+
+@pytest.mark.parametrize("std", [None, 0.0])
+def test_a_parameter_without_a_sigma_is_outside_it(tmp_path: Path, std: float | None) -> None:
+    delay, right = case("one", buried("delay")), ("delay", "theta_x")
+    write(tmp_path, {"01": (delay, named(right, value=1.1)), "02": (delay, named(right, value=1.1, std=std))})
+    found = rows(score_challenge(tmp_path))
+    assert (found["parameters within 2 sigma"].value, found["parameters within 2 sigma"].n) == (0.5, 2)
+    assert (found["of them without a sigma (outside)"].value, found["of them without a sigma (outside)"].n) == (1, 2)
+    # the error counts, whatever was stated of it; there is no stated variance
+    assert found["squared error / Cramer-Rao bound"].n == 2
+    assert found["stated variance / Cramer-Rao bound"].n == 1
+
+
+def test_probabilities_are_held_against_how_often_names_are_right(tmp_path: Path) -> None:
+    delay, right, wrong = case("one", buried("delay")), ("delay", "theta_x"), ("backlash", "theta_x")
+    cases = {f"1{i}": (delay, named(right, sure=0.995)) for i in range(8)}
+    cases |= {f"2{i}": (delay, named(right, sure=0.9999)) for i in range(8)}
+    cases |= {f"3{i}": (delay, named(wrong, sure=1.0)) for i in range(2)}
+    cases["40"] = (delay, named(right, sure=0.9))
+    write(tmp_path, cases)
+    score = score_challenge(tmp_path)
+    found = rows(score)
+    bins = [found[f"stated {words}"] for words in ("below 0.99", "0.99 to 0.999", "0.999 to 1")]
+    # the interval of 8 in 10 ends at 0.975
+    assert [(m.value, m.n, m.ok) for m in bins] == [(1.0, 1, True), (1.0, 8, True), (0.8, 10, False)]
+    together = found["names that are right"]
+    assert together.stated == pytest.approx((8 * 0.995 + 8 * 0.9999 + 2 * 1.0 + 0.9) / 19)
+    assert together.interval == pytest.approx(share_interval(17, 19))
+    assert together.ok is False
+    assert {row["case"]: row["stated"] for row in score.cases}["30"] == [1.0]
+
+
+def test_names_less_sure_than_they_are_right_are_not_calibrated_either() -> None:
+    assert calibration("m", [(0.9, True)] * 100).ok is False
+    assert calibration("m", [(0.9, i % 10 > 0) for i in range(100)]).ok is True
+
+
+def test_a_case_left_out_is_right_when_it_is_unknown(tmp_path: Path) -> None:
+    left_out = case("outside", buried("dead-zone"))
+    write(tmp_path, {"01": (left_out, said("unknown")), "02": (left_out, named(("delay", "theta_x")))})
+    score = score_challenge(tmp_path)
+    assert [row["right"] for row in score.cases] == [True, False]
+    text = page(score, date="2026-01-02", commands=("mccd challenge score DIR",), version="1")
+    assert "| 02 | outside |" in text
+    assert "| 01 | outside |" not in text
+
+
+def test_times_of_full_campaigns_with_their_quantiles(tmp_path: Path) -> None:
+    write(tmp_path, {f"{i:02d}": (case("none"), said("consistent")) for i in range(40)})
+    for i in range(40):
+        path = tmp_path / "results" / f"{i:02d}" / "run.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"wall_s": 2.0 * i + 1.0, "cpu_s": float(i)}))
+    found = {m.name.strip(): m for m in score_challenge(tmp_path).measures}
+    assert found["slowest diagnosis of a full campaign (s)"].value == 79.0
+    assert found["slowest diagnosis of a full campaign (s)"].ok is False
+    assert found["within 60 s"].value == 0.75
+    assert found["wall time, median (s)"].value == 40.0
+    # the interval of a median of 40 is from the 14th to the 27th value (tables of the sign test)
+    assert found["wall time, median (s)"].interval == (27.0, 53.0)
+    assert found["processor time, largest (s)"].value == 39.0
 
 
 def test_a_case_without_outcome_is_an_error(tmp_path: Path) -> None:
