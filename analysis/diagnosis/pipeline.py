@@ -21,7 +21,7 @@ from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, rema
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, deviations, knobs_of, turned
+from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search.rounds import Found, Progress, search
@@ -98,7 +98,7 @@ def search_causes(
     linear = retuned(linear, known, places)
     known = tuple(e for e in known if e.site is not Site.MODEL)  # the linear model has those already
     own = fitted_here(model, data)
-    knobs = knobs_of(linear, OWN_TOLERANCE if own else options.tolerance)
+    knobs = own_knobs_of(linear) if own else knobs_of(linear, options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.y - simulate(discrete, r.u) for r in data.records]
     whitener = louder(whitener_from(data, residuals), added)

@@ -12,12 +12,6 @@ from tests.end_to_end.unknown_bench import diagnosis, identified, imported
 
 pytestmark = pytest.mark.slow
 
-NOT_YET = {
-    "two-by-two": ("actuator-gain", "a gain of -0.67 where both fitted gains are free to undo it; it gains nothing"),
-    "rigid-axis": ("extra-resonance", "a mode at 179 Hz, where the drive has nothing above 60 Hz; it gains nothing"),
-}
-"""Records that get a name, with probability 1: the cause, and what it is; docs/diagnosis.md lists them."""
-
 LOG = """[log]
 test = "{test}"
 source = "data.csv"
@@ -57,10 +51,5 @@ def test_a_linear_record_is_consistent(name: str, tmp_path: Path) -> None:
     identified(tmp_path)
     found = diagnosis(tmp_path)
     causes = [cause["effect"] for cause in found["causes"]]
-    if name in NOT_YET:
-        cause, why = NOT_YET[name]
-        assert found["verdict"] != "consistent", "consistent: take it out of NOT_YET"
-        assert (found["verdict"], causes) == ("named", [cause]), f"not the known miss: {found['sentence']}"
-        pytest.xfail(f"named {cause}: {why}")
     assert (found["verdict"], causes) == ("consistent", []), (found["sentence"], found["notes"])
     assert found["exit_code"] == 0

@@ -365,6 +365,8 @@ class _Slopes:
     def _touched(self, knob: Knob) -> bool:
         """Tell whether an effect acts on, or through, the mode of this knob."""
         s = self._problem.setting
+        if knob.mode < 0:
+            return False
         inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[knob.mode, j] != 0.0}
         outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, knob.mode] != 0.0}
         acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]

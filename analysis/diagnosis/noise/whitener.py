@@ -95,7 +95,8 @@ class Whitener:
         frequency = np.arange(n) / (2.0 * n)
         band = band_of(self.edges, frequency)
         count = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency
-        levels = self.levels[output][band[:count]]
+        # a record of two periods has too few rows for a band of its own below two lines: they are as loud as the next
+        levels = self.levels[output][np.maximum(band[:count], 0)]
         if self.levels.shape[1] < 2 or not self.repeats:
             return levels
         centres = 0.5 * (self.edges[:-1] + self.edges[1:])[:_SLOPE_BANDS]

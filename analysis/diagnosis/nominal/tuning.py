@@ -4,16 +4,22 @@ Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms 
 not zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal
 distribution of the tolerance the nominal model claims, so a wrong gain of one per cent is never taken for physics,
 and a shift far beyond the tolerance stays visible as one.
+
+A model that was fitted to the very runs that are diagnosed has numbers that the runs alone determine, some of them
+nothing but noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through
+zero, so those participations and the feedthrough are turned by what is added to them. Else an effect of the library
+that is linear itself would be free where the model is not, and would be named for what another fit of the model does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.responses import coasting, simulate
+from analysis.linear.simulate import delayed
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -24,12 +30,30 @@ _STEP = 1e-5
 
 @dataclass(frozen=True)
 class Knob:
-    """One re-tunable parameter: `field` of the ModalModel at `index`, on a logarithmic scale, with its prior sd."""
+    """One re-tunable parameter: `field` of the ModalModel at `index`, with its prior sd.
+
+    Its scale is logarithmic, or counts in `unit` where there is one. A direct path belongs to no `mode`: that is -1.
+    """
 
     field: str
     index: tuple[int, ...]
     mode: int
     sd: float
+    unit: float = 0.0
+
+    def turned(self, value: float, change: float) -> float:
+        """Return the parameter, `value` now, after a `change` on the knob's scale."""
+        return value + self.unit * change if self.unit else value * float(np.exp(change))
+
+    def change(self, before: float, after: float) -> float:
+        """Return the change on the knob's scale between two values; none where the scale has none."""
+        if self.unit:
+            return (after - before) / self.unit
+        return float(np.log(after / before)) if after / before > 0.0 else 0.0
+
+    def deviation(self, value: float, std: float) -> float:
+        """Return the standard deviation of the parameter at `value` from that on the knob's scale."""
+        return (self.unit or abs(value)) * std
 
 
 REACH = 3.0
@@ -66,23 +90,55 @@ def _unit(linear: ModalModel, name: str, m: int) -> float:
     return float(linear.omega_rad_s[m]) if name == "c_rate" else 1.0
 
 
+def own_knobs_of(linear: ModalModel) -> list[Knob]:
+    """Return every re-tunable parameter of a model that was fitted to the very runs that are diagnosed.
+
+    What is added to a participation counts in the size of the whole, position's part and rate's together, with which
+    the mode takes part there; what is added to a feedthrough counts in the largest response of a mode along its path.
+    """
+    into, out = _sizes(linear)
+    time = 1.0 / _pace(linear)
+    units = {"b": into, "b_direct": into * time[:, None], "c": out, "c_rate": out * time}
+    knobs = [
+        replace(knob, unit=float(units[knob.field][knob.index])) if knob.field in units else knob
+        for knob in knobs_of(linear, OWN_TOLERANCE)
+    ]
+    along = np.max(out[:, :, None] * (into * (time**2)[:, None])[None], axis=1, initial=0.0)  # (n_y, n_u)
+    for i, j in np.argwhere(linear.d != 0.0):
+        unit = max(float(along[i, j]), abs(float(linear.d[i, j])))
+        knobs.append(Knob("d", (int(i), int(j)), -1, OWN_TOLERANCE, unit))
+    return knobs
+
+
+def _pace(linear: ModalModel) -> Array:
+    """Return how fast every mode answers, (m,) in rad/s: its frequency or its decay, whatever is faster; never zero."""
+    pace = np.maximum(linear.omega_rad_s, 2.0 * linear.sigma_1_s)
+    return np.where(pace > 0.0, pace, 1.0)
+
+
+def _sizes(linear: ModalModel) -> tuple[Array, Array]:
+    """Return the sizes with which inputs drive every mode (m, n_u), and with which it shows in outputs (n_y, m)."""
+    pace = _pace(linear)
+    return np.hypot(linear.b, pace[:, None] * linear.b_direct), np.hypot(linear.c, pace * linear.c_rate)
+
+
 def turned(linear: ModalModel, knobs: list[Knob], change: Array) -> ModalModel:
-    """Return `linear` with every knob's parameter multiplied by exp(change)."""
+    """Return `linear` with every knob's parameter turned by `change` (n_knobs,)."""
     moved: dict[str, Array] = {}
     for knob, delta in zip(knobs, change, strict=True):
         values = moved.setdefault(knob.field, getattr(linear, knob.field).copy())
-        values[knob.index] *= np.exp(delta)
+        values[knob.index] = knob.turned(values[knob.index], delta)
     return linear.with_(**moved)
 
 
 def deviations(linear: ModalModel, knobs: list[Knob], change_std: Array) -> ModalModel:
     """Return the standard deviations of the parameters of `linear`, in its shapes; zero for what no knob turns.
 
-    `change_std` (n_knobs,) are those of the knobs, which are logarithms.
+    `change_std` (n_knobs,) are those of the knobs on their own scales.
     """
     spread = {f.name: np.zeros_like(getattr(linear, f.name)) for f in fields(linear)}
     for knob, std in zip(knobs, change_std, strict=True):
-        spread[knob.field][knob.index] = abs(getattr(linear, knob.field)[knob.index]) * std
+        spread[knob.field][knob.index] = knob.deviation(getattr(linear, knob.field)[knob.index], std)
     return linear.with_(**spread)
 
 
@@ -94,7 +150,7 @@ def imitation(linear: ModalModel, knobs: list[Knob], changed: ModalModel) -> Arr
     out = np.zeros(len(knobs))
     for i, knob in enumerate(knobs):
         before, after = getattr(linear, knob.field)[knob.index], getattr(changed, knob.field)[knob.index]
-        out[i] = np.log(after / before) if after / before > 0.0 else 0.0
+        out[i] = knob.change(before, after)
     return out
 
 
@@ -106,15 +162,20 @@ def sensitivities(
     `u` (n, n_u) are commands or, without `through_delay`, torques, `start` (m, 2) the states in which they find the
     model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob.
     """
+    passed = delayed(u, discretise(linear, rate_hz).delay_samples) if through_delay else u
 
     def moved(knob: Knob, by: float) -> Array:
         mode = discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz)
         begins = start[knob.mode : knob.mode + 1]
         return simulate(mode, u, through_delay=through_delay) + coasting(mode, begins, u.shape[0])
 
-    out = np.empty((u.shape[0], linear.n_outputs, len(knobs)))
+    out = np.zeros((u.shape[0], linear.n_outputs, len(knobs)))
     for k, knob in enumerate(knobs):
-        out[:, :, k] = (moved(knob, _STEP) - moved(knob, -_STEP)) / (2.0 * _STEP)
+        if knob.mode < 0:
+            output, source = knob.index
+            out[:, output, k] = knob.unit * passed[:, source]
+        else:
+            out[:, :, k] = (moved(knob, _STEP) - moved(knob, -_STEP)) / (2.0 * _STEP)
     return out
 
 

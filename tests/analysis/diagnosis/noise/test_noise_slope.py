@@ -32,3 +32,15 @@ def test_the_level_of_the_lowest_rows_scatters_no_more_than_bands_of_a_dozen_row
     # rows 6, 18, 36 and 60 has a slope known to 0.32 then, and the lowest row lies ln 6 below the first: 1.2 with the
     # level itself, which errs the same way. Two bands would give 2.1. Thirty draws know it to 13 %, taken twice.
     assert np.std(errors) < 1.2 * 1.26
+
+
+def test_in_a_record_of_two_periods_rows_below_all_bands_are_as_loud_as_the_lowest_band_or_louder():
+    rng = np.random.default_rng(8)
+    drive, reading = rng.standard_normal((2 * PERIOD, 1)), flicker(rng, 2 * PERIOD)[:, None]
+    record = Record("made", drive, reading, (Window("periods", 0, 2 * PERIOD, period=PERIOD),))
+    whitener = whitener_from(Dataset(RATE_HZ, (record,)), [reading])
+    below = int(np.sum(np.arange(2 * PERIOD) / (4.0 * PERIOD) < whitener.edges[0]))
+    lowest = whitener.band_levels(2 * PERIOD, 0)
+    assert below > 3
+    assert whitener.levels[0, 0] > 1.5 * whitener.levels[0, -1]  # it matters which band's level they have
+    assert np.all(lowest[:below] >= whitener.levels[0, 0])
