@@ -124,6 +124,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.challenge_score:score",
             "Reveal the truth of a challenge, check its seal, and score the diagnoses.",
         ),
+        "challenge pool": Entry("mccdcli.commands.challenge_pool:pool", "Make one score of several."),
         "bench check": Entry(
             "mccdcli.commands.bench_check:check",
             "Check that a bench keeps to the serial protocol; exit code 1 if it does not.",

@@ -103,8 +103,12 @@ def outcome_of(folder: Path, name: str) -> Outcome:
 def diagnosed_by(folder: Path, names: Sequence[str]) -> str:
     """Return version and commit of the tool that diagnosed these cases: what a score is of, whoever scores it."""
     outcomes = [outcome_of(folder, name) for name in names]
-    tools = dict.fromkeys(f"{o.tool_version} (commit {o.tool_commit})" for o in outcomes)
-    return " and ".join(tools)
+    return tools([(o.tool_version, o.tool_commit) for o in outcomes])
+
+
+def tools(versions: Sequence[tuple[str, str]]) -> str:
+    """Return several (version, commit) of the tool in words, each once."""
+    return " and ".join(dict.fromkeys(f"{version} (commit {commit})" for version, commit in versions))
 
 
 @dataclass

@@ -14,8 +14,9 @@ from campaigns.challenge.families import slugs
 from campaigns.challenge.intervals import half_points, share_interval
 from campaigns.challenge.judge import Judged, judge
 from campaigns.challenge.measures import BINS, REPORTED, Measure, calibration, largest, median, quantile, share
-from campaigns.challenge.run import cases_of, was_run
-from campaigns.challenge.truth import reveal
+from campaigns.challenge.rows import SCHEMA, row_of
+from campaigns.challenge.run import cases_of, tools, was_run
+from campaigns.challenge.truth import SEAL, reveal
 from sim_backend.errors import ConfigError
 
 CHI2_MEDIAN = 0.4549364231195724
@@ -66,10 +67,15 @@ class Score:
         """The measures with fewer cases than the design demands, in words."""
         return tuple(f"{m.name.strip()} ({m.counted})" for m in self.measures if not m.enough)
 
+    @property
+    def version(self) -> str:
+        """Version and commit of the tool that diagnosed these cases: what the score is of, whoever scores."""
+        return tools([(row["tool_version"], row["tool_commit"]) for row in self.cases])
+
     def plain(self) -> dict[str, Any]:
         """Return everything as plain values, each measure with its `ok` and whether it has cases `enough`."""
         rows = [{**asdict(m), "ok": m.ok, "enough": m.enough} for m in self.measures]
-        return {"schema": "mccd-challenge-score/2", **asdict(self), "measures": rows, "ok": self.ok}
+        return {"schema": SCHEMA, **asdict(self), "measures": rows, "ok": self.ok}
 
 
 def score_challenge(folder: Path, *, so_far: bool = False, first: str | None = None) -> Score:
@@ -85,11 +91,15 @@ def score_challenge(folder: Path, *, so_far: bool = False, first: str | None = N
         names = list(takewhile(lambda name: was_run(folder, name), names))
     if not names:
         raise ConfigError(f"case {wanted[0]} of {folder} was not run yet: run the challenge first")
-    judged = [judge(folder, name, truth.cases[name]) for name in names]
+    digest = (folder / SEAL).read_text(encoding="utf-8").split()[1]
+    return score_of([judge(folder, name, truth.cases[name]) for name in names], digest)
+
+
+def score_of(judged: Sequence[Judged], seal: str) -> Score:
+    """Return the score of judged cases, whose truth was sealed as `seal`."""
     ratios = _limit_ratios(judged)
     families = tuple(_family(slug, judged, ratios.get(slug)) for slug in _slugs(judged))
-    seal = (folder / "seal.txt").read_text(encoding="utf-8").split()[1]
-    return Score(seal, tuple(_measures(judged, families, ratios)), families, tuple(_row(j) for j in judged))
+    return Score(seal, tuple(_measures(judged, families, ratios)), families, tuple(row_of(j) for j in judged))
 
 
 def _of(judged: Sequence[Judged], *strata: str) -> list[Judged]:
@@ -251,32 +261,3 @@ def _family(slug: str, judged: Sequence[Judged], ratio: float | None) -> FamilyS
         limit_ratio=ratio,
         said=said,
     )
-
-
-def _row(j: Judged) -> dict[str, Any]:
-    return {
-        "case": j.name,
-        "stratum": j.case.stratum,
-        "shape": j.case.shape,
-        "axes": j.case.axes,
-        "hidden": [
-            {
-                "effect": e.effect,
-                "where": e.where,
-                "times_detection": e.size / e.detection_limit,
-                "times_naming": e.size / e.naming_limit,
-                "twins": [slug for slug, _ in e.twins],
-            }
-            for e in j.case.effects
-        ],
-        "verdict": j.verdict,
-        "right": {"none": j.verdict == "consistent", "outside": j.verdict == "unknown"}.get(j.case.stratum, j.right),
-        "wrong": [list(key) for key in j.wrong],
-        "stated": [probability for probability, _ in j.stated],
-        "pulls": list(j.pulls),
-        "without_std": j.without_std,
-        "held_out": j.held_out,
-        "wall_s": j.outcome.wall_s,
-        "cpu_s": j.outcome.cpu_s,
-        "exit_code": j.outcome.exit_code,
-    }

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
 from mccdcli.options import common_options
-from mccdcli.output import emit, plain, table
+from mccdcli.output import emit
 
 
 @click.command("score")
@@ -32,33 +31,11 @@ def score(
       mccd challenge score DIR --so-far
       mccd challenge score DIR --from 0278
     """
-    from datetime import UTC, datetime
-
-    from campaigns.challenge.markdown import page
-    from campaigns.challenge.run import diagnosed_by
     from campaigns.challenge.score import score_challenge
+    from mccdcli.scores import written
 
     result = score_challenge(folder, so_far=so_far, first=first)
-    target = out or folder / "score"
-    version = diagnosed_by(folder, [one["case"] for one in result.cases])
-    date = datetime.now(UTC).date().isoformat()
-    result_text = json.dumps({"date": date, "version": version, **plain(result.plain())}, indent=1, allow_nan=False)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.with_suffix(".json").write_text(result_text + "\n", encoding="utf-8")
     part = f"{f' --from {first}' if first else ''}{' --so-far' * so_far}"
     made_by = commands or (f"mccd challenge run {folder}", f"mccd challenge score {folder}{part}")
-    target.with_suffix(".md").write_text(page(result, date=date, commands=made_by, version=version), encoding="utf-8")
-    rows = [
-        (
-            m.name,
-            "-" if m.value is None else f"{m.value:.3g}",
-            "" if m.interval is None else f"{m.interval[0]:.3g} to {m.interval[1]:.3g}",
-            m.counted,
-            m.must,
-            {"yes": "ok", "no": "MISSED"}.get(m.mark, m.mark),
-        )
-        for m in result.measures
-    ]
-    heads = ("measure", "value", "95 % interval", "n", "must reach", "")
-    emit(result.plain(), as_json=as_json, text=table(rows, heads))
+    emit(result.plain(), as_json=as_json, text=written(result, out or folder / "score", made_by))
     return 0 if result.ok else 1

@@ -64,6 +64,7 @@ CALLS = {
     "challenge make": ["blind", "--family", "actuator-gain", "--shape", "short", "--seed", "4"],
     "challenge run": ["blind"],
     "challenge score": ["blind", "-o", "score"],
+    "challenge pool": ["score.json", "-o", "pooled"],
     "design": ["--model", "design", "--stages", "--out", "designed"],
     "investigate": ["--bench", "sim:bench.toml", "--model", "nominal.toml", "-o", "rounds", *QUICK],
     "diagnose": ["rounds/round-1/multisine.h5", "--model", "nominal.toml", "-o", "diagnosis"],

@@ -1,0 +1,40 @@
+"""`mccd challenge pool`: one score of a challenge that was diagnosed and scored in parts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mccdcli.options import common_options
+from mccdcli.output import emit
+
+
+@click.command("pool")
+@click.argument(
+    "scores",
+    nargs=-1,
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="SCORE.json...",
+)
+@common_options("out", "json")
+def pool(scores: tuple[Path, ...], out: Path | None, as_json: bool) -> int:
+    """Make one score of several, of parts of a challenge or of several challenges.
+
+    Writes OUT.md and OUT.json (default: pooled, here). The exit code is 0 when every measure reaches what it must on as
+    many cases as the design demands, else 1. Every case keeps the version that diagnosed it; the page names them all.
+
+    \b
+    Examples:
+      mccd challenge score DIR --so-far -o monday
+      mccd challenge score DIR --from 0376 -o tuesday
+      mccd challenge pool monday.json tuesday.json -o both
+    """
+    from campaigns.challenge.pool import pool as pooled
+    from mccdcli.scores import written
+
+    result = pooled(scores)
+    made_by = (" ".join(["mccd challenge pool", *(path.name for path in scores)]),)
+    emit(result.plain(), as_json=as_json, text=written(result, out or Path("pooled"), made_by))
+    return 0 if result.ok else 1
