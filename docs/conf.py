@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -79,6 +81,31 @@ def effects_page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def diagnosis_page() -> str:
+    """Return what diagnosis.json holds, part by part: words from a file, values from the schema."""
+    from mccdcli.schema import as_table, values_of
+
+    words = tomllib.loads((HERE / "reference" / "diagnosis-json.toml").read_text(encoding="utf-8"))
+    by_part: dict[str, list[tuple[str, str, str]]] = {}
+    for value in values_of("diagnose"):
+        by_part.setdefault(re.split(r"\W", value[0])[0], []).append(value)
+    if list(by_part) != list(words):
+        raise ValueError(f"diagnosis.json has the parts {list(by_part)}, and there are words for {list(words)}")
+    parts = [
+        "# diagnosis.json",
+        "What `mccd diagnose` writes beside its page, and prints with `--json`. `[]` stands for each item of a list, "
+        "`{}` for each name of an object, `?` behind what may be absent; all else is always there. Numbers are in SI "
+        "units unless a unit stands beside them; `null` is what is unknown or not finite. `mccd schema diagnose` "
+        "prints the same as a JSON Schema, to which the tests hold the command.",
+        *(f"## {part}\n\n{words[part].strip()}\n\n{as_table(values)}" for part, values in by_part.items()),
+        "## What is not in it",
+        "The re-tuned numbers of the nominal model are in `extended.toml`: each that was turned has the origin "
+        "*fitted*, the runs as its source, and its standard deviation as `std` ([model files](../model-file.md)). The "
+        "numbers of the figures are in `figures/*.csv`.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
 def notebook_page() -> str:
     """Return the example notebook as a page: its words, its code and what that printed."""
     cells = json.loads((HERE / "examples" / "diagnose.ipynb").read_text(encoding="utf-8"))["cells"]
@@ -108,6 +135,7 @@ PAGES = {
     "reference/commands.md": commands_page,
     "reference/json.md": schemas_page,
     "reference/effects.md": effects_page,
+    "reference/diagnosis-json.md": diagnosis_page,
     "contradictions.md": contradictions_page,
     "notebook.md": notebook_page,
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from collections.abc import Iterable
 from functools import cache
 from importlib import resources
 from typing import Any, Final
@@ -52,11 +53,19 @@ def schema_of(command: str, *, dry_run: bool = False) -> dict[str, Any]:
 
 def described(command: str) -> str:
     """Return the result of a command as Markdown: every value with its type and meaning."""
-    rows = [
-        f"| `{place}` | {meaning.partition(':')[0]} | {meaning.partition(':')[2].strip()} |"
-        for place, meaning in _flat(command).items()
-    ]
-    return "\n".join([f"## mccd {command}", "", "| value | type | meaning |", "|---|---|---|", *rows])
+    return f"## mccd {command}\n\n{as_table(values_of(command))}"
+
+
+def values_of(command: str) -> list[tuple[str, str, str]]:
+    """Return place, type and meaning of every value of a command's result; `?` stands behind what may be absent."""
+    flat = ((place, *meaning.partition(":")) for place, meaning in _flat(command).items())
+    return [(place, kind, meaning.strip()) for place, kind, _, meaning in flat]
+
+
+def as_table(values: Iterable[tuple[str, str, str]]) -> str:
+    """Return values, each with its place, type and meaning, as a table of Markdown."""
+    rows = [f"| `{place}` | {kind} | {meaning} |" for place, kind, meaning in values]
+    return "\n".join(["| value | type | meaning |", "|---|---|---|", *rows])
 
 
 def _flat(table: str, above: str = "") -> dict[str, str]:

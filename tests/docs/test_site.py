@@ -6,12 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
+from html import escape
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from mccdcli.registry import COMMANDS
+from mccdcli.schema import values_of
 from tests.reading import DOCS
 
 pytestmark = pytest.mark.skipif(
@@ -60,6 +62,8 @@ def test_the_reference_is_made_from_the_code(site: Path) -> None:
     commands = (site / "reference" / "commands.html").read_text(encoding="utf-8")
     assert all(f"mccd {name}<" in commands for name in COMMANDS)
     assert "held-out segments" in (site / "reference" / "json.html").read_text(encoding="utf-8")
+    diagnosis = (site / "reference" / "diagnosis-json.html").read_text(encoding="utf-8")
+    assert all(f">{escape(place)}<" in diagnosis for place, _, _ in values_of("diagnose"))
     assert "1440" in (site / "contradictions.html").read_text(encoding="utf-8")
     assert "analysis.diagnosis.api.diagnose" in (site / "reference" / "python.html").read_text(encoding="utf-8")
 

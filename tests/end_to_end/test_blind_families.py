@@ -45,7 +45,7 @@ NOT_YET = {
     "command-quantisation": Miss("consistent", "2.2 times a limit that knows the step, not worth the 20 000 tried"),
     "fringe-jump": Miss("unknown", "its evidence stays 2 short of the price of a cause, at 2.6 times the limit"),
 }
-"""Families that are not named in their case yet; docs/diagnosis.md lists them."""
+"""Families that are not named in their case yet; docs/diagnosis-limits.md lists them."""
 
 OF_TRUTH = 1.1
 """Held-out error over that of the true structure with the true parameters: 1 % by chance, the rest is misfit."""
@@ -60,7 +60,7 @@ PAIRS_NOT_YET = {
         ("cubic-stiffness",),
     ),
 }
-"""Pairs of which not both are named yet; docs/diagnosis.md lists them."""
+"""Pairs of which not both are named yet; docs/diagnosis-limits.md lists them."""
 
 NULL_SEEDS = (340, 341, 342)
 OUTSIDE = {"coulomb-friction": 350, "periodic-torque": 351, "sensor-drift": 352}
@@ -69,7 +69,7 @@ OUTSIDE = {"coulomb-friction": 350, "periodic-torque": 351, "sensor-drift": 352}
 OUTSIDE_NOT_YET = {
     "coulomb-friction": Miss("named", "friction is the hysteresis of one spring", ("hysteresis",)),
 }
-"""Families for which something else is named when they are left out; docs/diagnosis.md lists them."""
+"""Families for which something else is named when they are left out; docs/diagnosis-limits.md lists them."""
 
 
 @dataclass(frozen=True)

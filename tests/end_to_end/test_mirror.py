@@ -1,4 +1,4 @@
-"""A measured mirror as its user has it: bundled map beside the data, import, identify, all from the command line."""
+"""A measured mirror as its user has it: bundled map beside the data, import, identify, diagnose, all by commands."""
 
 from __future__ import annotations
 
@@ -8,17 +8,33 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.measured import MIRROR, needs_mirror
+
 ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data" / "fsm"
 PUBLISHED_200_MV = 0.0795
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not DATA.is_dir(), reason=f"measured mirror data are not at {DATA}"),
-]
+pytestmark = [pytest.mark.slow, needs_mirror]
+
+ONE_LINEAR_MODEL = {"100 mV": 0.186, "200 mV": 0.066, "300 mV": 0.163}
+"""Published errors of one linear model of all three levels on the test records, rms over the rms of the output."""
+
+AIMED_AT = {"100 mV": 0.10, "200 mV": 0.06, "300 mV": 0.07}
+"""What correcting the model by a physical cause is to reach there; a neural model has 6.4, 4.8 and 4.2 %."""
+
+NO_GAIN_YET = {
+    "200 mV": "the linear model follows the middle level best, and hysteresis takes nothing of what it leaves"
+}
+"""Levels at which the corrected model is no better than the linear one; docs/diagnosis-limits.md has the errors."""
+
+NOT_YET = {
+    "200 mV": "the corrected model is no better there than the linear one",
+    "300 mV": "further kinds of cause beside the hysteresis gain nothing",
+}
+"""Levels at which the aim is missed; docs/diagnosis-limits.md has the errors."""
 
 
 def mccd(folder: Path, *arguments: str, expected: int = 0) -> str:
@@ -36,32 +52,72 @@ def mccd(folder: Path, *arguments: str, expected: int = 0) -> str:
     return done.stdout
 
 
+def imported(folder: Path) -> None:
+    """Turn the measured arrays into fsm.h5 by the map of the examples."""
+    for file in MIRROR.glob("*.npy"):
+        (folder / file.name).symlink_to(file)
+    (folder / "map.toml").write_text((ROOT / "docs" / "examples" / "fsm-import.toml").read_text())
+    mccd(folder, "import", "map.toml", "-o", "fsm.h5")
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The diagnosis of all three levels by one linear model of them; it takes minutes."""
+    folder = tmp_path_factory.mktemp("mirror")
+    imported(folder)
+    mccd(folder, "identify", "--log", "fsm.h5", "--modes", "16", "--equal-weights", "-o", "m.toml")
+    return json.loads(mccd(folder, "diagnose", "fsm.h5", "--model", "m.toml", "-o", "out", "--json", expected=1))
+
+
+def errors(found: dict[str, Any], level: str) -> tuple[float, float]:
+    """Return the error before and after over the held-out segments of a level, which are of one length."""
+    own = [one for one in found["segments"] if f"held-out {level} " in one["segment"]]
+    assert own, [one["segment"] for one in found["segments"]]
+    before, after = (np.sqrt(np.mean([one[key] ** 2 for one in own])) for key in ("rms_before", "rms_after"))
+    return float(before), float(after)
+
+
 def test_map_import_and_identification_of_one_level(tmp_path):
-    for file in DATA.glob("*.npy"):
-        (tmp_path / file.name).symlink_to(file)
-    (tmp_path / "map.toml").write_text((ROOT / "docs" / "examples" / "fsm-import.toml").read_text())
-    mccd(tmp_path, "import", "map.toml", "-o", "fsm.h5")
+    imported(tmp_path)
     options = ("--only", "200 mV", "--modes", "14", "--equal-weights", "--response", "r.csv", "--json")
-    found = json.loads(mccd(tmp_path, "identify", "--log", "fsm.h5", *options, "-o", "m.toml"))["identification"]
-    errors = [one["total"] for one in found["held_out"] if "200 mV" in one["segment"]]
-    assert len(errors) == 3
-    assert np.sqrt(np.mean(np.square(errors))) < PUBLISHED_200_MV
+    fitted = json.loads(mccd(tmp_path, "identify", "--log", "fsm.h5", *options, "-o", "m.toml"))["identification"]
+    totals = [one["total"] for one in fitted["held_out"] if "200 mV" in one["segment"]]
+    assert len(totals) == 3
+    assert np.sqrt(np.mean(np.square(totals))) < PUBLISHED_200_MV
     # its README calls the mirror weakly nonlinear: the distortion stands above the noise, and below the linear error
-    assert found["noise"] < found["distortion"] < PUBLISHED_200_MV
+    assert fitted["noise"] < fitted["distortion"] < PUBLISHED_200_MV
     with (tmp_path / "r.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len({(row["output"], row["input"]) for row in rows}) == 9
     assert all(0.0 < float(row["std"]) < np.inf for row in rows)
 
 
-def test_hysteresis_is_named_and_takes_two_fifths_of_the_error(tmp_path):
-    for file in DATA.glob("*.npy"):
-        (tmp_path / file.name).symlink_to(file)
-    (tmp_path / "map.toml").write_text((ROOT / "docs" / "examples" / "fsm-import.toml").read_text())
-    mccd(tmp_path, "import", "map.toml", "-o", "fsm.h5")
-    mccd(tmp_path, "identify", "--log", "fsm.h5", "--modes", "16", "--equal-weights", "-o", "m.toml")
-    found = json.loads(mccd(tmp_path, "diagnose", "fsm.h5", "--model", "m.toml", "-o", "out", "--json", expected=1))
+def test_hysteresis_is_named_and_takes_two_fifths_of_the_error(found: dict[str, Any]) -> None:
     assert found["verdict"] == "named"
     assert {(c["effect"], c["where"]) for c in found["causes"]} == {("hysteresis", f"piezo_{i}") for i in (1, 2, 3)}
-    # a linear model of all three levels misses them by 18.6, 6.6 and 16.3 % (published); far less needs the cause
+    # a linear model of all three levels misses them by far more than noise; far less needs the cause
     assert found["gain"]["rms_after"] < 0.6 * found["gain"]["rms_before"]
+
+
+@pytest.mark.parametrize("level", ONE_LINEAR_MODEL)
+def test_no_level_is_worse_than_the_published_linear_model_of_all(level: str, found: dict[str, Any]) -> None:
+    _, after = errors(found, level)
+    assert after < ONE_LINEAR_MODEL[level]
+
+
+@pytest.mark.parametrize("level", ONE_LINEAR_MODEL)
+def test_every_level_gains(level: str, found: dict[str, Any]) -> None:
+    before, after = errors(found, level)
+    if level in NO_GAIN_YET:
+        assert after >= before, f"{before:.2%} to {after:.2%}: take it out of NO_GAIN_YET"
+        pytest.xfail(f"{before:.2%} to {after:.2%}: {NO_GAIN_YET[level]}")
+    assert after < before
+
+
+@pytest.mark.parametrize("level", AIMED_AT)
+def test_every_level_is_predicted_as_well_as_was_aimed_at(level: str, found: dict[str, Any]) -> None:
+    _, after = errors(found, level)
+    if level in NOT_YET:
+        assert after > AIMED_AT[level], f"reached with {after:.2%}: take it out of NOT_YET"
+        pytest.xfail(f"{after:.1%}, not {AIMED_AT[level]:.0%}: {NOT_YET[level]}")
+    assert after <= AIMED_AT[level]

@@ -37,6 +37,13 @@ def changes(nominal: Model, extended: Model) -> list[Change]:
             was = before.get((what, unit))
             if was is None or number(was) != number(value):
                 rows.append(_change(mode.label, what, was, value, unit))
+    for out, row in extended.feedthrough.items():
+        was_row = nominal.feedthrough.get(out, {})
+        rows += [
+            _change(f"{out}, directly", f"driven by {port}", was_row.get(port), value, "")
+            for port, value in row.items()
+            if port not in was_row or number(was_row[port]) != number(value)
+        ]
     kept = list(nominal.effects)
     for entry in extended.effects:
         if entry in kept:

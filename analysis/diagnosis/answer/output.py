@@ -121,6 +121,7 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         title=f"{model.title or model.name}, extended by diagnosis".strip(),
         modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(nominal)],
         effects=[*kept, *_entries(diagnosis, source)],
+        feedthrough=_feedthrough(model, linear, std, source),
         delay_s=_delays(model, linear),
         coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
@@ -175,35 +176,47 @@ def _provenance(sources: Sequence[Source]) -> str:
     return f"mccd {tool_version()} diagnose, fitted to {', '.join(named) or 'arrays'}{more}"
 
 
+def _feedthrough(model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> dict[str, dict[str, Value]]:
+    """Return the direct paths that `model` has, as re-tuned."""
+    ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
+    return {
+        out: _table(row, ins, linear.d[outs.index(out)], None if std is None else std.d[outs.index(out)], source)
+        for out, row in model.feedthrough.items()
+    }
+
+
+def _table(old: dict[str, Value], names: list[str], row: Array, spread: Array | None, source: str) -> dict[str, Value]:
+    at = {n: names.index(n) for n in old}
+    return {n: _fitted(v, row[at[n]], None if spread is None else spread[at[n]], source) for n, v in old.items()}
+
+
+def _fitted(old: Value, new: float, spread: Any, source: str) -> Value:
+    """Return a number with its new value, origin and standard deviation; as it is where nothing turned it."""
+    if math.isclose(number(old), float(new), rel_tol=1e-12, abs_tol=0.0):
+        return old
+    known = float(spread) if spread is not None and spread > 0.0 else None  # no knob turned it: not known
+    return Quantity(value=float(new), origin="fitted", source=source, std=known)
+
+
 def _mode(mode: Mode, m: int, model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> Mode:
     ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
-
-    def table(old: dict[str, Value], names: list[str], row: Array, spread: Array | None) -> dict[str, Value]:
-        at = {n: names.index(n) for n in old}
-        return {n: fitted(v, row[at[n]], None if spread is None else spread[at[n]]) for n, v in old.items()}
-
-    def fitted(old: Value, new: float, spread: Any) -> Value:
-        if math.isclose(number(old), float(new), rel_tol=1e-12, abs_tol=0.0):
-            return old
-        known = float(spread) if spread is not None and spread > 0.0 else None  # no knob turned it: not known
-        return Quantity(value=float(new), origin="fitted", source=source, std=known)
 
     def of(name: str) -> tuple[Array, Array | None]:
         value = getattr(linear, name)
         pick = (slice(None), m) if name in ("c", "c_rate") else (m,)
         return value[pick], None if std is None else getattr(std, name)[pick]
 
-    omega, omega_std = of("omega_rad_s")
-    sigma, sigma_std = of("sigma_1_s")
     turn = 2.0 * math.pi
+    (omega, omega_std), (sigma, sigma_std) = of("omega_rad_s"), of("sigma_1_s")
+    hz_std = None if omega_std is None else omega_std / turn
     return msgspec.structs.replace(
         mode,
-        frequency_hz=fitted(mode.frequency_hz, float(omega) / turn, None if omega_std is None else omega_std / turn),
-        decay_rate_1_s=fitted(mode.decay_rate_1_s, float(sigma), None if sigma_std is None else sigma_std),
-        input=table(mode.input, ins, *of("b")),
-        input_direct=table(mode.input_direct, ins, *of("b_direct")),
-        output=table(mode.output, outs, *of("c")),
-        output_rate=table(mode.output_rate, outs, *of("c_rate")),
+        frequency_hz=_fitted(mode.frequency_hz, float(omega) / turn, hz_std, source),
+        decay_rate_1_s=_fitted(mode.decay_rate_1_s, float(sigma), sigma_std, source),
+        input=_table(mode.input, ins, *of("b"), source),
+        input_direct=_table(mode.input_direct, ins, *of("b_direct"), source),
+        output=_table(mode.output, outs, *of("c"), source),
+        output_rate=_table(mode.output_rate, outs, *of("c_rate"), source),
     )
 
 

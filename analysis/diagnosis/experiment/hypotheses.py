@@ -68,6 +68,7 @@ class Hypothesis:
             model,
             sample_rate_hz=setting.data.rate_hz,
             modes=modes,
+            feedthrough={o: dict(zip(ins, row, strict=True)) for o, row in zip(outs, linear.d.tolist(), strict=True)},
             delay_s=dict(zip(ins, linear.delay_s.tolist(), strict=True)),
             effects=[_entry(e) for e in effects if e.site is not Site.MODEL],
         )

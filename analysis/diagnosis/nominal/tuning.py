@@ -57,7 +57,8 @@ class Knob:
 
 
 REACH = 3.0
-"""Knobs stay within a factor of twenty, e^3. A prior alone does not hold them against a gross error of the model."""
+"""Knobs stay within a factor of twenty, e^3, or within three units: a prior alone does not hold them against a gross
+error of the model."""
 
 OWN_TOLERANCE = 1.0
 """Relative trust in a model that was fitted to the very runs that are diagnosed: whatever they show, its numbers had

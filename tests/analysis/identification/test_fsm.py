@@ -4,8 +4,6 @@ Published relative errors on the test realisations at 100, 200 and 300 mV, 28 st
 per level; 18.6, 6.6 and 16.3 % with one model for all levels.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,18 +12,15 @@ from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
 from analysis.identification.validation import relative_error
 from analysis.linear.simulate import periodic_response
+from tests.measured import MIRROR, needs_mirror
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "fsm"
 RATE = 6400.0
 BLOCKS = 14
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not DATA.is_dir(), reason=f"measured mirror data are not at {DATA}"),
-]
+pytestmark = [pytest.mark.slow, needs_mirror]
 
 
 def _load(level, part):
-    return tuple(np.load(DATA / f"{x}_{level}mV_{part}.npy") for x in "uy")
+    return tuple(np.load(MIRROR / f"{x}_{level}mV_{part}.npy") for x in "uy")
 
 
 def _response(levels):

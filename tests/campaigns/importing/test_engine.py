@@ -10,8 +10,8 @@ from campaigns.importing import import_run
 from campaigns.log import read_run
 from campaigns.version import tool_commit
 from sim_backend.errors import ConfigError
+from tests.measured import MIRROR, needs_mirror
 
-FSM = Path(__file__).parents[3].parent / "shared" / "data" / "fsm"
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "fsm-import.toml"
 
 
@@ -164,10 +164,10 @@ def test_an_existing_log_is_never_overwritten(tmp_path, run_map, plain, data):
     assert (tmp_path / "out.h5").read_text() == "precious"
 
 
-@pytest.mark.skipif(not FSM.is_dir(), reason="the measured fast-steering mirror is not beside the repository")
+@needs_mirror
 def test_the_example_map_imports_the_measured_mirror(tmp_path):
     text = EXAMPLE.read_text(encoding="utf-8")
-    (tmp_path / "map.toml").write_text(text.replace('= "u_', f'= "{FSM}/u_').replace('= "y_', f'= "{FSM}/y_'))
+    (tmp_path / "map.toml").write_text(text.replace('= "u_', f'= "{MIRROR}/u_').replace('= "y_', f'= "{MIRROR}/y_'))
     report = import_run(tmp_path / "map.toml", tmp_path / "fsm.h5")
     assert report.rows == 3 * (6 + 3) * 2 * 8192  # levels x (train + test realisations) x periods x samples
     assert len(report.segments) == 27
@@ -178,7 +178,7 @@ def test_the_example_map_imports_the_measured_mirror(tmp_path):
             assert window.settings["periods"] == 2
             for channel in range(3):
                 for name, array in ((f"drive_{channel + 1}", "u"), (f"displacement_{channel + 1}", "y")):
-                    source = np.load(FSM / f"{array}_{file}.npy")
+                    source = np.load(MIRROR / f"{array}_{file}.npy")
                     for period in range(2):
                         rows = window.read(name)[8192 * period : 8192 * (period + 1)]
                         np.testing.assert_array_equal(rows, source[:, channel, realisation, period])

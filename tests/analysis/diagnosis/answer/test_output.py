@@ -123,6 +123,24 @@ def test_the_difference_lists_what_changed_and_nothing_else(diagnosis, oscillato
     assert changes(oscillator, oscillator) == []
 
 
+def test_a_re_tuned_direct_path_is_in_the_extended_model_and_in_the_difference(diagnosis, oscillator):
+    """A model that was fitted to the very runs may have one, and what was turned has to be what is simulated."""
+    import dataclasses
+
+    import msgspec
+
+    direct = msgspec.structs.replace(oscillator, feedthrough={"x": {"force": 0.02}})
+    linear = diagnosis.linear.with_(d=np.array([[-0.01]]))
+    std = diagnosis.linear_std.with_(d=np.array([[0.003]]))
+    extended = extended_model(direct, dataclasses.replace(diagnosis, linear=linear, linear_std=std), SOURCES)
+    np.testing.assert_array_equal(extended.linear().d, [[-0.01]])
+    number_of_it = extended.feedthrough["x"]["force"]
+    assert isinstance(number_of_it, Quantity)
+    assert (number_of_it.origin, number_of_it.std) == ("fitted", 0.003) and "uid-1" in number_of_it.source
+    (row,) = [r for r in changes(direct, extended) if r.place == "x, directly"]
+    assert (row.what, row.before, row.after, row.std) == ("driven by force", 0.02, -0.01, 0.003)
+
+
 def test_every_quantity_of_an_extended_as_built_bench_is_kept(diagnosis):
     import dataclasses
 

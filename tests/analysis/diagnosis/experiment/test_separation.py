@@ -18,7 +18,7 @@ from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.tuning import knobs_of, turned
+from analysis.diagnosis.nominal.tuning import knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from campaigns.plans import make_plan
 from sim_backend.assembly import places_of, transducers_of
@@ -80,6 +80,21 @@ def hypothesis(model: Model, setting: Setting, name: str, std: float = 0.0, **si
     return Hypothesis(
         (name,), replace(fit, effects=(effect,), values=values, std=np.full(values.size, std), change=change)
     )
+
+
+def test_a_hypothesis_is_played_with_every_re_tuned_number():
+    """Of a model that was fitted to the very runs the direct path is re-tuned as well."""
+    model = msgspec.structs.replace(one_axis(), feedthrough={"y": {"u": 1e-3}})
+    u = sine(0.02, 1.0, 200)
+    fitted = setting_of(model, u, read(model, u, []))
+    setting = replace(fitted, knobs=own_knobs_of(fitted.nominal))
+    change = np.linspace(-0.3, 0.2, len(setting.knobs))
+    made = hypothesis(model, setting, "cubic-stiffness", stiffness=2500.0)
+    found = replace(made, fit=replace(made.fit, change=change)).model(model, setting).linear()
+    wanted = turned(setting.nominal, setting.knobs, change)
+    assert wanted.d[0, 0] != 1e-3
+    for name in ("omega_rad_s", "sigma_1_s", "b", "b_direct", "c", "c_rate", "d", "delay_s"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, err_msg=name)
 
 
 def test_what_is_left_over_is_that_of_stacked_least_squares(rng):

@@ -1,4 +1,7 @@
-"""Inner products instead of columns: what rounding leaves of columns that are all but the same must do no harm."""
+"""Inner products instead of columns, against least squares and chi-squared.
+
+What rounding leaves of columns that are all but the same must do no harm.
+"""
 
 from __future__ import annotations
 
@@ -48,3 +51,64 @@ def test_a_whole_candidate_counts_as_it_is() -> None:
         assert found > 400.0
         assert drop == (pytest.approx(found, rel=0.01) if explained else 0.0)
         assert abs(sizes[0] - (share if explained else 0.0)) < 0.02
+
+
+def test_likelihood_ratios_are_those_of_least_squares() -> None:
+    rng = np.random.default_rng(3)
+    n = 300
+    knobs, columns = rng.standard_normal((n, 2)), rng.standard_normal((n, 3))
+    residual = columns @ [0.5, 0.0, -0.2] + knobs @ [3.0, 1.0] + rng.standard_normal(n)
+    table = np.column_stack([residual, knobs, columns])
+    gram = Gram(table.T @ table, 2, (np.array([3]), np.array([4, 5])), (False, False), n, True)
+    reduced = gram.without(gram.knob_columns())
+
+    def rss(*parts: np.ndarray) -> float:
+        x = np.column_stack(parts)
+        return float(np.linalg.lstsq(x, residual, rcond=None)[1][0])
+
+    for i, own in enumerate((columns[:, :1], columns[:, 1:])):
+        drop, sizes = gram.solve(reduced, [i])
+        assert drop == pytest.approx(rss(knobs) - rss(knobs, own), rel=1e-6)
+        expected = np.linalg.lstsq(np.column_stack([knobs, own]), residual, rcond=None)[0][2:]
+        np.testing.assert_allclose(sizes, expected, rtol=1e-6)
+
+
+def test_one_sided_sizes_stay_positive() -> None:
+    rng = np.random.default_rng(4)
+    column = rng.standard_normal(200)
+    table = np.column_stack([-2.0 * column + rng.standard_normal(200), column])
+    gram = Gram(table.T @ table, 0, (np.array([1]),), (True,), 200, True)
+    drop, sizes = gram.solve(gram.without(gram.knob_columns()), [0])
+    assert drop == pytest.approx(0.0, abs=1e-9)
+    assert sizes[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_false_alarms_come_as_often_as_the_threshold_says() -> None:
+    rng = np.random.default_rng(5)
+    n, groups = 400, 12
+    columns = rng.standard_normal((n, groups)) + rng.standard_normal((n, 1))  # strongly correlated candidates
+    index = tuple(np.array([1 + i]) for i in range(groups))
+    alarms = 0
+    trials = 400
+    table = np.column_stack([np.zeros(n), columns])
+    gram = Gram(table.T @ table, 0, index, (False,) * groups, n, True)
+    threshold = np.quantile(gram.null_ratios(gram.products, np.random.default_rng(6), 4000).max(axis=0), 0.95)
+    for _ in range(trials):
+        noise = np.column_stack([rng.standard_normal(n), columns])
+        products = noise.T @ noise
+        trial = Gram(products, 0, index, (False,) * groups, n, True)
+        drops = np.array([trial.solve(products, [i])[0] for i in range(groups)])
+        alarms += bool(np.max(trial.ratios(drops, products[0, 0])) > threshold)
+    # 5 % of 400: binomial standard deviation 4.4, with the threshold's own error (4000 draws) 4.6; four of them
+    assert 20 - 18 <= alarms <= 20 + 18
+
+
+def test_a_column_that_the_knobs_span_leaves_the_threshold_alone() -> None:
+    rng = np.random.default_rng(8)
+    knob, free, residual = rng.standard_normal((3, 400))
+    spanned = 2.0 * knob + 1e-8 * rng.standard_normal(400)  # 1e-16 of its energy is left: rounding
+    columns = np.stack([residual, knob, free, spanned], axis=1)
+    gram = Gram(columns.T @ columns, 1, (np.array([2]), np.array([3])), (False, False), 400, True)
+    maxima = gram.null_ratios(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000).max(axis=0)
+    # one live column: chi-squared with one degree of freedom, 99 % below 6.63; 4000 draws know that to 0.35
+    assert np.quantile(maxima, 0.99) == pytest.approx(6.635, abs=1.1)

@@ -1,0 +1,33 @@
+"""The unknown state in which a record starts, against the matrix exponential."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+from analysis.diagnosis.fitting.starts import stack_white, start_of
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.records.dataset import Record, Window
+from sim_backend.assembly import places_of, transducers_of
+from sim_backend.replay import replay
+from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis
+
+
+def test_start_states_are_recovered_and_projected_out() -> None:
+    linear, u = linear_model(), drive(800)
+    states = np.array([[1e-3, 0.05], [2e-4, -0.1]])
+    moved, still = (
+        replay(linear, [], places_of(one_axis()), transducers_of(one_axis()), u, RATE_HZ, start=x)
+        for x in (states, np.zeros((2, 2)))
+    )
+    y = moved.position - still.position
+    # the free response itself, against the matrix exponential
+    a, _, c, _ = linear.state_space()
+    expected = [(c @ expm(a * k / RATE_HZ) @ states.reshape(-1))[0] for k in (0, 7, 300)]
+    np.testing.assert_allclose(y[[0, 7, 300], 0], expected, rtol=1e-9)
+    record = Record("r", u, y, (Window("all", 0, 800),))
+    whitener = Whitener(np.array([[1e6]]), True)
+    start = start_of(record, linear, whitener, RATE_HZ)
+    white = stack_white(whitener, record, y[:, :, None])[:, 0]
+    np.testing.assert_allclose(start.states(white), states, rtol=1e-6)
+    assert np.linalg.norm(start.project(white)) < 1e-9 * np.linalg.norm(white)

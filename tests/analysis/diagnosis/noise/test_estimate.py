@@ -1,0 +1,37 @@
+"""Colour and level of noise that was made with known ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from analysis.diagnosis.noise.autoregression import fit_ar
+from analysis.diagnosis.noise.estimate import whitener_from
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from tests.analysis.diagnosis.two_modes import RATE_HZ
+
+
+def test_noise_colour_is_found_and_removed() -> None:
+    rng = np.random.default_rng(1)
+    noise = 3e-6 * lfilter([1.0], [1.0, -1.2, 0.5], rng.standard_normal(40_000))
+    taps = fit_ar([(noise, np.ones(noise.size, dtype=bool))])
+    # standard deviation of an AR coefficient is about sqrt(1 - rho²)/sqrt(n) < 0.005
+    np.testing.assert_allclose(taps[:3] / taps[0], [1.0, -1.2, 0.5], atol=0.02)
+    white = lfilter(taps, 1.0, noise)[100:]
+    assert white.std() == pytest.approx(1.0, abs=4 / np.sqrt(2 * white.size))
+    lag = np.array([np.mean(white[k:] * white[:-k]) for k in range(1, 11)])
+    assert np.max(np.abs(lag)) < 5 / np.sqrt(white.size)
+
+
+def test_noise_is_what_does_not_repeat() -> None:
+    rng = np.random.default_rng(2)
+    period, repeats = 500, 6
+    error_of_the_model = np.tile(1e-3 * rng.standard_normal(period), repeats)
+    residual = (error_of_the_model + 2e-6 * rng.standard_normal(period * repeats))[:, None]
+    u = np.zeros_like(residual)
+    record = Record("r", u, residual, (Window("p", 0, period * repeats, False, period),))
+    whitener = whitener_from(Dataset(RATE_HZ, (record,)), [residual])
+    assert whitener.repeats
+    # 2000 differences: the standard deviation is known to 1.6 %, the order selection may use up a little
+    assert 1 / whitener.taps[0, 0] == pytest.approx(2e-6, rel=0.06)

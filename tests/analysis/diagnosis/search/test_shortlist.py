@@ -1,0 +1,27 @@
+"""Thresholds of chance, on evidence of which the distribution is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.search.shortlist import thresholds
+
+
+def test_each_cause_has_its_own_threshold_and_all_share_one_rate() -> None:
+    # a cause of thirty shapes, one of four sizes and six plain ones; ratios of noise alone are chi-squared
+    rng = np.random.default_rng(11)
+    keys = [("shapes", "x")] * 30 + [("sizes", "x")] + [(f"plain {i}", "x") for i in range(6)]
+
+    def drawn(draws: int) -> np.ndarray:
+        freedoms = np.array([1] * 30 + [4] + [1] * 6)
+        return rng.chisquare(freedoms[:, None], (37, draws))
+
+    limits = thresholds(keys, drawn(4000), 0.02)
+    alarms = np.mean(np.any(drawn(40_000) > limits[:, None], axis=0))
+    # the limit is a quantile of 4000 draws: 80 of them beyond, known to 11 %, and the offsets to as much
+    assert alarms == pytest.approx(0.02, rel=0.4)
+    # of eight causes each is allowed a part in four hundred: chi-squared of one degree of freedom beyond 9.14
+    assert limits[-1] == pytest.approx(9.14, abs=0.7)
+    assert limits[0] > limits[-1] + 4.0
+    assert limits[30] > limits[-1] + 4.0
