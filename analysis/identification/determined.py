@@ -9,6 +9,8 @@ import numpy as np
 
 from analysis.identification.response_fit import RationalFit
 from analysis.identification.timefit import TimeFit
+from analysis.linear.modal_form import some_blocks
+from sim_backend.linear import Array, ModalModel
 
 _AnyFit = TypeVar("_AnyFit", TimeFit, RationalFit)
 
@@ -16,17 +18,33 @@ SIGNIFICANT = 3.0
 """Standard deviations by which a mode's decay rate must differ from zero."""
 
 
-def without_undetermined(fit: _AnyFit, orders: tuple[int, ...], again: Callable[[int], _AnyFit]) -> _AnyFit:
-    """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time."""
-    while fit.model.n_blocks > orders[0] and not _all_determined(fit):
-        fit = again(fit.model.n_blocks - 1)
+def without_undetermined(
+    fit: _AnyFit, orders: tuple[int, ...], again: Callable[[int, ModalModel | None], _AnyFit]
+) -> _AnyFit:
+    """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time.
+
+    A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
+    number had found, because its method puts a pole where nothing was played. The better of both counts.
+    """
+    while fit.model.n_blocks > orders[0] and not np.all(known := _determinedness(fit) >= SIGNIFICANT):
+        rest = some_blocks(fit.model, np.arange(known.size) != int(np.argmin(_determinedness(fit))))
+        fewer = known.size - 1
+        fit = min((again(fewer, None), again(fewer, rest)), key=lambda one: one.criterion)
     return fit
 
 
-def _all_determined(fit: TimeFit | RationalFit) -> bool:
-    """Tell whether frequency and decay rate of every block stand out of their uncertainty; a rigid body has neither."""
+def _determinedness(fit: TimeFit | RationalFit) -> Array:
+    """Return by how many standard deviations each block's frequency and decay rate differ from zero, the lesser (m,).
+
+    A rigid body has neither, and is there or not by the criterion.
+    """
     model = fit.model
-    moving = model.omega_rad_s > 0.0
-    frequency = model.omega_rad_s >= SIGNIFICANT * fit.omega_std_rad_s
-    decay = model.sigma_1_s >= SIGNIFICANT * fit.sigma_std_1_s
-    return bool(np.all((frequency & decay)[moving]))
+    frequency = _ratio(model.omega_rad_s, fit.omega_std_rad_s)
+    decay = _ratio(model.sigma_1_s, fit.sigma_std_1_s)
+    return np.where(model.omega_rad_s > 0.0, np.minimum(frequency, decay), np.inf)
+
+
+def _ratio(value: Array, std: Array) -> Array:
+    """Return `value` over `std`: infinite for what is known exactly, zero where a deviation could not be had."""
+    known = np.divide(value, std, out=np.zeros_like(value), where=std > 0.0)
+    return np.where(std == 0.0, np.inf, known)

@@ -194,8 +194,8 @@ def _from_periods(
     # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
     held, filtered = part_of(report, 0.0, 0.4), part_of(report, 0.4, 0.8)
     fits = {
-        data.rate_hz: _fit_lines(measured, variance, data.rate_hz, orders, held),
-        None: _fit_lines(measured, variance, None, orders, filtered),
+        data.rate_hz: _fit_lines(measured, variance, data.rate_hz, orders, report=held),
+        None: _fit_lines(measured, variance, None, orders, report=filtered),
     }
     report(0.8, 1.0, "giving up modes that are not there")
     hold = min(fits, key=lambda key: fits[key].criterion)
@@ -205,7 +205,7 @@ def _from_periods(
         lines = response_to_steps(measured, data.rate_hz, late)
         variance = None if equal_weights else _variance(lines)
         fit = _fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
-    fit = without_undetermined(fit, orders, lambda n: _fit_lines(lines, variance, data.rate_hz, (n,)))
+    fit = without_undetermined(fit, orders, lambda n, first: _fit_lines(lines, variance, data.rate_hz, (n,), first))
     fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
     intersample: Intersample = "held" if hold else "band-limited"
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
@@ -242,9 +242,10 @@ def _fit_lines(
     variance: Array | None,
     hold: float | None,
     orders: tuple[int, ...],
+    start: ModalModel | None = None,
     report: Report = unheard,
 ) -> RationalFit:
-    """Fit all lines, from starts searched on about a thousand of them, twice: a search may end in a poorer minimum."""
+    """Fit all lines from `start`, or from starts searched on about a thousand of them, twice: one may be poor."""
     f = measured.frequency_hz
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
     structure = Structure(delay=hold is None)
@@ -262,6 +263,8 @@ def _fit_lines(
             report=told,
         )
 
+    if start is not None:
+        return fitted(1, usable, start, report)
     every = f.size // SEARCH_LINES + 1
     steps = [1] if every == 1 else [every, every + 1]
     shares = np.linspace(0.0, 1.0, len(steps) + 1)
@@ -307,7 +310,9 @@ def _from_records(
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
     fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None, report=part_of(report, 0.0, 0.8))
     report(0.8, 1.0, "giving up modes that are not there")
-    fit = without_undetermined(fit, orders, lambda n: fit_records(inputs, outputs, rate, n, rigid_bodies=None))
+    fit = without_undetermined(
+        fit, orders, lambda n, first: fit_records(inputs, outputs, rate, n, rigid_bodies=None, start=first)
+    )
     if fitting[0][0].header.bench.get("kind") == "imported":  # our own bench has no delay
         report(0.9, 1.0, "fitting a delay")
         fit = with_delay(fit, inputs, outputs, rate)
@@ -334,8 +339,8 @@ def _from_spectra(
     rate = fitting[0][0].sample_rate_hz
     measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
     variance = _variance(measured)
-    fit = _fit_lines(measured, variance, rate, orders, part_of(report, 0.5, 1.0))
-    fit = without_undetermined(fit, orders, lambda n: _fit_lines(measured, variance, rate, (n,)))
+    fit = _fit_lines(measured, variance, rate, orders, report=part_of(report, 0.5, 1.0))
+    fit = without_undetermined(fit, orders, lambda n, first: _fit_lines(measured, variance, rate, (n,), first))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = _rest(fit.model, u, y)
     return identification(

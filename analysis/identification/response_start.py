@@ -12,7 +12,13 @@ from scipy.linalg import block_diag
 from analysis.identification.modal_parameters import Structure, participation
 from analysis.identification.response_fit import Target, block_states, model_response
 from analysis.identification.vector_fitting import PoleResidues, vector_fit
-from analysis.linear.modal_form import balanced_truncation, canonical, modal_from_poles, modal_from_state_space
+from analysis.linear.modal_form import (
+    balanced_truncation,
+    canonical,
+    modal_from_poles,
+    modal_from_state_space,
+    some_blocks,
+)
 from sim_backend.linear import Array, ModalModel
 
 ComplexArray = NDArray[np.complex128]
@@ -149,16 +155,4 @@ def without_weakest_block(target: Target, model: ModalModel) -> ModalModel:
         constant = (target.weight * weighted).real.sum(axis=0) / (target.weight**2).sum(axis=0)
         costs.append(np.sum(np.abs(weighted - target.weight * constant) ** 2))
     keep = np.arange(model.n_blocks) != int(np.argmin(costs))
-    return _subset(model, keep)
-
-
-def _subset(model: ModalModel, keep: NDArray[np.bool_]) -> ModalModel:
-    """Return the model with the chosen blocks only."""
-    return model.with_(
-        omega_rad_s=model.omega_rad_s[keep],
-        sigma_1_s=model.sigma_1_s[keep],
-        b=model.b[keep],
-        b_direct=model.b_direct[keep],
-        c=model.c[:, keep],
-        c_rate=model.c_rate[:, keep],
-    )
+    return some_blocks(model, keep)

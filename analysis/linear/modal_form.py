@@ -121,3 +121,15 @@ def _factor(gramian: Array) -> Array:
         raise DataError("model reduction: a Gramian is not finite; the fit has poles on the imaginary axis")
     values, vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))
     return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def some_blocks(model: ModalModel, keep: NDArray[np.bool_]) -> ModalModel:
+    """Return the model with those of its blocks that `keep` (m,) marks."""
+    return model.with_(
+        omega_rad_s=model.omega_rad_s[keep],
+        sigma_1_s=model.sigma_1_s[keep],
+        b=model.b[keep],
+        b_direct=model.b_direct[keep],
+        c=model.c[:, keep],
+        c_rate=model.c_rate[:, keep],
+    )
