@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -24,12 +23,9 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from benchmarks.speed import BENCHMARKS  # noqa: E402
-from benchmarks.speed.base import version_of  # noqa: E402
+from benchmarks.speed.machine import doubt, load, machine, sources  # noqa: E402
 from benchmarks.speed.measure import measure  # noqa: E402
-from benchmarks.speed.report import markdown  # noqa: E402
-from campaigns.version import tool_commit, tool_version  # noqa: E402
-
-VERSIONS = ("numpy", "scipy", "numba", "control")
+from benchmarks.speed.report import SCHEMA, markdown  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,17 +49,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     chosen = [b for b in BENCHMARKS if not options.names or b.name in options.names]
     rounds = options.rounds or (1 if options.quick else 7)
-    started = datetime.now(UTC)
+    started, measured, busy = datetime.now(UTC), sources(), load()
+    if (why := doubt(measured)) is not None:
+        print(f"warning: {why}; the results say so", file=sys.stderr)
     rows = []
     for benchmark in chosen:
         print(f"{benchmark.name} …", file=sys.stderr, flush=True)
         rows.append(measure(benchmark, rounds, options.quick))
     found = {
-        "schema": "mccd-speed/1",
-        "mccd": f"{tool_version()} (commit {tool_commit()})",
+        "schema": SCHEMA,
+        "mccd": measured,
         "machine": machine(),
+        "load": {"start": busy, "end": load()},
         "command": " ".join(["python -m benchmarks", *(sys.argv[1:] if arguments is None else arguments)]),
         "started_utc": started.isoformat(timespec="seconds"),
+        "ended_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "quick": options.quick,
         "benchmarks": rows,
     }
@@ -82,17 +82,6 @@ def _write(found: dict[str, Any], folder: Path, name: str, started: datetime) ->
     path.with_suffix(".md").write_text(table, encoding="utf-8")
     print(table)
     print(f"written: {path}", file=sys.stderr)
-
-
-def machine() -> str:
-    """Return what the times were taken on."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        processor = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        processor = platform.processor() or platform.machine()
-    versions = ", ".join(f"{name} {version_of(name)}" for name in VERSIONS)
-    return f"{processor}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}"
 
 
 if __name__ == "__main__":

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.speed.machine import doubt
+
+SCHEMA = "mccd-speed/2"
 _ANSWERS = {True: "yes", False: "**no**", None: "not measured"}
 
 
 def markdown(found: dict[str, Any]) -> str:
     """Return the results of a run as a page of Markdown."""
     lines = [
-        f"mccd {found['mccd']}, {found['machine']}; {found['started_utc']}, `{found['command']}`.",
+        *_circumstances(found),
         "",
         "| work | number | must be | median (lowest to highest) | reached |",
         "|---|---|---|---|---|",
@@ -27,6 +30,20 @@ def markdown(found: dict[str, Any]) -> str:
     for row in found["benchmarks"]:
         lines += _remarks(row)
     return "\n".join(lines) + "\n"
+
+
+def _circumstances(found: dict[str, Any]) -> list[str]:
+    """Return with which sources, where, when and beside what else was measured, a line each."""
+    mccd, machine, load = found["mccd"], found["machine"], found["load"]
+    why = doubt(mccd)
+    on = ", ".join(f"{name} {value}" for name, value in machine.items() if name not in ("processor", "cores"))
+    at = {when: " ".join(f"{x:g}" for x in values) if values else "unknown" for when, values in load.items()}
+    return [
+        f"mccd {mccd['version']}, commit {mccd['commit']}" + (f" (**{why}**)" if why else "") + ".",
+        f"{machine['processor']}, {machine['cores']} cores; {on}.",
+        f"`{found['command']}`, from {found['started_utc']} to {found['ended_utc']}; "
+        f"load over 1, 5 and 15 minutes at the start {at['start']}, at the end {at['end']}.",
+    ]
 
 
 def _target_line(row: dict[str, Any], target: dict[str, Any]) -> str:
