@@ -73,7 +73,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Found:
-    """What a method made of a case: held-out error (rms ÷ rms), number of terms, the causes behind them, processor time."""
+    """What a method made of a case: held-out error (rms ÷ rms), number of terms, causes behind them, processor time."""
 
     error: float
     terms: int
