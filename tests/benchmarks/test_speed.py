@@ -122,6 +122,14 @@ def test_a_target_without_its_peer_is_not_measured() -> None:
     assert found["targets"][0]["reached"] is None and "not installed" in found["targets"][0]["why"]
 
 
+def test_a_number_that_nobody_tells_is_not_measured() -> None:
+    clock = Clock()
+    untold = Target("untold", 1.0, "%", ("ours",), lambda turn: float("nan"))
+    found = measure(made_up(clock, untold), rounds=1, quick=True, clock=clock)
+    assert found["targets"][0]["reached"] is None and "nothing here tells" in found["targets"][0]["why"]
+    json.dumps(found, allow_nan=False)
+
+
 @pytest.mark.parametrize(("error", "holds"), [(0.9, True), (1.1, False), (float("nan"), False)])
 def test_an_error_that_is_no_number_is_not_allowed(error: float, holds: bool) -> None:
     assert Agreement("a", error, 1.0, "").holds is holds
