@@ -117,7 +117,8 @@ class Sampled(Ran):
 
     def by_memory(self) -> list[str]:
         """Return where the memory that the process held grew, and by how much in all."""
-        return [f"grew by {mb:.0f} MB in {name}" for name, mb in self.seen["grown_mb"]]
+        head = f"most memory, {self.seen['most_mb']:.0f} MB, was held in {' and '.join(self.seen['most_in'])}"
+        return [head, *(f"grew by {mb:.0f} MB in all in {name}" for name, mb in self.seen["grown_mb"])]
 
 
 def at_most_mb(ours: str, limit: float) -> Target:

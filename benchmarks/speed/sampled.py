@@ -91,6 +91,8 @@ def _place(frame: FrameType) -> str:
 class Stacks(threading.Thread):
     """Looks at all other threads: `seconds` and `grown_mb` by function, summed over threads that do not wait.
 
+    `most_mb` is the most memory that was held at a look, with the functions that ran then.
+
     `lines` holds how often each line of a function was met: the one of a call into compiled code names that code.
     """
 
@@ -99,6 +101,7 @@ class Stacks(threading.Thread):
         self.seconds: Counter[str] = Counter()
         self.grown_mb: Counter[str] = Counter()
         self.lines: defaultdict[str, Counter[int]] = defaultdict(Counter)
+        self.most_mb: tuple[float, list[str]] = 0.0, []
         self.ended = threading.Event()
 
     def run(self) -> None:
@@ -112,6 +115,8 @@ class Stacks(threading.Thread):
                 self.seconds[name] += now - last
                 self.grown_mb[name] += (holds - held) / len(met)
                 self.lines[name][line] += 1
+            if met and holds > self.most_mb[0]:
+                self.most_mb = holds, [f"{name}, line {line}" for name, line in met]
             last, held = now, holds
 
     def most(self, of: Counter[str]) -> list[tuple[str, float]]:
@@ -151,6 +156,7 @@ def main(library: str, out: Path, arguments: list[str]) -> int:
     stacks.join()
     found["stacks_s"], found["own_time"] = stacks.seconds.total(), stacks.most(stacks.seconds)
     found["grown_mb"] = stacks.most(stacks.grown_mb)
+    found["most_mb"], found["most_in"] = stacks.most_mb
     out.write_text(json.dumps(found), encoding="utf-8")
     return code
 
