@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -121,11 +121,11 @@ class Sampled(Ran):
         return [head, *(f"grew by {mb:.0f} MB in all in {name}" for name, mb in self.seen["grown_mb"])]
 
 
-def at_most_mb(ours: str, limit: float) -> Target:
-    """Return the target that `ours`, whose result is a `Ran`, holds at most `limit` MB at any time."""
+def at_most_mb(ours: str, limit: float, of: Callable[[Any], Ran] = lambda result: result) -> Target:
+    """Return the target that `ours` holds at most `limit` MB; `of` its result is the `Ran` of the command."""
 
     def peak(turn: Round) -> float:
-        ran: Ran = turn.results[ours]
+        ran = of(turn.results[ours])
         return float("nan") if ran.peak_mb is None else ran.peak_mb
 
     return Target(f"{ours}: peak memory", limit, "MB", (ours,), peak, at_most=True)
