@@ -38,7 +38,9 @@ def _circumstances(found: dict[str, Any]) -> list[str]:
     why = doubt(mccd)
     on = ", ".join(f"{name} {value}" for name, value in machine.items() if name not in ("processor", "cores"))
     at = {when: " ".join(f"{x:g}" for x in values) if values else "unknown" for when, values in load.items()}
+    small = ["Small sizes (`--quick`): only whether the results agree counts, no time."] if found.get("quick") else []
     return [
+        *small,
         f"mccd {mccd['version']}, commit {mccd['commit']}" + (f" (**{why}**)" if why else "") + ".",
         f"{machine['processor']}, {machine['cores']} cores; {on}.",
         f"`{found['command']}`, from {found['started_utc']} to {found['ended_utc']}; "
