@@ -49,12 +49,22 @@ def _circumstances(found: dict[str, Any]) -> list[str]:
 
 
 def _target_line(row: dict[str, Any], target: dict[str, Any]) -> str:
-    sign = "≤" if target["at_most"] else "≥"
-    limit = f"{sign} {target['limit']:g} {target['unit']}"
-    measured = "–"
-    if target["reached"] is not None:
-        measured = f"{_short(target['median'])} ({_short(target['lowest'])} to {_short(target['highest'])})"
-    return f"| {row['name']} | {target['what']} | {limit} | {measured} | {_ANSWERS[target['reached']]} |"
+    return (
+        f"| {row['name']} | {target['what']} | {limit_of(target)} | {measured_of(target)} "
+        f"| {_ANSWERS[target['reached']]} |"
+    )
+
+
+def limit_of(target: dict[str, Any]) -> str:
+    """Return what a target asks for."""
+    return f"{'≤' if target['at_most'] else '≥'} {target['limit']:g} {target['unit']}"
+
+
+def measured_of(target: dict[str, Any]) -> str:
+    """Return what was measured of a target: the median over the rounds, the lowest and the highest."""
+    if target["reached"] is None:
+        return "–"
+    return f"{_short(target['median'])} ({_short(target['lowest'])} to {_short(target['highest'])})"
 
 
 def _contender_lines(row: dict[str, Any]) -> list[str]:
