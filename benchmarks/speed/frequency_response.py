@@ -109,10 +109,10 @@ BENCHMARK = Benchmark(
     targets=(times_the_time(OURS, BARE, 1.5),),
     missed={
         times_the_time(OURS, BARE, 1.5).what: (
-            "What follows the transforms is one pass over their 0.5 GB, on vectors of neighbouring lines: it fetches the "
-            "spectra, takes the response's share off every period's output (46 million complex products) for the "
-            "noise, and solves all lines and all blocks of experiments. All of that has to fit into half the time of the "
-            "transforms. Both ask the system for the same memory in each round, and wait for it by turns."
+            "What follows the transforms is one pass over their 0.5 GB, on vectors of neighbouring lines: it fetches "
+            "the spectra, takes the response's share off every period's output (46 million complex products) for the "
+            "noise, and solves all lines and all blocks of experiments. All of that has to fit into half the time of "
+            "the transforms. Both ask the system for the same memory in each round, and wait for it by turns."
         )
     },
 )
