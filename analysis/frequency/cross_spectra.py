@@ -9,7 +9,7 @@ blocks are also solved one by one.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -18,9 +18,6 @@ ComplexArray = NDArray[np.complex128]
 
 _CHUNK = 256
 """Lines taken together: long enough for the inner loops over them, short enough for the processor's cache."""
-
-_SHARES = 16
-"""Parts that threads may take, each with memory of its own."""
 
 
 @njit(cache=True, nogil=True)
@@ -253,7 +250,6 @@ def _solve_chunk(
     return g, size, sums, spread, good
 
 
-@njit(cache=True, nogil=True, parallel=True)
 def solve_lines(
     u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], own: bool, blocked: bool
 ) -> tuple[ComplexArray, Array, Array, Array, NDArray[np.bool_]]:
@@ -265,17 +261,42 @@ def solve_lines(
     n_y, n_u; zero unless `blocked`), and a flag (n_l,) that is False where the inputs cannot be separated.
     """
     n_l, n_u, n_y = lines.size, u.shape[0], y.shape[0]
+    # here and not in compiled code: numpy asks the system for large pages, of which far fewer have to be fetched
     response, gain = np.empty((n_l, n_y, n_u), dtype=np.complex128), np.empty((n_l, n_u))
     squares, spreads, flag = np.empty((3, n_l, n_y)), np.empty((n_l, n_y, n_u)), np.empty(n_l, dtype=np.bool_)
-    share = -(-n_l // _SHARES)
-    for part in prange(_SHARES):
+    parts = get_num_threads()
+    us, ys = (np.empty((parts, *x.shape[:3], 2, _CHUNK)) for x in (u, y))
+    _solve(u, y, w, lines, own, blocked, us, ys, response, gain, squares, spreads, flag)
+    return response, gain, squares, spreads, flag
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _solve(
+    u: ComplexArray,
+    y: ComplexArray,
+    w: ComplexArray,
+    lines: NDArray[np.intp],
+    own: bool,
+    blocked: bool,
+    us: Array,
+    ys: Array,
+    response: ComplexArray,
+    gain: Array,
+    squares: Array,
+    spreads: Array,
+    flag: NDArray[np.bool_],
+) -> None:
+    """Fill what `solve_lines` returns; `us` and `ys` (part, …, 2, line) are memory for as many threads to work in."""
+    n_l, n_u, n_y, parts = lines.size, u.shape[0], y.shape[0], us.shape[0]
+    share = -(-n_l // parts)
+    for part in prange(parts):
         stop = min((part + 1) * share, n_l)
-        us, ys = np.empty((*u.shape[:3], 2, _CHUNK)), np.empty((*y.shape[:3], 2, _CHUNK))
         for first in range(part * share, stop, _CHUNK):
             at = lines[first : min(first + _CHUNK, stop)]
-            if at.size != us.shape[4]:
-                us, ys = np.empty((*u.shape[:3], 2, at.size)), np.empty((*y.shape[:3], 2, at.size))
-            g, size, sums, spread, good = _solve_chunk(u, y, w, at, own, blocked, us, ys)
+            some_u, some_y = us[part], ys[part]
+            if at.size < _CHUNK:  # whole arrays, since a part of one has gaps, with which no loop is vectorised
+                some_u, some_y = np.empty((*u.shape[:3], 2, at.size)), np.empty((*y.shape[:3], 2, at.size))
+            g, size, sums, spread, good = _solve_chunk(u, y, w, at, own, blocked, some_u, some_y)
             for k in range(at.size):
                 flag[first + k] = good[k]
                 for i in range(n_y):
@@ -286,4 +307,3 @@ def solve_lines(
                         squares[m, first + k, i] = sums[m, i, k]
                 for j in range(n_u):
                     gain[first + k, j] = size[j, k]
-    return response, gain, squares, spreads, flag

@@ -7,6 +7,7 @@ from benchmarks.speed import (
     full_bench,
     help_text,
     linear_simulation,
+    log_commands,
     long_log,
     nonlinear_loop,
     one_diagnosis,
@@ -26,6 +27,7 @@ BENCHMARKS: tuple[Benchmark, ...] = (
     paper_report.BENCHMARK,
     help_text.BENCHMARK,
     long_log.BENCHMARK,
+    log_commands.BENCHMARK,
     one_diagnosis.BENCHMARK,
 )
 

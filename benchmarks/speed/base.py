@@ -16,7 +16,8 @@ class Contender:
 
     `amount` is how much of the work one run does, in units of the benchmark's choice (samples, simulated seconds): all
     times are taken per unit, so that a slow peer may do a small part. It is run `rounds` times at most, the first
-    `warm` times without being timed (compilation, caches).
+    `warm` times without being timed (compilation, caches). `profile` runs it once more, when a target of its own is
+    missed, and says where its time or memory goes; without it, it is profiled within this process.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Contender:
     amount: float = 1.0
     rounds: int = 1000
     warm: int = 1
+    profile: Callable[[], list[str]] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,15 @@ class Target:
 class Prepared:
     """A benchmark ready to run: its contenders, and `check`, which compares their results by name.
 
-    `absent` says why a contender is missing; `facts` (sizes, versions) go into the results file.
+    `absent` says why a contender is missing; `facts` (sizes, versions) go into the results file. `profiles` returns,
+    from the results, where contenders that were watched spent their time or memory, by a name of its own.
     """
 
     contenders: tuple[Contender, ...]
     check: Callable[[Mapping[str, Any]], list[Agreement]]
     absent: Mapping[str, str]
     facts: Mapping[str, Any]
+    profiles: Callable[[Mapping[str, Any]], Mapping[str, list[str]]] = lambda results: {}
 
 
 @dataclass(frozen=True)

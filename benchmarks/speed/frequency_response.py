@@ -109,13 +109,10 @@ BENCHMARK = Benchmark(
     targets=(times_the_time(OURS, BARE, 1.5),),
     missed={
         times_the_time(OURS, BARE, 1.5).what: (
-            "What follows the transforms is one pass over their 0.5 GB, on vectors of neighbouring lines, that takes "
-            "0.12 s by itself: half of it fetches the spectra, a quarter takes the response's share off every period's "
-            "output (46 million complex products) for the noise, and the rest solves all lines and all blocks of "
-            "experiments. The transforms take 0.23 s by themselves, so that 1.5 times is just missed; what is more "
-            "comes from 0.5 GB of memory that ours gives back and asks for again in every round, for 0.05 s to 0.8 s "
-            "of the system's time on the virtual machine of the committed results. Sums that are added up experiment "
-            "by experiment would not need it, and took longer as first written."
+            "What follows the transforms is one pass over their 0.5 GB, on vectors of neighbouring lines: it fetches "
+            "the spectra, takes the response's share off every period's output (46 million complex products) for the "
+            "noise, and solves all lines and all blocks of experiments. All of that has to fit into half the time of "
+            "the transforms. Both ask the system for the same memory in each round, and wait for it by turns."
         )
     },
 )

@@ -27,7 +27,7 @@ static inline double least(double a, double b) { return a < b ? a : b; }
 
 static inline double most(double a, double b) { return a > b ? a : b; }
 
-static inline double jiles_atherton(const double *p, double *s, double position)
+static inline double jiles_atherton(const double *restrict p, double *restrict s, double position)
 {
     double change = position - s[0];
     if (change == 0.0)
@@ -80,9 +80,10 @@ static inline double end_stop(const Bench *p, int i, double position, double rat
 
 /* n samples from rest; noise (n, 9): amplifiers, then (noise, apex) of each head; reference and feedforward (period, 3);
    command, reading, current, head (n, 3) and temperature (n) are filled. */
-void play(int64_t n, int64_t period, const Bench *p, State *state, const double *noise, const double *reference,
-          const double *feedforward, double *command_out, double *reading_out, double *current_out, double *head_out,
-          double *temperature_out)
+void play(int64_t n, int64_t period, const Bench *restrict p, State *restrict state, const double *restrict noise,
+          const double *restrict reference, const double *restrict feedforward, double *restrict command_out,
+          double *restrict reading_out, double *restrict current_out, double *restrict head_out,
+          double *restrict temperature_out)
 {
     State s = *state;
     double part[3], scale[3], has_past = 0.0;

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import cProfile
-import pstats
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.speed.base import Benchmark, Contender, Prepared, Round, Target
-
-PROFILED = 12
-"""Lines of the profile of a contender that misses a target."""
+from benchmarks.speed.profile import profile
 
 
 def measure(benchmark: Benchmark, rounds: int, quick: bool, clock: Callable[[], float] | None = None) -> Any:
@@ -32,7 +30,10 @@ def measure(benchmark: Benchmark, rounds: int, quick: bool, clock: Callable[[], 
         agreements = prepared.check(results)
         targets = [_told_target(benchmark, t, v, prepared) for t, v in zip(benchmark.targets, values, strict=True)]
         late = {target["of"] for target in targets if target["reached"] is False}
-        profiles = {c.name: _profile(c) for c in prepared.contenders if c.name in late and not quick}
+        profiles = dict(prepared.profiles(results))
+        for contender in prepared.contenders:
+            if contender.name in late and not quick:
+                profiles[contender.name] = (contender.profile or partial(profile, contender.run))()
     return {
         "name": benchmark.name,
         "work": benchmark.work,
@@ -93,6 +94,8 @@ def _told_target(benchmark: Benchmark, target: Target, values: Sequence[float], 
     lacking = [name for name in target.needs if name not in known]
     if lacking:
         return {**told, "why": "; ".join(f"{name}: {prepared.absent.get(name, 'absent')}" for name in lacking)}
+    if not all(map(math.isfinite, values)):
+        return {**told, "why": "nothing here tells this number (no gcc, or another kind of system)"}
     spread = _spread(values)
     reached = target.reached(spread["median"])
     told.update(spread, reached=reached)
@@ -108,12 +111,3 @@ def _spread(values: Sequence[float]) -> dict[str, Any]:
         "highest": float(np.max(values)),
         "rounds": len(values),
     }
-
-
-def _profile(contender: Contender) -> list[str]:
-    """Return where one run spends its time by itself, the longest first; compiled functions count as their caller."""
-    profile = cProfile.Profile()
-    profile.runcall(contender.run)
-    entries = pstats.Stats(profile).get_stats_profile().func_profiles.items()
-    longest = sorted(entries, key=lambda item: -item[1].tottime)[:PROFILED]
-    return [f"{e.tottime:.4f} s in {e.ncalls} calls of {name} ({Path(e.file_name).name})" for name, e in longest]

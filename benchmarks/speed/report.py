@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.speed.machine import doubt
+
+SCHEMA = "mccd-speed/2"
 _ANSWERS = {True: "yes", False: "**no**", None: "not measured"}
 
 
 def markdown(found: dict[str, Any]) -> str:
     """Return the results of a run as a page of Markdown."""
     lines = [
-        f"mccd {found['mccd']}, {found['machine']}; {found['started_utc']}, `{found['command']}`.",
+        *_circumstances(found),
         "",
         "| work | number | must be | median (lowest to highest) | reached |",
         "|---|---|---|---|---|",
@@ -29,13 +32,39 @@ def markdown(found: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _circumstances(found: dict[str, Any]) -> list[str]:
+    """Return with which sources, where, when and beside what else was measured, a line each."""
+    mccd, machine, load = found["mccd"], found["machine"], found["load"]
+    why = doubt(mccd)
+    on = ", ".join(f"{name} {value}" for name, value in machine.items() if name not in ("processor", "cores"))
+    at = {when: " ".join(f"{x:g}" for x in values) if values else "unknown" for when, values in load.items()}
+    small = ["Small sizes (`--quick`): only whether the results agree counts, no time."] if found.get("quick") else []
+    return [
+        *small,
+        f"mccd {mccd['version']}, commit {mccd['commit']}" + (f" (**{why}**)" if why else "") + ".",
+        f"{machine['processor']}, {machine['cores']} cores; {on}.",
+        f"`{found['command']}`, from {found['started_utc']} to {found['ended_utc']}; "
+        f"load over 1, 5 and 15 minutes at the start {at['start']}, at the end {at['end']}.",
+    ]
+
+
 def _target_line(row: dict[str, Any], target: dict[str, Any]) -> str:
-    sign = "≤" if target["at_most"] else "≥"
-    limit = f"{sign} {target['limit']:g} {target['unit']}"
-    measured = "–"
-    if target["reached"] is not None:
-        measured = f"{_short(target['median'])} ({_short(target['lowest'])} to {_short(target['highest'])})"
-    return f"| {row['name']} | {target['what']} | {limit} | {measured} | {_ANSWERS[target['reached']]} |"
+    return (
+        f"| {row['name']} | {target['what']} | {limit_of(target)} | {measured_of(target)} "
+        f"| {_ANSWERS[target['reached']]} |"
+    )
+
+
+def limit_of(target: dict[str, Any]) -> str:
+    """Return what a target asks for."""
+    return f"{'≤' if target['at_most'] else '≥'} {target['limit']:g} {target['unit']}"
+
+
+def measured_of(target: dict[str, Any]) -> str:
+    """Return what was measured of a target: the median over the rounds, the lowest and the highest."""
+    if target["reached"] is None:
+        return "–"
+    return f"{_short(target['median'])} ({_short(target['lowest'])} to {_short(target['highest'])})"
 
 
 def _contender_lines(row: dict[str, Any]) -> list[str]:

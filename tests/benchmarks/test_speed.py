@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +22,7 @@ from benchmarks.speed.base import (
     times_faster,
     times_the_time,
 )
+from benchmarks.speed.machine import doubt, load, machine, sources
 from benchmarks.speed.measure import measure
 from benchmarks.speed.report import markdown
 
@@ -80,6 +83,13 @@ def made_up(clock: Clock, *targets: Target, wrong: float = 0.0) -> Benchmark:
     return Benchmark("made-up", "nothing", prepare, targets, {"ours: times as fast as peer": "it dawdles"})
 
 
+def ran(dirty: bool | None) -> dict[str, Any]:
+    """Return what a results file says besides its benchmarks."""
+    mccd = {"version": "1.0", "commit": "unknown" if dirty is None else "abc1234", "dirty": dirty}
+    told = {"command": "", "started_utc": "", "ended_utc": "", "benchmarks": []}
+    return {"mccd": mccd, "machine": machine(), "load": {"start": [1.0, 2.0, 3.0], "end": None}, **told}
+
+
 def test_numbers_are_taken_round_by_round_and_per_unit() -> None:
     clock = Clock()
     above = Target("above", 0.0, "s", ("ours", "peer"), lambda turn: turn.seconds["ours"] - turn.seconds["peer"], True)
@@ -102,7 +112,7 @@ def test_a_missed_target_says_why_and_shows_a_profile() -> None:
     (target,) = found["targets"]
     assert target["reached"] is False and target["why"] == "it dawdles"
     assert len(found["profiles"]["ours"]) > 0
-    table = markdown({"benchmarks": [found], "mccd": "", "machine": "", "started_utc": "", "command": ""})
+    table = markdown({**ran(dirty=False), "benchmarks": [found]})
     assert "**no**" in table and "it dawdles" in table and "other is absent: not installed" in table
 
 
@@ -110,6 +120,14 @@ def test_a_target_without_its_peer_is_not_measured() -> None:
     clock = Clock()
     found = measure(made_up(clock, times_faster("ours", "other", 10.0)), rounds=1, quick=True, clock=clock)
     assert found["targets"][0]["reached"] is None and "not installed" in found["targets"][0]["why"]
+
+
+def test_a_number_that_nobody_tells_is_not_measured() -> None:
+    clock = Clock()
+    untold = Target("untold", 1.0, "%", ("ours",), lambda turn: float("nan"))
+    found = measure(made_up(clock, untold), rounds=1, quick=True, clock=clock)
+    assert found["targets"][0]["reached"] is None and "nothing here tells" in found["targets"][0]["why"]
+    json.dumps(found, allow_nan=False)
 
 
 @pytest.mark.parametrize(("error", "holds"), [(0.9, True), (1.1, False), (float("nan"), False)])
@@ -131,6 +149,39 @@ def test_the_command_writes_table_and_json(tmp_path: Path, capsys: pytest.Captur
     assert [row["name"] for row in found["benchmarks"]] == [name] and found["quick"] is True
     assert written.with_suffix(".md").read_text(encoding="utf-8") == markdown(found)
     assert f"| {name} |" in capsys.readouterr().out
+
+
+def test_a_result_says_what_it_was_measured_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.__main__.BENCHMARKS", (made_up(Clock()),))
+    monkeypatch.setattr("benchmarks.speed.machine.tool_commit", lambda: "abc1234-dirty")
+    assert main(["--quick", "--out", str(tmp_path)]) == 0
+    found = json.loads(next(tmp_path.glob("*.json")).read_text(encoding="utf-8"))
+    assert (found["mccd"]["commit"], found["mccd"]["dirty"]) == ("abc1234", True)
+    assert found["machine"]["cores"] == os.cpu_count()
+    for name in ("gcc", "numpy", "scipy", "numba"):
+        assert f"{name} {found['machine'][name]}" in markdown(found)
+    assert set(found["load"]) == {"start", "end"} and (load() is None or len(found["load"]["end"]) == 3)
+
+
+@pytest.mark.parametrize(
+    ("dirty", "said"), [(True, "tree was dirty"), (None, "commit is unknown"), (False, "commit abc1234.\n")]
+)
+def test_sources_that_nobody_can_fetch_are_marked(dirty: bool | None, said: str) -> None:
+    table = markdown(ran(dirty))
+    assert said in table and ("**" in table) is (dirty is not False)
+    assert "at the start 1 2 3, at the end unknown" in table
+
+
+@pytest.mark.parametrize(
+    ("told", "commit", "dirty"), [("ab12", "ab12", False), ("ab12-dirty", "ab12", True), ("unknown", "unknown", None)]
+)
+def test_a_commit_is_told_apart_from_its_state(
+    told: str, commit: str, dirty: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.speed.machine.tool_commit", lambda: told)
+    found = sources()
+    assert (found["commit"], found["dirty"]) == (commit, dirty)
+    assert (doubt(found) is None) is (dirty is False)
 
 
 def test_results_that_differ_fail_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,9 @@ _SLOPE_BANDS = 4
 _SAME_EDGE = 1e-9
 """Edges (cycles per sample) that are no farther apart than this are one."""
 
+_TOGETHER = 16
+"""Columns that are whitened at a time."""
+
 
 @dataclass(frozen=True)
 class Bands:
@@ -129,18 +132,22 @@ class Whitener:
     def rows(self, values: Array, mask: Mask, output: int) -> Array:
         """Return the masked rows of `values` (n, k) as independent numbers of unit variance, shape (rows, k).
 
-        Each unbroken run of rows is taken into the cosine basis, where a band's level is a plain factor.
+        Each unbroken run of rows is taken into the cosine basis, where a band's level is a plain factor. A few columns
+        are filtered at a time: the result is then all that takes memory beside `values`.
         """
-        white = self._filtered(values, output)
-        if not self.levels.size:
-            return np.asarray(white[:, mask].T)
-        parts = []
-        for start, stop in runs_of(mask):
-            spectrum = dct(white[:, start:stop], axis=1, norm="ortho", overwrite_x=True)
-            levels = self.band_levels(stop - start, output)
-            spectrum[:, : levels.size] /= np.sqrt(levels)
-            parts.append(spectrum)
-        return np.asarray((np.concatenate(parts, axis=1) if parts else white[:, mask]).T)
+        out, runs = np.empty((values.shape[1], int(mask.sum()))), runs_of(mask)
+        factors = [np.sqrt(self.band_levels(stop - start, output)) for start, stop in runs] if self.levels.size else []
+        for some in range(0, values.shape[1], _TOGETHER):
+            white, first = self._filtered(values[:, some : some + _TOGETHER], output), 0
+            kept = out[some : some + _TOGETHER]
+            for k, (start, stop) in enumerate(runs):
+                part = white[:, start:stop]
+                if factors:
+                    part = dct(part, axis=1, norm="ortho", overwrite_x=True)
+                    part[:, : factors[k].size] /= factors[k]
+                kept[:, first : first + stop - start] = part
+                first += stop - start
+        return out.T
 
     def band_of_rows(self, mask: Mask) -> Ints:
         """Return the band of each of the rows that `rows` returns, -1 above all bands or where there are none."""

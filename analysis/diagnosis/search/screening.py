@@ -176,9 +176,15 @@ def _products(
     seen = [np.zeros((start.q.shape[1], width)) for _, start in noises]
     energies = np.zeros((record.y.shape[1], width))
     for o in range(record.y.shape[1]):
-        columns = np.concatenate([p[:, o] for p in parts], axis=1)
-        live = np.flatnonzero(np.any(columns != 0.0, axis=0))
-        white = record.weight * whitener.rows(columns[:, live], mask, o)
+        moved = [np.any(p[:, o] != 0.0, axis=0) for p in parts]
+        live = np.flatnonzero(np.concatenate(moved))
+        # group by group, so that there is one copy of the columns: they are the most that a diagnosis holds
+        white, first = np.empty((live.size, rows)).T, 0
+        for part, some in zip(parts, moved, strict=True):
+            last = first + int(some.sum())
+            white[:, first:last] = whitener.rows(part[:, o, some], mask, o)
+            first = last
+        white *= record.weight
         own = white.T @ white
         energies[o, live] = np.diag(own)
         for k, (noise, start) in enumerate(noises):
