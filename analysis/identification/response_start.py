@@ -14,10 +14,12 @@ from analysis.identification.response_fit import Target, block_states, model_res
 from analysis.identification.vector_fitting import PoleResidues, vector_fit
 from analysis.linear.modal_form import (
     balanced_truncation,
+    block_of,
     canonical,
     modal_from_poles,
     modal_from_state_space,
     some_blocks,
+    with_block,
 )
 from sim_backend.linear import Array, ModalModel
 
@@ -113,7 +115,6 @@ def with_new_block(target: Target, model: ModalModel, structure: Structure) -> M
     omega = 2.0 * np.pi * max(target.frequency_hz[peak], target.frequency_hz[-1] * 1e-6)
     pole = omega * complex(-0.01, np.sqrt(1.0 - 0.01**2))
     ones = np.ones((2, 1), dtype=complex)
-    n_y, n_u = residual.shape[1:]
     single = modal_from_poles(np.array([pole, pole.conj()]), ones, ones, np.zeros((1, 1)))
     q, v = block_states(single, target)[:, 0]
     if structure.form == "mechanical":
@@ -121,27 +122,7 @@ def with_new_block(target: Target, model: ModalModel, structure: Structure) -> M
         n1 = np.zeros_like(n0)
     else:
         n0, n1 = _least_squares(np.stack([q, v], axis=1), target, residual)
-    # residue of the pole p in (n0 + n1 s) / ((s - p)(s - p*))
-    left, size, right = np.linalg.svd((n0 + n1 * pole) / (2j * pole.imag))
-    out, into = left[:, 0] * size[0], right[0]
-    if structure.form == "mechanical":
-        turn = np.exp(-1j * np.angle(into[np.argmax(np.abs(into))])) / 1j
-        into, out = into * turn, out / turn
-    block = modal_from_poles(
-        np.array([pole, pole.conj()]),
-        np.stack([out, out.conj()]),
-        np.stack([into, into.conj()]),
-        np.zeros((n_y, n_u)),
-    )
-    mechanical = structure.form == "mechanical"
-    return model.with_(
-        omega_rad_s=np.append(model.omega_rad_s, block.omega_rad_s),
-        sigma_1_s=np.append(model.sigma_1_s, block.sigma_1_s),
-        b=np.concatenate([model.b, block.b]),
-        b_direct=np.concatenate([model.b_direct, block.b_direct * (not mechanical)]),
-        c=np.concatenate([model.c, block.c], axis=1),
-        c_rate=np.concatenate([model.c_rate, block.c_rate * (not mechanical)], axis=1),
-    )
+    return with_block(model, block_of(pole, n0, n1, mechanical=structure.form == "mechanical"))
 
 
 def without_weakest_block(target: Target, model: ModalModel) -> ModalModel:

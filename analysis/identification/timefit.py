@@ -10,6 +10,7 @@ from scipy.linalg import LinAlgError, toeplitz
 
 from analysis.frequency.frf import smoothed
 from analysis.frequency.frf_records import frequency_response_local
+from analysis.identification.growth import grown
 from analysis.identification.modal_parameters import Layout, Structure, determined, layout_of, pack, step_limit, unpack
 from analysis.identification.normal_equations import Normal, covariance, minimise
 from analysis.identification.rational import fit_rational
@@ -87,6 +88,8 @@ def fit_records(
     for count in wanted:
         told, done = part_of(report, done / sum(wanted), (done + count) / sum(wanted)), done + count
         starts = [start] if start is not None else list(_starts(target, count, structure))
+        if start is None and best is not None:
+            starts.append(grown(target, best.model, best.outputs, count, mechanical=structure.form == "mechanical"))
         if not starts:
             few = f"{target.values} output values give no start for {count} blocks"
             raise DataError(f"{few}; record more or ask for fewer blocks")

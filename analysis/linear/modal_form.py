@@ -133,3 +133,34 @@ def some_blocks(model: ModalModel, keep: NDArray[np.bool_]) -> ModalModel:
         c=model.c[:, keep],
         c_rate=model.c_rate[:, keep],
     )
+
+
+def with_block(model: ModalModel, block: ModalModel) -> ModalModel:
+    """Return the model with the blocks of another one, of the same inputs and outputs, beside its own."""
+    return model.with_(
+        omega_rad_s=np.append(model.omega_rad_s, block.omega_rad_s),
+        sigma_1_s=np.append(model.sigma_1_s, block.sigma_1_s),
+        b=np.concatenate([model.b, block.b]),
+        b_direct=np.concatenate([model.b_direct, block.b_direct]),
+        c=np.concatenate([model.c, block.c], axis=1),
+        c_rate=np.concatenate([model.c_rate, block.c_rate], axis=1),
+    )
+
+
+def block_of(pole: complex, n0: Array, n1: Array, *, mechanical: bool) -> ModalModel:
+    """Return the one block of a `pole` (1/s, imaginary part positive) nearest to (n0 + n1 s) / ((s - p)(s - p*)).
+
+    `n0` and `n1` (n_y, n_u); a block takes part by one pattern of inputs and one of outputs, the strongest of both. A
+    `mechanical` one has no direct parts.
+    """
+    # the residue of the pole
+    left, size, right = np.linalg.svd((n0 + n1 * pole) / (2j * pole.imag))
+    out, into = left[:, 0] * size[0], right[0]
+    if mechanical:
+        turn = np.exp(-1j * np.angle(into[np.argmax(np.abs(into))])) / 1j
+        into, out = into * turn, out / turn
+    both = np.array([pole, pole.conjugate()])
+    block = modal_from_poles(both, np.stack([out, out.conj()]), np.stack([into, into.conj()]), np.zeros_like(n0))
+    if mechanical:
+        return block.with_(b_direct=np.zeros_like(block.b_direct), c_rate=np.zeros_like(block.c_rate))
+    return block
