@@ -16,7 +16,7 @@ from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
 from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting, residuals_on
-from analysis.diagnosis.fitting.starts import starts_of
+from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, louder
@@ -101,15 +101,16 @@ def search_causes(
     knobs = own_knobs_of(linear) if own else knobs_of(linear, options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.y - simulate(discrete, r.u) for r in data.records]
-    whitener = louder(whitener_from(data, residuals), added)
+    rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
+    whitener = louder(whitener_from(data, list(rest)), added)
     starts = starts_of(data, linear, whitener)
-    rest = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
+    still = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
     fine = max(options.substeps, substeps_for(linear, data.rate_hz))
     # effects that the model has already are there to stay: coarse steps would make an error of them
     first = fine if known else max(fine // _COARSER, 1)
     transducers = transducers_of(model)
     workers = options.workers
-    setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, rest, first, workers, added)
+    setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, still, first, workers, added)
     rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):

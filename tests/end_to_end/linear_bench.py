@@ -133,4 +133,36 @@ def short(seed: int = 504) -> Record:
     return Record(u, y, rate_hz, [("train", 375), ("held-out end", 125)], None)
 
 
-RECORDS = {"two-by-two": two_by_two, "rigid-axis": rigid_axis, "closed-loop": closed_loop, "short": short}
+def chirp(seed: int = 505) -> Record:
+    """1024 rows at 200 Hz of modes at 5.6 and 12.1 Hz under one chirp from 1 to 21 Hz: nothing repeats."""
+    rng, rate_hz, n = np.random.default_rng(seed), 200.0, 1024
+    t = np.arange(n) / rate_hz
+    u = np.sin(2.0 * np.pi * (t + 10.0 * t**2 * rate_hz / n))[:, None]
+    a = block_diag(oscillator(5.6, 0.02), oscillator(12.1, 0.04))
+    b = np.array([[0.0], [(2.0 * np.pi * 5.6) ** 2], [0.0], [-0.4 * (2.0 * np.pi * 12.1) ** 2]])
+    y = played(a, b, np.array([[1e-3, 0.0, 1e-3, 0.0]]), u, rate_hz)
+    y[:, 0] += noise(rng, n, 0.02 * y.std(), 1.0, rate_hz)
+    return Record(u, y, rate_hz, [("train", 768), ("held-out end", 256)], None)
+
+
+def accelerometer(seed: int = 506) -> Record:
+    """1000 rows at 500 Hz of the acceleration of a flexible arm, which follows the drive at once: nothing repeats."""
+    rng, rate_hz, n = np.random.default_rng(seed), 500.0, 1000
+    u = multisine(rng, n, slice(2, 160))[:, None]
+    modes = [(11.0, 0.02, 1.0), (31.0, 0.01, -0.6), (62.0, 0.015, 0.8)]
+    a = block_diag(*[oscillator(f, z) for f, z, _ in modes])
+    b = np.array([[x] for _, _, share in modes for x in (0.0, share)])
+    c = np.array([[x for f, z, _ in modes for x in (-((2.0 * np.pi * f) ** 2), -4.0 * np.pi * f * z)]])
+    y = played(a, b, c, u, rate_hz) + sum(share for *_, share in modes) * u
+    y[:, 0] += noise(rng, n, 0.01 * y.std(), 3.0, rate_hz)
+    return Record(u, y, rate_hz, [("train", 750), ("held-out end", 250)], None)
+
+
+RECORDS = {
+    "two-by-two": two_by_two,
+    "rigid-axis": rigid_axis,
+    "closed-loop": closed_loop,
+    "short": short,
+    "chirp": chirp,
+    "accelerometer": accelerometer,
+}

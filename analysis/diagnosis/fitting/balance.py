@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.refit import refit
-from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of
+from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
 from analysis.diagnosis.noise.whitener import louder
 from analysis.diagnosis.records.dataset import Record
@@ -38,7 +38,10 @@ def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array],
     if even:
         whitener = even_weights(setting.data, residuals, even)
     else:
-        whitener = louder(whitener_from(setting.data, list(residuals), order=order), setting.added)
+        # what a start adds is no noise: where it fades slowly, or never as a rigid body's, a filter that took it for
+        # noise would differentiate, and nothing slow would count any more
+        rest = without_starts(setting.data, linear, setting.whitener, residuals)
+        whitener = louder(whitener_from(setting.data, list(rest), order=order), setting.added)
     starts = starts_of(setting.data, linear, whitener)
     found = (
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
