@@ -60,7 +60,7 @@ def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), ran
     best, inflation = found.best, found.inflation
     against = objection(found, left, random)
     if not best.candidates:
-        verdict: Verdict = "unknown" if against else _without_cause(found, allowed)
+        verdict: Verdict = "unknown" if against else _without_cause(found, allowed, random)
         return Judgement(verdict, (), (), 1.0, inflation, (), against)
     named = _material(found)
     gaps = _gaps(found, named, inflation)
@@ -149,19 +149,20 @@ def _uncertainty(found: Found) -> float:
     return float(4.0 * np.sqrt(2.0 / found.tuned.rows + 2.0 / seen))
 
 
-def _without_cause(found: Found, allowed: float) -> Verdict:
-    """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
+def _without_cause(found: Found, allowed: float, random: float) -> Verdict:
+    """Return consistent, or unknown when the data differ by more than noise and no candidate helps.
+
+    Of what a candidate promises `random` may be what causes of the spread have in a few columns.
+    """
     tuned, last = found.tuned, found.last
     if found.setting.whitener.repeats:
         excess = tuned.misfit / tuned.rows - 1.0 - allowed
         if excess > _uncertainty(found) + 0.01:
             return "unknown"
     trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
-    for i in np.flatnonzero(trusted & (last.gains > last.threshold)):
-        if (
-            last.gains[i] > _OVERWHELMING * last.threshold[i]
-            or _realised(found, last.candidates[i]) > 0.25 * last.gains[i]
-        ):
+    gains = last.gains - random
+    for i in np.flatnonzero(trusted & (gains > last.threshold)):
+        if gains[i] > _OVERWHELMING * last.threshold[i] or _realised(found, last.candidates[i]) > 0.25 * gains[i]:
             return "unknown"
     return "consistent"
 
