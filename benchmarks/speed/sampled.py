@@ -76,11 +76,17 @@ def name_of(frame: FrameType) -> tuple[str, int] | None:
     if Path(frame.f_code.co_filename).name in WAITING:
         return None
     own: FrameType | None = frame
-    while own is not None and not Path(own.f_code.co_filename).is_relative_to(ROOT):
+    while own is not None and not _ours(own):
         own = own.f_back
     if own is None:
         return _place(frame), frame.f_lineno
     return (_place(own) if own is frame else f"{_place(frame)}, called by {_place(own)}"), own.f_lineno
+
+
+def _ours(frame: FrameType) -> bool:
+    """Tell whether a function is this project's: an environment with libraries may lie in its folder."""
+    path = Path(frame.f_code.co_filename)
+    return path.is_relative_to(ROOT) and "site-packages" not in path.parts
 
 
 def _place(frame: FrameType) -> str:

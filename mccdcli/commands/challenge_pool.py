@@ -20,10 +20,11 @@ from mccdcli.output import emit
 )
 @common_options("out", "json")
 def pool(scores: tuple[Path, ...], out: Path | None, as_json: bool) -> int:
-    """Make one score of several, of parts of a challenge or of several challenges.
+    """Make one score of several.
 
-    Writes OUT.md and OUT.json (default: pooled, here). The exit code is 0 when every measure reaches what it must on as
-    many cases as the design demands, else 1. Every case keeps the version that diagnosed it; the page names them all.
+    They may be of parts of a challenge, or of several challenges. Writes OUT.md and OUT.json (default: pooled, here).
+    The exit code is 0 when every measure reaches what it must on as many cases as the design demands, else 1. Every
+    case keeps the version that diagnosed it; the page names them all.
 
     \b
     Examples:
