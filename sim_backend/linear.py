@@ -88,6 +88,28 @@ class ModalModel:
         """Return a copy with the named arrays replaced."""
         return replace(self, **changes)
 
+    def only(self, keep: NDArray[np.bool_]) -> ModalModel:
+        """Return the model with those of its blocks that `keep` (m,) marks, beside its direct paths and delays."""
+        return self.with_(
+            omega_rad_s=self.omega_rad_s[keep],
+            sigma_1_s=self.sigma_1_s[keep],
+            b=self.b[keep],
+            b_direct=self.b_direct[keep],
+            c=self.c[:, keep],
+            c_rate=self.c_rate[:, keep],
+        )
+
+    def beside(self, other: ModalModel) -> ModalModel:
+        """Return the model with the blocks of another one, of the same inputs and outputs, after its own."""
+        return self.with_(
+            omega_rad_s=np.append(self.omega_rad_s, other.omega_rad_s),
+            sigma_1_s=np.append(self.sigma_1_s, other.sigma_1_s),
+            b=np.concatenate([self.b, other.b]),
+            b_direct=np.concatenate([self.b_direct, other.b_direct]),
+            c=np.concatenate([self.c, other.c], axis=1),
+            c_rate=np.concatenate([self.c_rate, other.c_rate], axis=1),
+        )
+
     def poles_1_s(self) -> ComplexArray:
         """Return the poles (1/s), shape (m, 2): -sigma ± sqrt(sigma^2 - omega^2)."""
         root = np.sqrt((self.sigma_1_s**2 - self.omega_rad_s**2).astype(complex))

@@ -9,7 +9,6 @@ import numpy as np
 
 from analysis.identification.response_fit import RationalFit
 from analysis.identification.timefit import TimeFit
-from analysis.linear.modal_form import some_blocks
 from sim_backend.linear import Array, ModalModel
 
 _AnyFit = TypeVar("_AnyFit", TimeFit, RationalFit)
@@ -26,10 +25,9 @@ def without_undetermined(
     A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
     number had found, because its method puts a pole where nothing was played. The better of both counts.
     """
-    while fit.model.n_blocks > orders[0] and not np.all(known := _determinedness(fit) >= SIGNIFICANT):
-        rest = some_blocks(fit.model, np.arange(known.size) != int(np.argmin(_determinedness(fit))))
-        fewer = known.size - 1
-        fit = min((again(fewer, None), again(fewer, rest)), key=lambda one: one.criterion)
+    while fit.model.n_blocks > orders[0] and np.min(known := _determinedness(fit)) < SIGNIFICANT:
+        rest = fit.model.only(np.arange(known.size) != int(np.argmin(known)))
+        fit = min((again(rest.n_blocks, None), again(rest.n_blocks, rest)), key=lambda one: one.criterion)
     return fit
 
 

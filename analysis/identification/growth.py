@@ -13,7 +13,7 @@ from scipy.fft import rfft
 from scipy.signal import get_window
 
 from analysis.identification.time_residual import TimeTarget
-from analysis.linear.modal_form import block_of, with_block
+from analysis.linear.modal_form import block_of
 from analysis.linear.simulate import simulate_linear
 from sim_backend.linear import Array, ModalModel, discretise
 
@@ -31,7 +31,7 @@ def grown(
     rest = [y - m for y, m in zip(target.outputs, modelled, strict=True)]
     for _ in range(blocks - model.n_blocks):
         block, explained = _new_block(target, rest, mechanical=mechanical)
-        model = with_block(model, block)
+        model = model.beside(block)
         rest = [r - e for r, e in zip(rest, explained, strict=True)]
     return model
 

@@ -18,8 +18,6 @@ from analysis.linear.modal_form import (
     canonical,
     modal_from_poles,
     modal_from_state_space,
-    some_blocks,
-    with_block,
 )
 from sim_backend.linear import Array, ModalModel
 
@@ -122,7 +120,7 @@ def with_new_block(target: Target, model: ModalModel, structure: Structure) -> M
         n1 = np.zeros_like(n0)
     else:
         n0, n1 = _least_squares(np.stack([q, v], axis=1), target, residual)
-    return with_block(model, block_of(pole, n0, n1, mechanical=structure.form == "mechanical"))
+    return model.beside(block_of(pole, n0, n1, mechanical=structure.form == "mechanical"))
 
 
 def without_weakest_block(target: Target, model: ModalModel) -> ModalModel:
@@ -136,4 +134,4 @@ def without_weakest_block(target: Target, model: ModalModel) -> ModalModel:
         constant = (target.weight * weighted).real.sum(axis=0) / (target.weight**2).sum(axis=0)
         costs.append(np.sum(np.abs(weighted - target.weight * constant) ** 2))
     keep = np.arange(model.n_blocks) != int(np.argmin(costs))
-    return some_blocks(model, keep)
+    return model.only(keep)

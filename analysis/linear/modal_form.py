@@ -123,30 +123,6 @@ def _factor(gramian: Array) -> Array:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def some_blocks(model: ModalModel, keep: NDArray[np.bool_]) -> ModalModel:
-    """Return the model with those of its blocks that `keep` (m,) marks."""
-    return model.with_(
-        omega_rad_s=model.omega_rad_s[keep],
-        sigma_1_s=model.sigma_1_s[keep],
-        b=model.b[keep],
-        b_direct=model.b_direct[keep],
-        c=model.c[:, keep],
-        c_rate=model.c_rate[:, keep],
-    )
-
-
-def with_block(model: ModalModel, block: ModalModel) -> ModalModel:
-    """Return the model with the blocks of another one, of the same inputs and outputs, beside its own."""
-    return model.with_(
-        omega_rad_s=np.append(model.omega_rad_s, block.omega_rad_s),
-        sigma_1_s=np.append(model.sigma_1_s, block.sigma_1_s),
-        b=np.concatenate([model.b, block.b]),
-        b_direct=np.concatenate([model.b_direct, block.b_direct]),
-        c=np.concatenate([model.c, block.c], axis=1),
-        c_rate=np.concatenate([model.c_rate, block.c_rate], axis=1),
-    )
-
-
 def block_of(pole: complex, n0: Array, n1: Array, *, mechanical: bool) -> ModalModel:
     """Return the one block of a `pole` (1/s, imaginary part positive) nearest to (n0 + n1 s) / ((s - p)(s - p*)).
 

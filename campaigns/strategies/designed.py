@@ -90,15 +90,7 @@ def feedforward_of(design: Design, dof: str, motion: Array, knowledge: Knowledge
 def mechanism(plant: ModalModel) -> ModalModel:
     """Return a plant without its weak modes, those of what carries the mechanism."""
     size = np.abs(plant.b[:, 0] * plant.c[0])
-    strong = size >= STRONG * size.max()
-    return plant.with_(
-        omega_rad_s=plant.omega_rad_s[strong],
-        sigma_1_s=plant.sigma_1_s[strong],
-        b=plant.b[strong],
-        b_direct=plant.b_direct[strong],
-        c=plant.c[:, strong],
-        c_rate=plant.c_rate[:, strong],
-    )
+    return plant.only(size >= STRONG * size.max())
 
 
 def learning_of(control: AxisControl, period: int, rate_hz: float, gain: float) -> Learning:

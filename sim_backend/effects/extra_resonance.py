@@ -63,11 +63,12 @@ class ExtraResonance(Effect):
         b[0, input_index] = self.participation * residues(model, input_index, output_index)[dominant]
         c[output_index, 0] = 1.0
         omega = 2.0 * np.pi * self.frequency_hz
-        return model.with_(
-            omega_rad_s=np.append(model.omega_rad_s, omega),
-            sigma_1_s=np.append(model.sigma_1_s, self.damping_ratio * omega),
-            b=np.vstack([model.b, b]),
-            b_direct=np.vstack([model.b_direct, np.zeros_like(b)]),
-            c=np.hstack([model.c, c]),
-            c_rate=np.hstack([model.c_rate, np.zeros_like(c)]),
+        mode = model.with_(
+            omega_rad_s=np.array([omega]),
+            sigma_1_s=np.array([self.damping_ratio * omega]),
+            b=b,
+            b_direct=np.zeros_like(b),
+            c=c,
+            c_rate=np.zeros_like(c),
         )
+        return model.beside(mode)

@@ -182,13 +182,4 @@ def sensitivities(
 
 def _only(linear: ModalModel, m: int) -> ModalModel:
     """Return the model with mode `m` alone and no direct term."""
-    pick = slice(m, m + 1)
-    return linear.with_(
-        omega_rad_s=linear.omega_rad_s[pick],
-        sigma_1_s=linear.sigma_1_s[pick],
-        b=linear.b[pick],
-        b_direct=linear.b_direct[pick],
-        c=linear.c[:, pick],
-        c_rate=linear.c_rate[:, pick],
-        d=np.zeros_like(linear.d),
-    )
+    return linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))

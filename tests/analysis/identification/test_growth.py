@@ -9,7 +9,6 @@ from analysis.identification.determined import without_undetermined
 from analysis.identification.growth import grown
 from analysis.identification.time_residual import TimeTarget
 from analysis.identification.timefit import fit_records
-from analysis.linear.modal_form import some_blocks
 from analysis.linear.simulate import simulate_linear
 from sim_backend.linear import ModalModel, discretise
 
@@ -42,7 +41,7 @@ def test_a_new_block_stands_where_a_mode_is_missing(missing: int) -> None:
     u = chirp()
     y = simulate_linear(discretise(bench(), RATE_HZ), u)
     y += 0.02 * y.std() * np.random.default_rng(1).standard_normal(y.shape)
-    less = some_blocks(bench(), np.arange(2) != missing)
+    less = bench().only(np.arange(2) != missing)
     model = grown(
         TimeTarget((u,), (y,), RATE_HZ, np.ones((1, 1))),
         less,
@@ -67,7 +66,7 @@ def test_blocks_of_several_inputs_and_outputs_grow_one_after_the_other() -> None
         delay_s=np.zeros(2),
     )
     y = simulate_linear(discretise(true, RATE_HZ), u)
-    none = some_blocks(true, np.zeros(2, dtype=bool))
+    none = true.only(np.zeros(2, dtype=bool))
     model = grown(TimeTarget((u,), (y,), RATE_HZ, np.ones((2, 1))), none, [np.zeros_like(y)], 2, mechanical=False)
     assert np.sort(model.omega_rad_s) / (2.0 * np.pi) == pytest.approx(MODES_HZ, rel=0.05)
     left = y - simulate_linear(discretise(model, RATE_HZ), u)
@@ -76,7 +75,7 @@ def test_blocks_of_several_inputs_and_outputs_grow_one_after_the_other() -> None
 
 @pytest.mark.parametrize(("low_hz", "high_hz", "share"), [(7.5, 13.0, -0.42), (7.83, 11.8, 0.57), (5.94, 11.12, -0.64)])
 def test_both_modes_of_a_chirp_are_found(low_hz: float, high_hz: float, share: float) -> None:
-    """Without growth one of the two was given up for a pole between 40 and 90 Hz in each of these."""
+    """Before growth the last two of these came out with one mode."""
     rng = np.random.default_rng(3)
     omega = 2.0 * np.pi * np.array([low_hz, high_hz])
     true = bench().with_(
