@@ -11,7 +11,7 @@ Segments with "held-out" in their label take no part; the model is tried on them
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -25,11 +25,11 @@ from analysis.identification.input_delay import with_delay
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
+from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
 from analysis.identification.response_fit import RationalFit
 from analysis.identification.timefit import fit_records
-from analysis.recorded.folded import averaged_response, folded, together, too_long
-from analysis.recorded.settled import settling_periods
+from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
@@ -84,7 +84,7 @@ def identify_runs(
         raise DataError(
             f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, and match --only"
         )
-    periodic = _periodic(fitting)
+    periodic = realisations_of(fitting)
     if periodic is not None:
         return _from_periods(periodic, parts, orders, name, equal_weights, report)
     return (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
@@ -150,45 +150,17 @@ def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
     return Fitted(fit.model, std, fit.chi2, fit.dof)
 
 
-@dataclass(frozen=True)
-class _Periods:
-    """Periodic data (sample, channel, realisation, mean of `group` periods) at one rate, transient periods left out."""
-
-    inputs: Array
-    outputs: Array
-    rate_hz: float
-    group: int
-
-
-def _periodic(parts: Sequence[tuple[Run, LogSegment]]) -> _Periods | None:
-    """The segments as realisations, when all have one period and there is one realisation per input at least."""
-    n_u = len(parts[0][0].names("input"))
-    periods = {int(s.settings.get("period_samples", 0)) for _, s in parts}
-    if len(periods) != 1 or 0 in periods or len(parts) < n_u or any("frequency_hz" in s.settings for _, s in parts):
-        return None
-    period = periods.pop()
-    count = min(s.rows // period for _, s in parts)
-    skip = settling_periods(parts, period, count)
-    stated = any("transient_periods" in s.settings for _, s in parts)
-    count -= skip
-    # a start that rings on into the last period but one leaves nothing that repeats: the records tell more in time
-    if count <= 0 or (count == 1 and skip and not stated):
-        return None
-    group, settled = together(parts, period, count), [(r, replace(s, start=s.start + skip * period)) for r, s in parts]
-    blocks = [np.stack([folded(r, s, role, period, count, group) for r, s in settled]) for role in ROLES]
-    inputs, outputs = (block.transpose(2, 3, 0, 1) for block in blocks)
-    return _Periods(inputs, outputs, parts[0][0].sample_rate_hz, group)
-
-
 def _from_periods(
-    data: _Periods,
+    data: Realisations,
     parts: Sequence[tuple[Run, LogSegment]],
     orders: tuple[int, ...],
     name: str,
     equal_weights: bool,
     report: Report,
 ) -> Identification:
-    measured = frequency_response_periodic(*_at_one_level(data), data.rate_hz)
+    means = [x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs)]
+    bring_to_one_level(data)
+    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
     measured = replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
     variance = None if equal_weights else _variance(measured)
     # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
@@ -209,7 +181,7 @@ def _from_periods(
     fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
     intersample: Intersample = "held" if hold else "band-limited"
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
-    power, means = float(measured.output_power.sum()), (x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs))
+    power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     return identification(
         Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)),
@@ -222,19 +194,6 @@ def _from_periods(
         held_out=tried(fit.model, parts, data.rate_hz, intersample=intersample),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
-
-
-def _at_one_level(data: _Periods) -> tuple[Array, Array]:
-    """Return inputs and outputs with every realisation scaled to the same rms of the input.
-
-    A linear response does not change by that. A bench that is not linear answers each level in its own way; unscaled,
-    the loudest level would decide what is the best linear model of all.
-    """
-    rms = np.sqrt(np.mean(data.inputs**2, axis=(0, 1, 3), keepdims=True))
-    if np.any(rms == 0.0):
-        return data.inputs, data.outputs
-    scale = rms.mean() / rms
-    return data.inputs * scale, data.outputs * scale
 
 
 def _fit_lines(
