@@ -28,7 +28,8 @@ def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tup
     # bands hold growing numbers of rows, so that they are narrow where the level changes fast
     share = np.linspace(0.0, 1.0, count + 1) ** 2
     at = np.unique(np.maximum((share * below.size).astype(int), BAND_ROWS * np.arange(count + 1)))
-    edges = np.append(below[np.minimum(at[:-1], below.size - 1)], highest)
+    # records of one length share their frequencies: a dozen rows may be a single one, and no band is without width
+    edges = np.append(np.unique(below[np.minimum(at[:-1], below.size - 1)]), highest)
     levels = np.ones((len(spectra), edges.size - 1))
     for o, (frequency, power) in enumerate(spectra):
         band = band_of(edges, frequency)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -95,6 +96,16 @@ class Whitener:
         coloured down there is strongest where one can see least of it, and an offset would be taken for physics.
         Where nothing repeats, the levels hold what an effect leaves as well, and their slope says nothing of the noise.
         """
+        if (n, output) not in self._by_length:
+            self._by_length[n, output] = self._levels_of(n, output)
+        return self._by_length[n, output]
+
+    @cached_property
+    def _by_length(self) -> dict[tuple[int, int], Array]:
+        """Every fit asks for the same few lengths thousands of times."""
+        return {}
+
+    def _levels_of(self, n: int, output: int) -> Array:
         frequency = np.arange(n) / (2.0 * n)
         band = band_of(self.edges, frequency)
         count = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency

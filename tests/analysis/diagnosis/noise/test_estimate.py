@@ -35,3 +35,21 @@ def test_noise_is_what_does_not_repeat() -> None:
     assert whitener.repeats
     # 2000 differences: the standard deviation is known to 1.6 %, the order selection may use up a little
     assert 1 / whitener.taps[0, 0] == pytest.approx(2e-6, rel=0.06)
+
+
+@pytest.mark.parametrize("records", [1, 2, 13, 25, 60])
+def test_any_number_of_records_of_one_length_has_bands_with_a_width(records: int) -> None:
+    rng = np.random.default_rng(5)
+    period, size = 200, 2e-6
+    rows = 2 * period
+    residuals = [size * rng.standard_normal((rows, 1)) for _ in range(records)]
+    made = [
+        Record(str(k), np.zeros((rows, 1)), r, (Window("p", 0, rows, False, period),)) for k, r in enumerate(residuals)
+    ]
+    whitener = whitener_from(Dataset(RATE_HZ, tuple(made)), residuals)
+    assert np.all(np.diff(whitener.edges) > 0.0)
+    levels = whitener.band_levels(rows, 0)
+    assert np.all(np.isfinite(levels)) and np.all(levels > 0.0)
+    # white noise is as loud down there as anywhere, as far as two periods know it
+    white = np.concatenate([whitener.rows(r, m.fitted(), 0) for r, m in zip(residuals, made, strict=True)])
+    assert 0.5 < np.mean(white**2) < 1.6
