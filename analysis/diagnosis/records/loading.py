@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,13 +24,19 @@ from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model
 
 MAX_ROWS = 250_000
-"""Rows that are taken unless more are asked for; of more, stretches from the beginning, the middle and the end of each
-segment. A full campaign has half as many; memory and time grow with them, 2.6 GB and 20 minutes for a million."""
+"""Rows that are taken unless more are asked for; of more, pieces of each segment, or of some where there are very many.
+A full campaign has half as many; memory and time grow with them, 2.6 GB and 20 minutes for a million."""
 
 MAX_PRODUCTS = 10_000_000
 """Rows times re-tunable numbers of the model that are taken: what their derivatives cost in memory and time."""
 
 RATE_AGREEMENT = 1e-6
+
+_FEWEST = 3
+"""Realisations, or windows, of each kind that are taken at least."""
+
+_ENOUGH = 0.8
+"""Part of the least useful pieces of all windows that the rows are enough for; with less some windows are left out."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +105,12 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
             notes.append(f"{total} rows were recorded; one realisation in {round(1 / share)} is used, of every kind")
             stretches = [_some(per_run, share) for per_run in stretches]
         else:
-            notes.append(f"{total} rows were recorded; about {max_rows} of them are used, spread over every segment")
-            stretches = [[piece for s in per_run for piece in _thinned(s, share)] for per_run in stretches]
+            segments = sum(len(s.windows) for per_run in stretches for s in per_run)
+            pieces = [_thinned(per_run, share) for per_run in stretches]
+            used = sum(map(len, pieces))
+            where = "spread over every segment" if used == segments else f"in {used} of {segments} segments"
+            notes.append(f"{total} rows were recorded; about {max_rows} of them are used, {where}")
+            stretches = [[piece for own in per_run for piece in own] for per_run in pieces]
     warm = all(match.temperature is not None for match in matches)
     records: list[Record] = []
     sources: list[Source] = []
@@ -170,26 +180,46 @@ def _some(stretches: Sequence[_Stretch], share: float) -> list[_Stretch]:
     chosen: list[_Stretch] = []
     for held in (False, True):
         group = [s for s in stretches if s.windows[0].held_out is held]
-        count = min(max(round(share * len(group)), 3), len(group))
+        count = min(max(round(share * len(group)), _FEWEST), len(group))
         at = (np.arange(count) + 0.5) * len(group) / max(count, 1)
         chosen += [group[int(i)] for i in at]
     return chosen
 
 
-def _thinned(stretch: _Stretch, share: float) -> Iterator[_Stretch]:
-    """Yield three pieces of every window, at its beginning, middle and end, together `share` of its rows."""
-    for w in stretch.windows:
-        rows = w.stop - w.start
-        step = max(w.period, 1)
-        size = int(share * rows / 3.0) // step * step
-        if size < MIN_ROWS:
-            stop = w.start + min(max(int(share * rows) // step * step, step, MIN_ROWS), rows)
-            yield _Stretch(w.start, stop, (replace(w, stop=stop),))
-            continue
-        middle = w.start + ((rows - size) // 2) // step * step
-        last = w.start + (rows - size) // step * step
-        for name, at in (("beginning", w.start), ("middle", middle), ("end", last)):
-            yield _Stretch(at, at + size, (replace(w, label=f"{w.label}, {name}", start=at, stop=at + size),))
+def _thinned(stretches: Sequence[_Stretch], share: float) -> list[list[_Stretch]]:
+    """Return pieces of each window of a run, which have together about `share` of its rows.
+
+    Where even the least that is of use in every window would be too much, evenly chosen windows have to do.
+    """
+    windows = [w for s in stretches for w in s.windows]
+    pieces = [_pieces(w, share) for w in windows]
+    wanted = share * sum(w.stop - w.start for w in windows)
+    part = wanted / sum(piece.stop - piece.start for own in pieces for piece in own)
+    if part < _ENOUGH:
+        kept = {s.start for s in _some([own[0] for own in pieces], part)}
+        pieces = [own for own in pieces if own[0].start in kept]
+    return pieces
+
+
+def _pieces(w: Window, share: float) -> list[_Stretch]:
+    """Return three pieces of a window, at its beginning, middle and end, together `share` of its rows.
+
+    Of a short one there is a single piece, of two periods where it has them: what differs between them is noise. It
+    lies at the end, when what was left of an earlier motion has died out.
+    """
+    rows = w.stop - w.start
+    step = max(w.period, 1)
+    size = int(share * rows / 3.0) // step * step
+    if size < max(MIN_ROWS, 2 * w.period):
+        size = min(max(int(share * rows) // step * step, 2 * w.period, MIN_ROWS), rows)
+        return [_Stretch(w.stop - size, w.stop, (replace(w, start=w.stop - size),))]
+    middle = w.start + ((rows - size) // 2) // step * step
+    last = w.start + (rows - size) // step * step
+    places = (("beginning", w.start), ("middle", middle), ("end", last))
+    return [
+        _Stretch(at, at + size, (replace(w, label=f"{w.label}, {name}", start=at, stop=at + size),))
+        for name, at in places
+    ]
 
 
 def _read(run: Run, match: Match, s: _Stretch, warm: bool) -> Record:

@@ -195,6 +195,21 @@ def test_long_runs_are_thinned_within_bounds_and_keep_whole_periods(write_log, m
     assert "4000 rows were recorded" in loaded.notes[0]
 
 
+def test_of_many_short_segments_some_are_used_with_two_periods_each(write_log, motion, oscillator):
+    labels = ["held-out" if k % 4 == 3 else "segment" for k in range(40)]
+    segments = [(f"{label} {k}", 100 * k, 100 * (k + 1), {"period_samples": 30}) for k, label in enumerate(labels)]
+    loaded = load_runs([write_log(motion, segments)], oscillator, max_rows=1200)
+    records = loaded.data.records
+    assert 900 <= sum(r.n for r in records) <= 1300
+    assert all(r.n == 60 and r.windows[0].period == 30 for r in records)
+    held = [r.windows[0].held_out for r in records]
+    assert sum(held) == 5 and len(held) == 20
+    # from the first segments to the last ones
+    first, last = (np.flatnonzero(motion["command_x"] == records[i].u[0, 0])[0] for i in (0, -1))
+    assert first < 400 and last > 3600
+    assert f"in {len(held)} of 40 segments" in loaded.notes[0]
+
+
 def test_paths_may_be_texts(write_log, motion, oscillator):
     path: Path = write_log(motion, HALVES)
     assert load_runs([str(path)], oscillator).sources[0].file == str(path)
