@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from threading import RLock
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,20 @@ from sim_backend.replay import Motion, replay
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+
+
+class Once:
+    """What is worked out once of a setting, whichever thread asks for it first."""
+
+    def __init__(self) -> None:
+        self._lock, self._found = RLock(), dict[Hashable, Any]()
+
+    def of(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what `make` gave when `key` was asked for first."""
+        with self._lock:
+            if key not in self._found:
+                self._found[key] = make()
+            return cast(T, self._found[key])
 
 
 @dataclass(frozen=True)
@@ -44,6 +59,7 @@ class Setting:
     substeps: int
     workers: int = 2
     added: tuple[Bands, ...] = ()
+    once: Once = field(default_factory=Once, init=False, repr=False, compare=False)
 
     def each(self, work: Callable[..., T], *of: Sequence[Any]) -> list[T]:
         """Return `work` done for each record (or whatever `of` lists), side by side where compiled code lets go."""

@@ -3,53 +3,46 @@
 Screening is right to first order; here the effect acts inside the loop, so large effects, several at once and shapes
 that screening held fixed all come out unbiased.
 
-Most of the cost is the derivative with respect to the knobs. With the torques of a simulation held, it is linear and
-cheap; that leaves out only how a moved mode changes what an effect does in turn. So a fit descends along such slopes
-first, which decide nothing but the speed, because every step is judged by the full simulation. A fit that others
-are compared with (`exact`) goes on along differences of full simulations: where two knobs nearly do the same, the
-valley they span must be known to far better than the size of the effect, or no step along it can be taken.
+A fit descends along slopes that are cheap first. One that others are compared with (`exact`) goes on along differences
+of full simulations: where two knobs nearly do the same, the valley they span must be known to far better than the size
+of the effect, or no step along it can be taken.
+
+Axes that have nothing to do with each other are fitted one by one, and those to which a hypothesis adds nothing only
+once under one noise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.parameters import Scale, parameters_of
+from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.cusp import sharpened
-from analysis.diagnosis.fitting.descent import Descent, inverse_of
-from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
-from analysis.diagnosis.fitting.starts import Start, stack_white
-from analysis.diagnosis.nominal.tuning import REACH, Knob, sensitivities, turned
-from analysis.diagnosis.records.dataset import Record
-from sim_backend.assembly import retuned
-from sim_backend.effects.base import Effect, Site
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.parts import Part, parts_of, setting_of, whole_of
+from analysis.diagnosis.fitting.problem import Problem
+from analysis.diagnosis.fitting.slopes import Slopes
+from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
 
-_KNOB_STEP = 0.2
-"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
+_LONG = 25
 
-_KNOB_DIFFERENCE = 1e-6
-"""A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
-factor, while rounding leaves 1e-7 of it."""
 
-_HALVINGS = 4
+@dataclass(frozen=True)
+class _Manner:
+    """How a fit is done; see `refit`."""
 
-_ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
-"""How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
-else in between; and the gain below which that ends."""
-
-_STRONG_STEPS = 2
-"""Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
+    steps: int
+    exact: bool
+    strong: bool = False
+    sharp: bool = False
 
 
 def refit(
@@ -58,7 +51,7 @@ def refit(
     sizes: Array,
     change: Array,
     *,
-    steps: int = 25,
+    steps: int = _LONG,
     exact: bool = False,
     strong: bool = False,
     sharp: bool = False,
@@ -71,6 +64,56 @@ def refit(
     the screened start goes too far there, and is shortened until it is better than nothing. Parameters over which the
     misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`.
     """
+    manner = _Manner(steps, exact, strong, sharp)
+    parts = in_parts(setting, candidates, sizes)
+    if len(parts) == 1:
+        return _whole(setting, candidates, sizes, change, manner)
+    each = sizes_of_each(candidates, sizes)
+    fits = []
+    for part, own in parts:
+        chosen = [candidates[i] for i in part.candidates]
+        if chosen:
+            begins = np.concatenate([each[i] for i in part.candidates])
+            fits.append(_whole(own, chosen, begins, change[part.knobs], manner))
+        else:
+            fits.append(_quiet(setting, part, own, exact))
+    return _joined(setting, candidates, [part for part, _ in parts], fits)
+
+
+def in_parts(setting: Setting, candidates: Sequence[Candidate], sizes: Array) -> list[tuple[Part, Setting]]:
+    """Return the parts into which a hypothesis falls, each with its setting: itself where it does not fall apart."""
+    whole, found = [(whole_of(setting, candidates), setting)], []
+    scales, start = parameters_of(candidates, sizes)
+    problem = Problem(setting, tuple(candidates), scales)
+    try:
+        parts = parts_of(setting, candidates, problem.effects(np.concatenate([np.zeros(len(setting.knobs)), start])))
+    except ConfigError:  # screening asked for what cannot be: the fit begins elsewhere
+        return whole
+    for part in parts:
+        key = ("setting", tuple(part.outputs), tuple(part.modes))
+        own = setting.once.of(key, partial(setting_of, setting, part))
+        if own is None:
+            return whole
+        found.append((part, own))
+    return found or whole
+
+
+def sizes_of_each(candidates: Sequence[Candidate], sizes: Array) -> list[Array]:
+    """Return the `sizes` of every candidate by itself; one without sizes counts as one whole."""
+    ends = np.cumsum([max(len(c.unit_sizes), 1) for c in candidates], dtype=np.int64)
+    return np.split(sizes, ends[:-1])
+
+
+def _quiet(setting: Setting, part: Part, own: Setting, exact: bool) -> Fit:
+    """Return the fit of a part to which nothing is added, which is the same in every hypothesis."""
+    manner = _Manner(_LONG, exact)
+    # from where every hypothesis would have it begin: the first to ask must not decide on the last digits
+    key = ("fit", tuple(part.outputs), tuple(part.modes), exact)
+    return setting.once.of(key, lambda: _whole(own, (), np.zeros(0), np.zeros(len(own.knobs)), manner))
+
+
+def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, manner: _Manner) -> Fit:
+    """Return the best fit of a hypothesis that is taken as one."""
     scales, start = parameters_of(candidates, sizes)
     problem = Problem(setting, tuple(candidates), scales)
     n_knobs = len(setting.knobs)
@@ -78,297 +121,51 @@ def refit(
     if not np.isfinite(problem.evaluate(x).misfit):
         # screening asked for what cannot be: begin where the effect adds nothing
         x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
-    elif strong:
+    elif manner.strong:
         x = problem.shortened(x)
-    slopes = _Slopes(problem, exact=strong, strong=strong)
-    x, found = problem.descend(slopes, x, steps)
-    if exact and slopes.approximate:
-        slopes = _Slopes(problem, exact=True)
-        x, found = problem.descend(slopes, x, steps)
+    slopes = Slopes(problem, exact=manner.strong, strong=manner.strong)
+    x, found = problem.descend(slopes.normal, x, manner.steps)
+    if manner.exact and slopes.approximate:
+        slopes = Slopes(problem, exact=True)
+        x, found = problem.descend(slopes.normal, x, manner.steps)
     deviations: dict[int, float] = {}
-    if sharp and np.isfinite(found.misfit):
-        x, found, deviations = problem.at_cusps(slopes, x, found)
+    if manner.sharp and np.isfinite(found.misfit):
+        x, found, deviations = problem.at_cusps(slopes.normal, x, found)
     return problem.finish(x, found, slopes.latest(x, found), deviations)
 
 
-@dataclass(frozen=True)
-class Point:
-    """One simulation of a hypothesis: whitened rows above prior deviations, and what they were made from."""
-
-    stacked: Array
-    residuals: tuple[Array, ...]
-    torques: tuple[Array, ...]
-    misfit: float
-    penalty: float
-
-    @property
-    def objective(self) -> float:
-        """Twice the negative log posterior up to a constant."""
-        return self.misfit + self.penalty
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A hypothesis as a function of its parameters: changes of the knobs, then effect parameters on their scales."""
-
-    setting: Setting
-    candidates: tuple[Candidate, ...]
-    scales: list[Scale]
-
-    def effects(self, x: Array) -> tuple[Effect, ...]:
-        """Return the effects with the parameters in `x`."""
-        n_knobs = len(self.setting.knobs)
-        values = [dict(c.shapes) for c in self.candidates]  # constants among them: no fit moves those
-        for scale, xi in zip(self.scales, x[n_knobs:], strict=True):
-            values[scale.effect][scale.name] = scale.back(float(xi))
-        return tuple(c.effect(c.where, **v, **c.given) for c, v in zip(self.candidates, values, strict=True))
-
-    def raw(self, x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """Return residuals and torques of every record at `x`, infinite where the model cannot be (a delay below 0)."""
-        s = self.setting
-        try:
-            moved = simulated(s, turned(s.nominal, s.knobs, x[: len(s.knobs)]), self.effects(x))
-        except ConfigError:
-            return tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
-        return residuals_of(s.data.records, moved), tuple(m.torque for m in moved)
-
-    def evaluate(self, x: Array) -> Point:
-        """Simulate at `x`."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            residuals, torques = self.raw(x)
-            white = self.whiten(residuals)
-            misfit = float(white @ white)
-        mean, sd = self.prior()
-        prior = (x - mean) / sd
-        stacked = np.concatenate([white, prior])
-        return Point(stacked, residuals, torques, misfit if np.isfinite(misfit) else np.inf, float(prior @ prior))
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return means and standard deviations of all parameters before the data speak."""
-        mean = np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]])
-        return mean, np.array([k.sd for k in self.setting.knobs] + [s.sd for s in self.scales])
-
-    def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
-        """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
-        own = i - len(self.setting.knobs)
-        size = self.scales[own].difference(float(x[i])) if own >= 0 else _KNOB_DIFFERENCE
-        ended = own >= 0 and x[i] + size > self.scales[own].bound(self.scales[own].high)
-        for step in (-size, size) if ended else (size, -size):
-            there = x.copy()
-            there[i] += step
-            residuals, _ = self.raw(there)
-            if all(np.isfinite(r).all() for r in residuals):
-                return residuals, step
-        return None
-
-    def slope(self, x: Array, i: int, here: Sequence[Array]) -> tuple[Array, ...] | None:
-        """Return d(residuals)/dx_i by a difference to those `here`; nothing where there is no model on either side."""
-        found = self.nearby(x, i)
-        if found is None:
-            return None
-        there, step = found
-        return tuple((b - a) / step for b, a in zip(there, here, strict=True))
-
-    def whiten(self, residuals: Sequence[Array]) -> Array:
-        """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""
-        s = self.setting
-
-        def white(record: Record, values: Array, start: Start) -> Array:
-            return start.project(stack_white(s.whitener, record, values.reshape(record.n, values.shape[1], -1)))
-
-        return np.concatenate(s.each(white, s.data.records, residuals, s.starts)).squeeze()
-
-    def shortened(self, x: Array) -> Array:
-        """Return `x` with knobs and sizes halved until it fits better than the model as it is, at most four times."""
-        some = np.array([True] * len(self.setting.knobs) + [s.size for s in self.scales])
-        without = self.evaluate(np.where(some, 0.0, x)).misfit
-        for _ in range(_HALVINGS):
-            if self.evaluate(x).misfit < without:
-                break
-            x = np.where(some, 0.5 * x, x)
-        return x
-
-    def descend(self, slopes: _Slopes, x: Array, steps: int) -> tuple[Array, Point]:
-        """Return the best point from `x` along `slopes`, and its simulation."""
-        reach = np.full(len(self.setting.knobs), REACH)
-        descent = Descent(
-            self.evaluate,
-            slopes.normal,
-            np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
-            np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
-            np.array([_KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
-            self.setting.rows,
-        )
-        return descent.run(x, steps)
-
-    def at_cusps(self, slopes: _Slopes, x: Array, at: Point) -> tuple[Array, Point, dict[int, float]]:
-        """Return the best point near `x` where a parameter's misfit has a cusp, and the deviations of such parameters.
-
-        What else is fitted follows, and the cusp with it, until neither gains.
-        """
-        deviations: dict[int, float] = {}
-        for i in (len(self.setting.knobs) + k for k, s in enumerate(self.scales) if s.cusp):
-            for _ in range(_ROUNDS):
-                before = at.objective
-                x = self._at_cusp(x, i)[0]
-                x, at = self.descend(slopes, x, _FOLLOWING)
-                if before - at.objective < _GAINED:
-                    break
-            x, deviations[i] = self._at_cusp(x, i)
-            at = self.evaluate(x)
-        return x, at, deviations
-
-    def _at_cusp(self, x: Array, i: int) -> tuple[Array, float]:
-        there, grain = x.copy(), self.scales[i - len(self.setting.knobs)].grain
-        there[i], deviation = sharpened(partial(self._along, x, i), float(x[i]), max(_ROOF, 2.0 * grain))
-        return there, deviation
-
-    def _along(self, x: Array, i: int, value: float) -> float:
-        there = x.copy()
-        there[i] = value
-        return self.evaluate(there).objective
-
-    def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
-        """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
-        n_knobs = len(self.setting.knobs)
-        sd = self.prior()[1]
-        # beside a parameter whose column is not finite there is no model: the data say nothing of it
-        data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
-        # the slope on one side of a cusp is that of a gain, and says nothing of how far its parameter is known
-        known = np.zeros(x.size)
-        for i, sure in deviations.items():
-            data[:, i], known[i] = 0.0, 1.0 / sure
-        precision = (data * sd).T @ (data * sd) + np.eye(x.size) + np.diag((known * sd) ** 2)  # in the prior's units
-        covariance = inverse_of(precision) * np.outer(sd, sd)
-        effects = self.effects(x)
-        rows = at.stacked.size - x.size
-        chosen = sum(effect.chosen() for effect in effects)
-        occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, data, known))[1]) + chosen * math.log(rows))
-        values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
-        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        own = zip(deviation[n_knobs:], values, self.scales, strict=True)
-        std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in own]
-        names = tuple((s.effect, s.name) for s in self.scales)
-        return Fit(
-            self.candidates,
-            x[:n_knobs],
-            effects,
-            at.misfit,
-            at.penalty,
-            rows,
-            occam,
-            self.setting.log_variance,
-            names,
-            values,
-            np.array(std),
-            at.residuals,
-            deviation[:n_knobs],
-        )
-
-    def _narrowed(self, x: Array, data: Array, known: Array) -> Array:
-        """Return the posterior's precision in units of the prior's: one where `data` (rows, n) say nothing.
-
-        `known` (n,) are inverse deviations of parameters that the columns of `data` do not speak of.
-
-        How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest;
-        a shape that measures its effect has its own.
-        """
-        n_knobs = len(self.setting.knobs)
-        sd = self.prior()[1]
-        unit, more = sd.copy(), np.zeros(x.size)
-        for i, s in enumerate(self.scales):
-            if s.size:
-                own = [
-                    abs(x[n_knobs + k])
-                    for k, other in enumerate(self.scales)
-                    if other.size and other.effect == s.effect
-                ]
-                unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
-            elif s.measures:  # on its logarithm the own size is one
-                unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
-        return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + (unit * known) ** 2 + more))
-
-
-class _Slopes:
-    """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
-
-    `approximate` tells whether it makes a difference. Exact knob columns are computed once and kept for the small steps
-    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step.
-    """
-
-    def __init__(self, problem: Problem, *, exact: bool, strong: bool = False) -> None:
-        # columns are computed side by side already; each simulation need not be
-        self._problem = replace(problem, setting=replace(problem.setting, workers=1)) if exact else problem
-        self._workers, self._exact, self._strong, self._age = problem.setting.workers, exact, strong, 0
-        sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
-        self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
-        self._kept: Array | None = None
-        self._jacobian: Array | None = None
-
-    def normal(self, x: Array, at: Point) -> tuple[Array, Array]:
-        """Return the normal equations at `x`."""
-        jacobian = self._jacobian = self._at(x, at)
-        return jacobian.T @ jacobian, -jacobian.T @ at.stacked
-
-    def latest(self, x: Array, at: Point) -> Array:
-        """Return the columns at the last place where a step began."""
-        return self._at(x, at) if self._jacobian is None else self._jacobian
-
-    def _at(self, x: Array, at: Point) -> Array:
-        n_knobs = len(self._problem.setting.knobs)
-        columns = np.empty((at.stacked.size, x.size))
-        renewed = self._strong and self._age % _STRONG_STEPS == 0
-        if self._kept is None or renewed or not self._exact:
-            self._kept = self._knobs(x, at)
-        self._age += 1
-        columns[:, :n_knobs] = self._kept
-        own = range(n_knobs, x.size)
-        with ThreadPoolExecutor(self._workers) as pool:
-            for i, column in zip(own, pool.map(lambda i: self._slope(x, at, i), own), strict=True):
-                columns[:, i] = column
-        return columns
-
-    def _knobs(self, x: Array, at: Point) -> Array:
-        """Return the knobs' columns: with torques held, or from simulations for modes that an effect acts on."""
-        problem, s = self._problem, self._problem.setting
-        n_knobs = len(s.knobs)
-        columns = np.zeros((at.stacked.size, n_knobs))
-        hard = [i for i in range(n_knobs) if self._exact and self.approximate and self._touched(s.knobs[i])]
-        easy = [i for i in range(n_knobs) if i not in hard]
-        if easy:
-            acting = [*s.known, *problem.effects(x)]
-            linear = retuned(turned(s.nominal, s.knobs, x[:n_knobs]), acting, s.places)
-            knobs = [s.knobs[i] for i in easy]
-
-            def moving(torque: Array, start: Array) -> Array:
-                return sensitivities(linear, knobs, torque, s.data.rate_hz, start, through_delay=False)
-
-            moved = s.each(moving, at.torques, s.states)
-            rows = at.stacked.size - x.size
-            columns[:rows, easy] = -problem.whiten(moved).reshape(rows, -1)
-            columns[rows + np.array(easy), easy] = [1.0 / s.knobs[i].sd for i in easy]
-        with ThreadPoolExecutor(self._workers) as pool:
-            for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):
-                columns[:, i] = column
-        return columns
-
-    def _slope(self, x: Array, at: Point, i: int) -> Array:
-        """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""
-        problem = self._problem
-        column, rows = np.zeros(at.stacked.size), at.stacked.size - x.size
-        found = problem.slope(x, i, at.residuals)
-        if found is not None:
-            column[:rows] = problem.whiten(found)
-            column[rows + i] = 1.0 / problem.prior()[1][i]
-        return column
-
-    def _touched(self, knob: Knob) -> bool:
-        """Tell whether an effect acts on, or through, the mode of this knob."""
-        s = self._problem.setting
-        if knob.mode < 0:
-            return False
-        inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[knob.mode, j] != 0.0}
-        outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, knob.mode] != 0.0}
-        acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]
-        names = {name for where in acting for name in where.split("->")}
-        return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}
+def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[Part], fits: Sequence[Fit]) -> Fit:
+    """Return the fit of a whole from those of its parts."""
+    change, change_std = np.zeros((2, len(setting.knobs)))
+    residuals = tuple(np.empty_like(record.y) for record in setting.data.records)
+    effects: dict[int, Effect] = {}
+    found: dict[tuple[int, str], tuple[float, float]] = {}
+    rows = sum(fit.rows for fit in fits)
+    occam = 0.0
+    for part, fit in zip(parts, fits, strict=True):
+        change[part.knobs], change_std[part.knobs] = fit.change, fit.change_std
+        effects |= dict(zip(part.candidates, fit.effects, strict=True))
+        for whole, own in zip(residuals, fit.residuals, strict=True):
+            whole[:, part.outputs] = own
+        for (i, name), value, std in zip(fit.names, fit.values, fit.std, strict=True):
+            found[part.candidates[i], name] = float(value), float(std)
+        # what was chosen by looking at the data is paid for by all rows
+        chosen = sum(effect.chosen() for effect in fit.effects)
+        occam += fit.occam + 0.5 * chosen * (math.log(rows) - math.log(fit.rows))
+    names = sorted(found, key=lambda key: key[0])
+    return replace(
+        fits[0],
+        candidates=tuple(candidates),
+        change=change,
+        effects=tuple(effects[i] for i in range(len(candidates))),
+        misfit=sum(fit.misfit for fit in fits),
+        penalty=sum(fit.penalty for fit in fits),
+        rows=rows,
+        occam=occam,
+        log_variance=setting.log_variance,
+        names=tuple(names),
+        values=np.array([found[name][0] for name in names]),
+        std=np.array([found[name][1] for name in names]),
+        residuals=residuals,
+        change_std=change_std,
+    )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import parameters_of
+from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.fitting.refit import Problem
+from analysis.diagnosis.fitting.problem import Problem
+from analysis.diagnosis.fitting.refit import in_parts, sizes_of_each
 from analysis.diagnosis.nominal.tuning import sensitivities, turned
 from sim_backend.linear import ModalModel
 
@@ -23,11 +26,26 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     a thousandth in a knob's column can be far above it.
     """
     held, sizes = fit.held()
-    scales, x = parameters_of(held, sizes)
-    problem = Problem(setting, tuple(held), scales)
-    x = np.concatenate([fit.change, x])
     if not (held or setting.known):
         return plain_sensitivities(setting, turned(setting.nominal, setting.knobs, fit.change))
+    scales, _ = parameters_of(held, sizes)
+    n_knobs = len(setting.knobs)
+    out = tuple(np.zeros((*r.y.shape, n_knobs + len(scales))) for r in setting.data.records)
+    each = sizes_of_each(held, sizes)
+    for part, own in in_parts(setting, held, sizes):
+        chosen = [held[i] for i in part.candidates]
+        begins = np.concatenate([np.zeros(0), *(each[i] for i in part.candidates)])
+        columns = [*part.knobs, *(n_knobs + k for k, s in enumerate(scales) if s.effect in part.candidates)]
+        for record, found in zip(out, _exact(own, chosen, begins, fit.change[part.knobs]), strict=True):
+            record[:, part.outputs[:, None], columns] = found
+    return out
+
+
+def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Array) -> list[Array]:
+    """Return, per record, the columns of knobs and effect parameters of what is taken as one, (n, n_y, k)."""
+    scales, start = parameters_of(held, sizes)
+    problem = Problem(setting, tuple(held), scales)
+    x = np.concatenate([change, start])
     here, _ = problem.raw(x)  # the starts may have been found anew since the fit
 
     def column(i: int) -> list[Array]:
@@ -36,7 +54,8 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
 
     with ThreadPoolExecutor(setting.workers) as pool:
         columns = list(pool.map(column, range(x.size)))
-    return tuple(np.stack([c[r] for c in columns], axis=2) for r in range(len(setting.data.records)))
+    empty = [np.zeros((*r.shape, 0)) for r in here]
+    return [np.stack([c[r] for c in columns], axis=2) if columns else empty[r] for r in range(len(here))]
 
 
 def plain_sensitivities(setting: Setting, linear: ModalModel) -> tuple[Array, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis import gross
-from analysis.diagnosis.fitting.refit import Problem
+from analysis.diagnosis.fitting.problem import Problem
 
 
 class Kind:

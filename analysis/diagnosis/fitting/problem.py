@@ -1,0 +1,240 @@
+"""A hypothesis as a function of its parameters: what it leaves of the data, how that changes, and what a fit is.
+
+Everything is in full simulation; `analysis.diagnosis.fitting.slopes` has the derivatives a descent goes along.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.candidates.parameters import Scale
+from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.cusp import sharpened
+from analysis.diagnosis.fitting.descent import Descent, inverse_of
+from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.starts import Start, stack_white
+from analysis.diagnosis.nominal.tuning import REACH, turned
+from analysis.diagnosis.records.dataset import Record
+from sim_backend.effects.base import Effect
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+Normal = Callable[[Array, "Point"], tuple[Array, Array]]
+"""The normal equations (H, -gradient/2) of a hypothesis at its parameters, of which a simulation is at hand."""
+
+_KNOB_STEP = 0.2
+"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
+
+_KNOB_DIFFERENCE = 1e-6
+"""A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
+factor, while rounding leaves 1e-7 of it."""
+
+_HALVINGS = 4
+
+_ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
+"""How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
+else in between; and the gain below which that ends."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One simulation of a hypothesis: whitened rows above prior deviations, and what they were made from."""
+
+    stacked: Array
+    residuals: tuple[Array, ...]
+    torques: tuple[Array, ...]
+    misfit: float
+    penalty: float
+
+    @property
+    def objective(self) -> float:
+        """Twice the negative log posterior up to a constant."""
+        return self.misfit + self.penalty
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A hypothesis as a function of its parameters: changes of the knobs, then effect parameters on their scales."""
+
+    setting: Setting
+    candidates: tuple[Candidate, ...]
+    scales: list[Scale]
+
+    def effects(self, x: Array) -> tuple[Effect, ...]:
+        """Return the effects with the parameters in `x`."""
+        n_knobs = len(self.setting.knobs)
+        values = [dict(c.shapes) for c in self.candidates]  # constants among them: no fit moves those
+        for scale, xi in zip(self.scales, x[n_knobs:], strict=True):
+            values[scale.effect][scale.name] = scale.back(float(xi))
+        return tuple(c.effect(c.where, **v, **c.given) for c, v in zip(self.candidates, values, strict=True))
+
+    def raw(self, x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        """Return residuals and torques of every record at `x`, infinite where the model cannot be (a delay below 0)."""
+        s = self.setting
+        try:
+            moved = simulated(s, turned(s.nominal, s.knobs, x[: len(s.knobs)]), self.effects(x))
+        except ConfigError:
+            return tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
+        return residuals_of(s.data.records, moved), tuple(m.torque for m in moved)
+
+    def evaluate(self, x: Array) -> Point:
+        """Simulate at `x`."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            residuals, torques = self.raw(x)
+            white = self.whiten(residuals)
+            misfit = float(white @ white)
+        mean, sd = self.prior()
+        prior = (x - mean) / sd
+        stacked = np.concatenate([white, prior])
+        return Point(stacked, residuals, torques, misfit if np.isfinite(misfit) else np.inf, float(prior @ prior))
+
+    def prior(self) -> tuple[Array, Array]:
+        """Return means and standard deviations of all parameters before the data speak."""
+        mean = np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]])
+        return mean, np.array([k.sd for k in self.setting.knobs] + [s.sd for s in self.scales])
+
+    def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
+        """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
+        own = i - len(self.setting.knobs)
+        size = self.scales[own].difference(float(x[i])) if own >= 0 else _KNOB_DIFFERENCE
+        ended = own >= 0 and x[i] + size > self.scales[own].bound(self.scales[own].high)
+        for step in (-size, size) if ended else (size, -size):
+            there = x.copy()
+            there[i] += step
+            residuals, _ = self.raw(there)
+            if all(np.isfinite(r).all() for r in residuals):
+                return residuals, step
+        return None
+
+    def slope(self, x: Array, i: int, here: Sequence[Array]) -> tuple[Array, ...] | None:
+        """Return d(residuals)/dx_i by a difference to those `here`; nothing where there is no model on either side."""
+        found = self.nearby(x, i)
+        if found is None:
+            return None
+        there, step = found
+        return tuple((b - a) / step for b, a in zip(there, here, strict=True))
+
+    def whiten(self, residuals: Sequence[Array]) -> Array:
+        """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""
+        s = self.setting
+
+        def white(record: Record, values: Array, start: Start) -> Array:
+            return start.project(stack_white(s.whitener, record, values.reshape(record.n, values.shape[1], -1)))
+
+        return np.concatenate(s.each(white, s.data.records, residuals, s.starts)).squeeze()
+
+    def shortened(self, x: Array) -> Array:
+        """Return `x` with knobs and sizes halved until it fits better than the model as it is, at most four times."""
+        some = np.array([True] * len(self.setting.knobs) + [s.size for s in self.scales])
+        without = self.evaluate(np.where(some, 0.0, x)).misfit
+        for _ in range(_HALVINGS):
+            if self.evaluate(x).misfit < without:
+                break
+            x = np.where(some, 0.5 * x, x)
+        return x
+
+    def descend(self, normal: Normal, x: Array, steps: int) -> tuple[Array, Point]:
+        """Return the best point from `x` along `normal` equations, and its simulation."""
+        reach = np.full(len(self.setting.knobs), REACH)
+        descent = Descent(
+            self.evaluate,
+            normal,
+            np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
+            np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
+            np.array([_KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
+            self.setting.rows,
+        )
+        return descent.run(x, steps)
+
+    def at_cusps(self, normal: Normal, x: Array, at: Point) -> tuple[Array, Point, dict[int, float]]:
+        """Return the best point near `x` where a parameter's misfit has a cusp, and the deviations of such parameters.
+
+        What else is fitted follows, and the cusp with it, until neither gains.
+        """
+        deviations: dict[int, float] = {}
+        for i in (len(self.setting.knobs) + k for k, s in enumerate(self.scales) if s.cusp):
+            for _ in range(_ROUNDS):
+                before = at.objective
+                x = self._at_cusp(x, i)[0]
+                x, at = self.descend(normal, x, _FOLLOWING)
+                if before - at.objective < _GAINED:
+                    break
+            x, deviations[i] = self._at_cusp(x, i)
+            at = self.evaluate(x)
+        return x, at, deviations
+
+    def _at_cusp(self, x: Array, i: int) -> tuple[Array, float]:
+        there, grain = x.copy(), self.scales[i - len(self.setting.knobs)].grain
+        there[i], deviation = sharpened(partial(self._along, x, i), float(x[i]), max(_ROOF, 2.0 * grain))
+        return there, deviation
+
+    def _along(self, x: Array, i: int, value: float) -> float:
+        there = x.copy()
+        there[i] = value
+        return self.evaluate(there).objective
+
+    def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
+        """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
+        n_knobs = len(self.setting.knobs)
+        sd = self.prior()[1]
+        # beside a parameter whose column is not finite there is no model: the data say nothing of it
+        data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
+        # the slope on one side of a cusp is that of a gain, and says nothing of how far its parameter is known
+        known = np.zeros(x.size)
+        for i, sure in deviations.items():
+            data[:, i], known[i] = 0.0, 1.0 / sure
+        precision = (data * sd).T @ (data * sd) + np.eye(x.size) + np.diag((known * sd) ** 2)  # in the prior's units
+        covariance = inverse_of(precision) * np.outer(sd, sd)
+        effects = self.effects(x)
+        rows = at.stacked.size - x.size
+        chosen = sum(effect.chosen() for effect in effects)
+        occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, data, known))[1]) + chosen * math.log(rows))
+        values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        own = zip(deviation[n_knobs:], values, self.scales, strict=True)
+        std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in own]
+        names = tuple((s.effect, s.name) for s in self.scales)
+        return Fit(
+            self.candidates,
+            x[:n_knobs],
+            effects,
+            at.misfit,
+            at.penalty,
+            rows,
+            occam,
+            self.setting.log_variance,
+            names,
+            values,
+            np.array(std),
+            at.residuals,
+            deviation[:n_knobs],
+        )
+
+    def _narrowed(self, x: Array, data: Array, known: Array) -> Array:
+        """Return the posterior's precision in units of the prior's: one where `data` (rows, n) say nothing.
+
+        `known` (n,) are inverse deviations of parameters that the columns of `data` do not speak of.
+
+        How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest;
+        a shape that measures its effect has its own.
+        """
+        n_knobs = len(self.setting.knobs)
+        sd = self.prior()[1]
+        unit, more = sd.copy(), np.zeros(x.size)
+        for i, s in enumerate(self.scales):
+            if s.size:
+                own = [
+                    abs(x[n_knobs + k])
+                    for k, other in enumerate(self.scales)
+                    if other.size and other.effect == s.effect
+                ]
+                unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
+            elif s.measures:  # on its logarithm the own size is one
+                unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
+        return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + (unit * known) ** 2 + more))

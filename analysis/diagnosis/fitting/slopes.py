@@ -1,0 +1,123 @@
+"""The derivative of a hypothesis with respect to its parameters: knobs and effects.
+
+Most of the cost is that with respect to the knobs. With the torques of a simulation held it is linear and cheap; that
+leaves out only how a moved mode changes what an effect does in turn. Such slopes decide nothing but the speed of a
+descent, because every step is judged by the full simulation; so they are also kept for as long as they lead to where
+they say.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.fitting.problem import Point, Problem
+from analysis.diagnosis.nominal.tuning import Knob, sensitivities, turned
+from sim_backend.assembly import retuned
+from sim_backend.effects.base import Site
+
+Array = NDArray[np.float64]
+
+_STRONG_STEPS = 2
+"""Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
+
+_STRAIGHT = 0.05
+"""A step that ends this much of its own length off what columns with torques held said of it has them renewed."""
+
+
+class Slopes:
+    """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
+
+    `approximate` tells whether it makes a difference. Exact knob columns are computed once and kept for the small steps
+    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step.
+    """
+
+    def __init__(self, problem: Problem, *, exact: bool, strong: bool = False) -> None:
+        # columns are computed side by side already; each simulation need not be
+        self._problem = replace(problem, setting=replace(problem.setting, workers=1)) if exact else problem
+        self._workers, self._exact, self._strong, self._age = problem.setting.workers, exact, strong, 0
+        sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
+        self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
+        self._last: tuple[Array, Array, Array] | None = None
+
+    def normal(self, x: Array, at: Point) -> tuple[Array, Array]:
+        """Return the normal equations at `x`."""
+        jacobian = self._at(x, at)
+        self._last = x, at.stacked, jacobian
+        return jacobian.T @ jacobian, -jacobian.T @ at.stacked
+
+    def latest(self, x: Array, at: Point) -> Array:
+        """Return the columns at the last place where a step began."""
+        return self._at(x, at) if self._last is None else self._last[2]
+
+    def _at(self, x: Array, at: Point) -> Array:
+        n_knobs = len(self._problem.setting.knobs)
+        columns = np.empty((at.stacked.size, x.size))
+        kept = self._serving(x, at)
+        columns[:, :n_knobs] = self._knobs(x, at) if kept is None else kept[:, :n_knobs]
+        self._age += 1
+        own = range(n_knobs, x.size)
+        with ThreadPoolExecutor(self._workers) as pool:
+            for i, column in zip(own, pool.map(lambda i: self._slope(x, at, i), own), strict=True):
+                columns[:, i] = column
+        return columns
+
+    def _serving(self, x: Array, at: Point) -> Array | None:
+        """Return the last columns if those of the knobs serve at `x` as well."""
+        if self._last is None:
+            return None
+        before, there, jacobian = self._last
+        if self._exact:
+            outworn = self._strong and self._age % _STRONG_STEPS == 0
+        else:
+            told = jacobian @ (x - before)
+            outworn = bool(np.sum((at.stacked - there - told) ** 2) > _STRAIGHT**2 * np.sum(told**2))
+        return None if outworn else jacobian
+
+    def _knobs(self, x: Array, at: Point) -> Array:
+        """Return the knobs' columns: with torques held, or from simulations for modes that an effect acts on."""
+        problem, s = self._problem, self._problem.setting
+        n_knobs = len(s.knobs)
+        columns = np.zeros((at.stacked.size, n_knobs))
+        hard = [i for i in range(n_knobs) if self._exact and self.approximate and self._touched(s.knobs[i])]
+        easy = [i for i in range(n_knobs) if i not in hard]
+        if easy:
+            acting = [*s.known, *problem.effects(x)]
+            linear = retuned(turned(s.nominal, s.knobs, x[:n_knobs]), acting, s.places)
+            knobs = [s.knobs[i] for i in easy]
+
+            def moving(torque: Array, start: Array) -> Array:
+                return sensitivities(linear, knobs, torque, s.data.rate_hz, start, through_delay=False)
+
+            moved = s.each(moving, at.torques, s.states)
+            rows = at.stacked.size - x.size
+            columns[:rows, easy] = -problem.whiten(moved).reshape(rows, -1)
+            columns[rows + np.array(easy), easy] = [1.0 / s.knobs[i].sd for i in easy]
+        with ThreadPoolExecutor(self._workers) as pool:
+            for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):
+                columns[:, i] = column
+        return columns
+
+    def _slope(self, x: Array, at: Point, i: int) -> Array:
+        """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""
+        problem = self._problem
+        column, rows = np.zeros(at.stacked.size), at.stacked.size - x.size
+        found = problem.slope(x, i, at.residuals)
+        if found is not None:
+            column[:rows] = problem.whiten(found)
+            column[rows + i] = 1.0 / problem.prior()[1][i]
+        return column
+
+    def _touched(self, knob: Knob) -> bool:
+        """Tell whether an effect acts on, or through, the mode of this knob."""
+        s = self._problem.setting
+        if knob.mode < 0:
+            return False
+        inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[knob.mode, j] != 0.0}
+        outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, knob.mode] != 0.0}
+        acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]
+        names = {name for where in acting for name in where.split("->")}
+        return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}
