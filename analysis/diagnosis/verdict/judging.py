@@ -110,33 +110,44 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
 
 def adequate(found: Found, allowed: float = 0.0) -> bool:
     """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
-    best, tuned = found.best, found.tuned
+    best = found.best
     if not found.setting.whitener.repeats:
         fresh = found.last.freshness > IMITATED
         significant = fresh & (found.last.gains > found.last.threshold)
         return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - _EXPLAINED) * found.explained)
     spread = _uncertainty(found) + 0.002
     excess = best.misfit / best.rows - 1.0 - allowed
-    explained = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
-    return bool(excess <= spread or explained >= _EXPLAINED)
+    return bool(excess <= spread or _explained(found) >= _EXPLAINED)
+
+
+def _explained(found: Found) -> float:
+    """Return the part of what was more than noise that the best model explains."""
+    best, tuned = found.best, found.tuned
+    return 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
 
 
 def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0) -> str:
-    """Return in words by how much the best model is not adequate, where that alone makes a verdict *unknown*."""
-    best, tuned = found.best, found.tuned
-    if judgement.verdict != "unknown" or judgement.objection:
+    """Return in words how far the best model of an *unknown* verdict gets, and what it lacks to be adequate.
+
+    Beside an objection that says enough, it is how far an explanation gets, where the size of the noise is known.
+    """
+    if judgement.verdict != "unknown":
+        return ""
+    best, known, against = found.best, found.setting.whitener.repeats, bool(judgement.objection)
+    if against and not (best.candidates and known):
         return ""
     if not best.candidates:
         return "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
     names = " and ".join(f"{e.reported()} at {e.where}" for e in best.effects)
-    if not found.setting.whitener.repeats:
+    if not known:
         return f"beside the best explanation, {names}, something else still stands out that no effect explains"
+    explains = f"explains {100.0 * _explained(found):.4g} % of what was more than noise"
+    if against:
+        return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
     left = best.misfit / best.rows - allowed
-    part = 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
     return (
         f"the best explanation, {names}, leaves {left:.3g} times the mean square of the noise, where at most "
-        f"{1.002 + _uncertainty(found):.3g} may be noise, and explains {100.0 * part:.4g} % of what was more than "
-        f"noise ({100.0 * _EXPLAINED:g} % are asked for)"
+        f"{1.002 + _uncertainty(found):.3g} may be noise, and {explains} ({100.0 * _EXPLAINED:g} % are asked for)"
     )
 
 

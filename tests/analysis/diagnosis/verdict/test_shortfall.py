@@ -1,0 +1,55 @@
+"""An unknown verdict tells how far the best explanation gets, without giving it a name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.search.shortlist import Screen
+from analysis.diagnosis.verdict.judging import judge, shortfall
+from analysis.diagnosis.verdict.leftover import Leftover
+from sim_backend.effects import make_effect
+from tests.analysis.diagnosis.residuals import setting_of
+
+ROWS = 4000
+TELLING = Leftover("a torque that follows position", "x", 200.0, 200.0, 3)
+
+
+def found(*, before: float, after: float) -> Found:
+    """Return an outcome with a cubic spring as its cause, by the mean squares before and after it."""
+    noise = np.random.default_rng(0).standard_normal(ROWS)
+    setting, tuned = setting_of(np.zeros(ROWS), noise, noise, 1.0, period=ROWS // 4)
+    spring = make_effect("cubic-stiffness", "x", {"stiffness": 1.0})
+    candidate = Candidate(type(spring), "x", {}, {"stiffness": 1.0}, {})
+    tuned = replace(tuned, misfit=before * tuned.rows)
+    best = replace(tuned, candidates=(candidate,), effects=(spring,), misfit=after * tuned.rows)
+    nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
+    return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Leeway(("x",), (0.0,)))
+
+
+@pytest.mark.parametrize(
+    ("after", "left", "words"),
+    [
+        (1.05, (TELLING,), "the best explanation, cubic-stiffness at x, explains 97.5 % of what was more than noise"),
+        (1.5, (), "leaves 1.5 times the mean square of the noise"),
+        (1.5, (TELLING,), "explains 75 % of what was more than noise; it has no name here"),
+    ],
+)
+def test_what_the_best_explanation_explains_is_told(after: float, left: tuple[Leftover, ...], words: str) -> None:
+    outcome = found(before=3.0, after=after)
+    judged = judge(outcome, left=left)
+    assert judged.verdict == "unknown"
+    assert judged.named == ()
+    assert words in shortfall(outcome, judged)
+
+
+def test_nothing_is_said_of_what_is_named() -> None:
+    outcome = found(before=3.0, after=1.0)
+    judged = judge(outcome)
+    assert judged.verdict == "named"
+    assert shortfall(outcome, judged) == ""
