@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from threading import RLock
 from typing import Any, TypeVar, cast
@@ -65,8 +66,10 @@ class Setting:
         """Return `work` done for each record (or whatever `of` lists), side by side where compiled code lets go."""
         if self.workers < 2 or len(of[0]) < 2:
             return [work(*one) for one in zip(*of, strict=True)]
+        # how numpy treats an overflow belongs to a context, which a thread does not take over by itself
+        tasks = [(copy_context(), one) for one in zip(*of, strict=True)]
         with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(lambda one: work(*one), zip(*of, strict=True)))
+            return list(pool.map(lambda task: task[0].run(work, *task[1]), tasks))
 
     @property
     def rows(self) -> int:
