@@ -211,7 +211,8 @@ def diagnose(
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     own = setting.whitener.repeats and not setting.added
     noise = setting.whitener if own else whitener_from(data, list(after))
-    gain = gain_of(data, before, after, noise, setting.nominal, linear, options.seed)
+    names = [p.dof for p in model.outputs]
+    gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
     proposed = choice.reason if choice else ""
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     shown = evidence(data, before, whitener_from(data, list(before)) if even else setting.whitener, model)

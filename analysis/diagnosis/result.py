@@ -64,10 +64,21 @@ class SegmentGain:
 
 
 @dataclass(frozen=True)
+class OutputGain:
+    """What the extension gains in one output over all held-out rows, relative to its own size (rms ÷ rms)."""
+
+    output: str
+    rms_before: float
+    rms_after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
 class Gain:
     """What the extension gains on rows that no fit has seen, relative to the outputs' own size (rms ÷ rms).
 
-    `segments` are the held-out ones one by one: levels and waveforms differ in what they gain.
+    `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
+    move: a cause at one axis gains little in the mean of all.
     """
 
     held_out: tuple[str, ...]
@@ -77,6 +88,12 @@ class Gain:
     reduction: float
     ci95: tuple[float, float]
     segments: tuple[SegmentGain, ...] = ()
+    outputs: tuple[OutputGain, ...] = ()
+
+    @property
+    def measurable(self) -> bool:
+        """Whether it is larger than what noise alone makes of the reduction, in either direction."""
+        return not self.ci95[0] <= 0.0 <= self.ci95[1]
 
 
 @dataclass(frozen=True)

@@ -47,11 +47,12 @@ def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[Ch
             "causes": [_cause(c) for c in diagnosis.causes],
             "ambiguous": [list(tied) for tied in diagnosis.ambiguous],
             "evidence": {name: _evidence(diagnosis.evidence.get(name, ())) for name in names},
-            "gain": None if gain is None else {k: v for k, v in vars(gain).items() if k != "segments"},
+            "gain": None if gain is None else {k: v for k, v in vars(gain).items() if k not in ("segments", "outputs")},
             "next_experiment": None if next_experiment is None else vars(next_experiment),
             "inputs": [{"file": s.file, "sha256": s.sha256} for s in sources],
             "notes": list(diagnosis.notes),
             "segments": [vars(one) for one in gain.segments] if gain else [],
+            "outputs": [vars(one) for one in gain.outputs] if gain else [],
             "chops": [vars(chop) for chop in chops],
         }
     )

@@ -66,7 +66,12 @@ def _gained(gain: Gain | None, what: str) -> str:
     if gain is None:
         return ""
     before, after = share(gain.rms_before), share(gain.rms_after)
-    return f"; adding {what} takes the held-out error from {before} to {after} of the output"
+    if gain.measurable:
+        return f"; adding {what} takes the held-out error from {before} to {after} of the output"
+    return (
+        f"; what adding {what} gains on the held-out rows is less than its uncertainty (error {before} of the output "
+        f"before, {after} after, of which {share(gain.noise_floor)} is noise)"
+    )
 
 
 def _missed(gain: Gain | None) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.diagnosis.result import Gain, SegmentGain
+from analysis.diagnosis.result import Gain, OutputGain, SegmentGain
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -32,9 +32,10 @@ def gain_of(
     whitener: Whitener,
     nominal: ModalModel,
     extended: ModalModel,
+    outputs: Sequence[str],
     seed: int = 0,
 ) -> Gain | None:
-    """Return the gain on all held-out windows; None when nothing is held out.
+    """Return the gain on all held-out windows, and by the `outputs` of these names; None when nothing is held out.
 
     `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
     relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
@@ -60,6 +61,10 @@ def gain_of(
     own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
     floor = np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))
+
+    def alone(clean: Mapping[int, Array], o: int) -> float:
+        return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
+
     return Gain(
         held_out=names,
         rms_before=rms_before,
@@ -68,6 +73,10 @@ def gain_of(
         reduction=1.0 - rms_after / rms_before if rms_before > 0.0 else 0.0,
         ci95=(float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))),
         segments=tuple(SegmentGain(*one) for one in zip(names, *each, strict=True)),
+        outputs=tuple(
+            OutputGain(outputs[o], alone(left[0], o), alone(left[1], o), float(noise[o] / size[o]))
+            for o in np.flatnonzero(counted).tolist()
+        ),
     )
 
 

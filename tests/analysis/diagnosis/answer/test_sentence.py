@@ -46,6 +46,15 @@ def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
     assert "adding them takes the held-out error from 25.0 % to 1.25 %" in text
 
 
+def test_a_gain_that_noise_may_be_is_said_to_be_none() -> None:
+    gain = Gain(("run#a",), 0.0717, 0.0719, 0.0686, -0.003, (-0.01, 0.013))
+    text = sentence("named", (cause("hysteresis", "the residual is a loop"),), (), gain, {})
+    assert "takes the held-out error" not in text
+    assert (
+        "less than its uncertainty (error 7.17 % of the output before, 7.19 % after, of which 6.86 % is noise)" in text
+    )
+
+
 @pytest.mark.parametrize("sure", [(), (cause("delay", "the residual leads"),)])
 def test_ambiguous_tells_the_tie_what_is_sure_beside_it_and_the_gain(sure: tuple[Cause, ...]) -> None:
     text = sentence("ambiguous", sure, (("cubic-stiffness", "backlash"),), GAIN, {})

@@ -30,7 +30,7 @@ def test_only_held_out_rows_count(oscillator):
     before[:2000] *= 100.0
     data = Dataset(RATE_HZ, (record(y, (Window("fit", 0, 2000), Window("held-out", 2000, 4000, held_out=True))),))
     linear = oscillator.linear()
-    found = gain_of(data, [before], [after], WHITENER, linear, linear)
+    found = gain_of(data, [before], [after], WHITENER, linear, linear, ["x"])
     assert found is not None
     size = np.std(y[2000:])
     assert found.held_out == ("run#held-out",)
@@ -44,7 +44,7 @@ def test_only_held_out_rows_count(oscillator):
 def test_nothing_held_out_gives_no_gain(oscillator):
     data = Dataset(RATE_HZ, (record(np.zeros((100, 1)), (Window("fit", 0, 100),)),))
     linear = oscillator.linear()
-    assert gain_of(data, [np.ones((100, 1))], [np.ones((100, 1))], WHITENER, linear, linear) is None
+    assert gain_of(data, [np.ones((100, 1))], [np.ones((100, 1))], WHITENER, linear, linear, ["x"]) is None
 
 
 def test_the_interval_holds_the_true_reduction_as_often_as_it_says(oscillator):
@@ -56,7 +56,7 @@ def test_the_interval_holds_the_true_reduction_as_often_as_it_says(oscillator):
         data = Dataset(
             RATE_HZ, (record(rng.standard_normal((6000, 1)), (Window("f", 0, 10), Window("h", 10, 6000, True))),)
         )
-        found = gain_of(data, [wrong + noise], [0.5 * wrong + noise], WHITENER, linear, linear, seed)
+        found = gain_of(data, [wrong + noise], [0.5 * wrong + noise], WHITENER, linear, linear, ["x"], seed)
         assert found is not None
         inside += found.ci95[0] <= truth <= found.ci95[1]
     # percentile intervals from 60 blocks are a little short (90 to 95 %); binomial bounds of 1 in 1000 around that
@@ -70,7 +70,7 @@ def test_the_noise_floor_is_the_scatter_between_periods(oscillator):
     y = rng.standard_normal((5000, 1))
     windows = (Window("fit", 0, 500), Window("h", 500, 5000, held_out=True, period=500))
     linear = oscillator.linear()
-    found = gain_of(Dataset(RATE_HZ, (record(y, windows),)), [error + noise], [noise], WHITENER, linear, linear)
+    found = gain_of(Dataset(RATE_HZ, (record(y, windows),)), [error + noise], [noise], WHITENER, linear, linear, ["x"])
     assert found is not None
     # 3500 degrees of freedom: standard deviation of the estimate 1.2 %, five of them
     assert found.noise_floor == pytest.approx(0.2 / np.std(y[500:]), rel=0.06)
@@ -97,7 +97,7 @@ def test_the_unknown_start_of_a_record_held_out_as_a_whole_is_no_error(oscillato
     fit = record(y, (Window("fit", 0, 3000),))
     held = record(y, (Window("h", 0, 3000, held_out=True),))
     data = Dataset(RATE_HZ, (fit, held))
-    found = gain_of(data, [noise, noise + start], [noise, noise + start], WHITENER, linear, linear)
+    found = gain_of(data, [noise, noise + start], [noise, noise + start], WHITENER, linear, linear, ["x"])
     assert found is not None
     # two states are fitted to 3000 rows
     assert found.rms_after == pytest.approx(np.sqrt(np.mean(noise**2)) / np.std(y), rel=2e-3)
@@ -112,9 +112,30 @@ def test_an_output_that_nothing_moves_does_not_water_the_gain_down(oscillator):
     linear = oscillator.linear()
     two = linear.with_(c=np.vstack([linear.c] * 2), c_rate=np.vstack([linear.c_rate] * 2), d=np.vstack([linear.d] * 2))
     white = Whitener(np.array([[1.0], [1.0]]), repeats=False)
-    found = gain_of(data, [noise + error], [noise], white, two, two)
+    found = gain_of(data, [noise + error], [noise], white, two, two, ["moves", "rests"])
     assert found is not None
     # of the first output alone: sqrt(1 + 9) and 1 over its size; the second is noise before and after
     assert found.rms_after == pytest.approx(1.0 / np.std(y[:, 0]), rel=0.03)
     assert found.rms_before == pytest.approx(np.sqrt(10.0) * found.rms_after, rel=0.03)
     assert found.noise_floor == pytest.approx(found.rms_after, rel=0.03)
+    assert [one.output for one in found.outputs] == ["moves"]
+
+
+def test_each_output_has_a_gain_of_its_own(oscillator):
+    rng = np.random.default_rng(5)
+    motion, noise = 10.0 * rng.standard_normal((4000, 1)), rng.standard_normal((4000, 2))
+    y = motion * [1.0, 2.0] + noise
+    windows = (Window("fit", 0, 10), Window("held-out", 10, 4000, held_out=True))
+    data = Dataset(RATE_HZ, (Record("run", motion, y, windows),))
+    linear = oscillator.linear()
+    two = linear.with_(c=np.vstack([linear.c] * 2), c_rate=np.vstack([linear.c_rate] * 2), d=np.vstack([linear.d] * 2))
+    before = noise + np.column_stack([np.zeros(4000), 3.0 * rng.standard_normal(4000)])
+    found = gain_of(data, [before], [noise], Whitener(np.array([[1.0], [1.0]]), repeats=False), two, two, ["a", "b"])
+    assert found is not None
+    sizes = np.std(y[10:], axis=0)
+    for o, one in enumerate(found.outputs):
+        assert one.output == "ab"[o]
+        assert one.rms_before == pytest.approx(np.sqrt(np.mean(before[10:, o] ** 2)) / sizes[o], rel=1e-9)
+        assert one.rms_after == pytest.approx(np.sqrt(np.mean(noise[10:, o] ** 2)) / sizes[o], rel=1e-9)
+    # together they are the mean of squares
+    assert found.rms_before**2 == pytest.approx(np.mean([one.rms_before**2 for one in found.outputs]), rel=1e-9)
