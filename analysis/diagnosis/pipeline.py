@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.answer.sentence import sentence
+from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
@@ -213,9 +213,9 @@ def diagnose(
     noise = setting.whitener if own else whitener_from(data, list(after))
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
-    proposed = choice.reason if choice else ""
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     shown = evidence(data, before, whitener_from(data, list(before)) if even else setting.whitener, model)
+    said = judgement.objection, short, reservation(judgement.verdict, shown), remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice),
@@ -231,7 +231,7 @@ def diagnose(
         before=before,
         after=after,
         considered=judgement.rivals,
-        notes=tuple(filter(None, (judgement.objection, short, remark, proposed, *_doubts(found)))),
+        notes=tuple(filter(None, (*said, *_doubts(found)))),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
+from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.pages.quantities import chance, share
 
 SIGNIFICANT = 1e-3
@@ -80,19 +81,40 @@ def _missed(gain: Gain | None) -> str:
     return f"; it misses {share(gain.rms_before)} of the held-out output, of which {share(gain.noise_floor)} is noise"
 
 
+def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> str:
+    """Return what a reader of a *consistent* verdict has to know: where the residual is no steady noise."""
+    least = _least_by_chance(evidence) if verdict == "consistent" else None
+    if least is None or not least[0] * len(evidence) < ONE_IN_A_MILLION:
+        return ""
+    p, name, curve = least
+    return (
+        f"no effect of the library explains more than noise may, yet the residual is no steady noise: by {name}, "
+        f"{curve.where} ({chance(p)}); its size may follow what is played or change with time"
+    )
+
+
 def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
     """Return the domain in which the residual stands out least by chance, and where in it; nothing if nowhere."""
+    least = _least_by_chance(evidence)
+    if least is None:
+        return ""
+    p, name, curve = least
+    if not p < SIGNIFICANT:
+        return "; the remarks say what is left"
+    return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
+
+
+def _least_by_chance(evidence: Mapping[str, Sequence[Domain]]) -> tuple[float, str, Domain] | None:
+    """Return the curve with the least p-value, its domain, and that p-value times the number of curves there."""
     found = [
         (min(len(curves) * curve.p_value, 1.0), -_height(curve), name, curve)
         for name, curves in evidence.items()
         for curve in curves
     ]
     if not found:
-        return ""
+        return None
     p, _, name, curve = min(found, key=lambda one: one[:3])
-    if not p < SIGNIFICANT:
-        return "; the remarks say what is left"
-    return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
+    return p, name, curve
 
 
 def _height(curve: Domain) -> float:

@@ -1,15 +1,17 @@
 """Where the residual stands above the noise: frequency, amplitude, position, direction, rate, time, temperature, axis.
 
-All of it is judged on whitened residuals, which noise alone makes independent numbers of unit variance. A curve shows
-the residual's rms in units of that noise, so 1 is the floor in every domain. Of frequency see `spectra`; elsewhere
-two questions are asked: is the residual larger in some bin than noise makes it (F test of the largest ratio, corrected
-for the number of bins), and does its mean follow the bins, or that of a missing force (generalised least squares on
-indicators of the bins, as they are and passed through the plant, F tests)? Of two p-values the smaller counts, twice.
+All of it is judged on whitened residuals, which noise alone makes independent numbers of unit variance; slow noise that
+the filter is too short for is divided out (`slow_noise`). A curve shows the residual's rms in units of that noise, so 1
+is the floor in every domain. Of frequency see `spectra`; elsewhere two questions are asked: is the residual larger in
+some bin than noise makes it (F test of the largest ratio, corrected for the number of bins), and does its mean follow
+the bins, or that of a missing force (generalised least squares on indicators of the bins, as they are and passed
+through the plant, F tests)? Of two p-values the smaller counts, twice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +20,9 @@ from scipy.signal import lfilter
 from scipy.stats import f as f_distribution
 
 from analysis.diagnosis.evidence.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms
+from analysis.diagnosis.evidence.slow_noise import excess_of_indicators, first_of_fast, levelled, low_levels
 from analysis.diagnosis.evidence.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
+from analysis.diagnosis.noise.levels import BAND_ROWS
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.records.dataset import Dataset, Record
@@ -54,7 +58,8 @@ class Force:
 class _Series:
     """One output of one run, all its records joined: whitened residual `w` (n,) and what it may depend on.
 
-    `noise_rows` is the number of rows that told the noise's size; 0 when it was taken from the residual itself.
+    `noise_rows` is the number of rows that told the noise's size; 0 when it was taken from the residual itself. Out of
+    `w` are divided the `levels` of each part's lowest rows.
     """
 
     run: str
@@ -62,6 +67,7 @@ class _Series:
     w: Array
     u: Array
     parts: tuple[int, ...]
+    levels: tuple[Array, ...]
     repeats: tuple[Repeat, ...]
     position: Array
     rate: Array
@@ -99,7 +105,7 @@ def evidence(
         ]
         for o, s in enumerate(joined):
             out["frequency"].append(_frequency(s))
-            out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, free_mean=True))
+            out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, slow=True))
             for name, values, per in (
                 ("position", s.position, ""),
                 ("rate", s.rate, "/s"),
@@ -110,7 +116,7 @@ def evidence(
             if np.any(s.rate != 0.0):
                 out["direction"].append(_direction(s))
             if s.temperature_k is not None and np.ptp(s.temperature_k) > WARMING_K:
-                out["temperature"].append(_along(s, s.temperature_k, "K", "temperature"))
+                out["temperature"].append(_along(s, s.temperature_k, "K", "temperature", slow=True))
             if len(joined) > 1:
                 out["cross-axis"].append(_cross_axis(o, joined))
     return {name: tuple(curves) for name, curves in out.items()}
@@ -142,8 +148,17 @@ def _series(
     force: Force | None,
 ) -> _Series:
     # the whitening filter starts from zeros, so its first rows are not white
-    cut = slice(whitener.order, None)
-    w = [whitener.apply(np.ascontiguousarray(e[:, o : o + 1]), o)[cut, 0] for _, e in pairs]
+    cuts = [slice(first_of_fast(r.n, whitener.order), None) for r, _ in pairs]
+    white = [
+        whitener.apply(np.ascontiguousarray(e[:, o : o + 1]), o)[cut, 0]
+        for (_, e), cut in zip(pairs, cuts, strict=True)
+    ]
+    levels = tuple(low_levels(whitener, x.size, o) for x in white)
+    w = [levelled(*one) for one in zip(white, levels, strict=True)]
+
+    def joined(parts: Iterable[Array]) -> Array:
+        return np.concatenate([x[cut] for x, cut in zip(parts, cuts, strict=True)])
+
     # what the model says the motion was: the measured one would carry the noise into the choice of the bin
     moved = [r.y[:, o] - e[:, o] for r, e in pairs]
     length = max(int(rate_hz / 20.0), 16)
@@ -153,16 +168,15 @@ def _series(
         run=run,
         port=port,
         w=np.concatenate(w),
-        u=np.concatenate([r.u[cut] for r, _ in pairs]),
+        u=joined(r.u for r, _ in pairs),
         parts=tuple(x.size for x in w),
-        repeats=tuple(_repeats(pairs, whitener.order)),
-        position=np.concatenate([x[cut] for x in moved]),
-        rate=np.concatenate([np.gradient(x, 1.0 / rate_hz)[cut] for x in moved]),
-        amplitude=np.concatenate([moving_rms(x, length)[cut] for x in moved]),
-        time_s=np.concatenate([(b + np.arange(r.n))[cut] / rate_hz for b, (r, _) in zip(begin, pairs, strict=True)]),
-        temperature_k=np.concatenate([r.temperature_k[cut] for r, _ in pairs if r.temperature_k is not None])
-        if warm
-        else None,
+        levels=levels,
+        repeats=tuple(_repeats([r for r, _ in pairs], [cut.start for cut in cuts])),
+        position=joined(moved),
+        rate=joined(np.gradient(x, 1.0 / rate_hz) for x in moved),
+        amplitude=joined(moving_rms(x, length) for x in moved),
+        time_s=joined((b + np.arange(r.n)) / rate_hz for b, (r, _) in zip(begin, pairs, strict=True)),
+        temperature_k=joined(r.temperature_k for r, _ in pairs if r.temperature_k is not None) if warm else None,
         taps=whitener.taps[o],
         noise_rows=rows,
         rate_hz=rate_hz,
@@ -170,10 +184,10 @@ def _series(
     )
 
 
-def _repeats(pairs: Sequence[tuple[Record, Array]], lost: int) -> Iterator[Repeat]:
-    """Yield the repeated periods of the joined rows, of which `lost` are missing at the start of each record."""
+def _repeats(records: Sequence[Record], missing: Sequence[int]) -> Iterator[Repeat]:
+    """Yield the repeated periods of the joined rows, of which so many are `missing` at the start of each record."""
     at = 0
-    for record, _ in pairs:
+    for record, lost in zip(records, missing, strict=True):
         for w in record.windows:
             whole = (w.stop - w.start) // w.period if w.period else 0
             # the first of several holds what is left of the transient, and perhaps the rows that are lost
@@ -197,44 +211,53 @@ def _both(energy: float, mean: float) -> float:
     return min(1.0, 2.0 * min(energy, mean))
 
 
-def _along(s: _Series, values: Array, unit: str, name: str, most: int = 24, *, free_mean: bool = False) -> Domain:
-    """Return the curve along a covariate (n,), in bins of equal numbers of rows."""
+def _along(s: _Series, values: Array, unit: str, name: str, most: int = 24, *, slow: bool = False) -> Domain:
+    """Return the curve along a covariate (n,), in bins of equal numbers of rows.
+
+    What is `slow` lies among the lowest rows, where the noise is known from a dozen numbers.
+    """
     found = binned(values, s.w, most)
     energy = _energy_test(found.mean_square, found.count.astype(float), s.noise_rows)
-    mean = _mean_p(s, values, found, free_mean=free_mean)
+    rows = min(s.noise_rows, BAND_ROWS) if slow and any(one.size for one in s.levels) else s.noise_rows
+    mean = _mean_p(s, values, found, rows, free_mean=not name)
     i = int(np.argmax(found.mean_square))
     low, high = found.edges[i], found.edges[i + 1]
     what = f"{s.port.dof} at {name} {span(low, high, unit)}" if name else f"{s.port.dof} from {span(low, high, unit)}"
     return _domain(s, found.centre, unit, np.sqrt(found.mean_square), _both(energy, mean), what)
 
 
-def _mean_p(s: _Series, values: Array, found: Binned, *, free_mean: bool) -> float:
+def _mean_p(s: _Series, values: Array, found: Binned, noise_rows: int, *, free_mean: bool = False) -> float:
     """Return the p-value of "no mean follows the bins": neither of the reading itself nor of a force on the structure.
 
     An error of the sensor is a curve of the reading; a missing force is a curve too, but of the force, and reaches the
-    reading through the plant.
+    reading through the plant. The noise is known from `noise_rows`.
     """
     parts = np.concatenate([[0], np.cumsum(s.parts)])
     total = float(s.w @ s.w)
-    gram, cross = accumulate(s.taps, found.index, s.w, parts, found.count.size)
-    reading = mean_test(gram, cross, total, s.w.size, s.noise_rows, free_mean=free_mean)
+    stretches = list(zip(itertools.pairwise(parts), s.levels, strict=True))
+    weighed = np.concatenate([levelled(s.w[a:b], levels) for (a, b), levels in stretches])
+    gram, cross = accumulate(s.taps, found.index, weighed, parts, found.count.size)
+    for (a, b), levels in stretches:
+        if levels.size:
+            gram -= excess_of_indicators(s.taps, found.index[a:b], found.count.size, levels)
+    reading = mean_test(gram, cross, total, s.w.size, noise_rows, free_mean=free_mean)
     if s.force is None:
         return reading
     coarse = binned(values, s.w, FORCE_BINS) if found.count.size > FORCE_BINS else found
     gram, cross = _through_plant(s, s.force, coarse, parts)
-    return _both(reading, mean_test(gram, cross, total, s.w.size, s.noise_rows, free_mean=free_mean))
+    return _both(reading, mean_test(gram, cross, total, s.w.size, noise_rows, free_mean=free_mean))
 
 
 def _through_plant(s: _Series, force: Force, found: Binned, parts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return the normal equations of a unit force in each bin, passed through the plant and whitened."""
     n = found.count.size
     gram, cross = np.zeros((n, n)), np.zeros(n)
-    for a, b in zip(parts[:-1], parts[1:], strict=True):
+    for (a, b), levels in zip(itertools.pairwise(parts), s.levels, strict=True):
         columns = np.empty((b - a, n))
         for k in range(n):
             acting = (found.index[a:b] == k).astype(float)
             moved = response(force.plant, acting, force.input)[:, force.output]
-            columns[:, k] = lfilter(s.taps, [1.0], moved)
+            columns[:, k] = levelled(lfilter(s.taps, [1.0], moved), levels)
         gram += columns.T @ columns
         cross += columns.T @ s.w[a:b]
     return gram, cross
@@ -252,7 +275,7 @@ def _direction(s: _Series) -> Domain:
     square = np.array([np.mean(s.w[index == k] ** 2) for k in (0, 1)])
     means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])
     found = Binned(index, count, square, np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
-    p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, free_mean=False))
+    p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, s.noise_rows))
     way = "up" if abs(means[1]) > abs(means[0]) else "down"
     what = f"{s.port.dof} moving {way}, mean {means[1]:+.2g} up and {means[0]:+.2g} down"
     return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)

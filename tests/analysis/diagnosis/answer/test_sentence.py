@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.answer.sentence import sentence
+from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.result import Cause, Domain, Estimate, Gain
 
 GAIN = Gain(("run#a",), 0.25, 0.0125, 0.01, 0.95, (0.94, 0.96))
@@ -36,6 +36,14 @@ def test_unknown_says_where_it_lives_how_sure_and_how_large_it_is() -> None:
 def test_unknown_without_evidence_points_to_the_remarks() -> None:
     text = sentence("unknown", (), (), GAIN, {"time": (curve(0.2, [1.5, 9.0], "x from 0 to 1 s"),)})
     assert "remarks" in text and "from 0 to 1 s" not in text
+
+
+def test_a_consistent_verdict_tells_of_noise_that_is_not_steady() -> None:
+    quiet = {"time": (curve(1e-4, [1.0, 1.2], "x from 0 to 1 s"),)}
+    loud = {**quiet, "rate": (curve(1e-9, [1.0, 1.6], "x at rate 3 to 4 mm/s: 1.6 times the noise"),)}
+    assert reservation("consistent", quiet) == ""
+    assert "by rate, x at rate 3 to 4 mm/s: 1.6 times the noise (p = 1e-09)" in reservation("consistent", loud)
+    assert reservation("named", loud) == ""
 
 
 def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:

@@ -1,0 +1,61 @@
+"""Noise that a short filter leaves stronger at low frequencies, in tests of bins and of means.
+
+In the cosine basis the level of a band is a plain factor, so that noise of any colour becomes white: with the rows of
+the basis C, levels f and L = C^T f^(-1/2) C, whitened columns A and residual w give the normal equations A^T L^2 A and
+A^T L^2 w. L differs from one in the lowest rows only, and A^T L^2 A = A^T A - (C A)^T (1 - 1/f) (C A) over these.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct, idct, next_fast_len
+from scipy.signal import lfilter
+
+from analysis.diagnosis.noise.whitener import Whitener
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_LOUDER = 1.1
+"""A level that is nearer to one is one, as far as it is known."""
+
+_TOGETHER = 8
+"""Columns that are transformed at a time."""
+
+
+def first_of_fast(n: int, least: int) -> int:
+    """Return how many of `n` rows, `least` or a few more, to leave out for the others to be transformed fast.
+
+    One in a thousand more or less: a length with a large prime factor takes ten times as long.
+    """
+    return n - next(m for m in range(n - least, 0, -1) if next_fast_len(m) == m)
+
+
+def low_levels(whitener: Whitener, n: int, output: int) -> Array:
+    """Return the levels (k,) of the lowest rows of a cosine basis of `n`, up to the last that is louder than white."""
+    levels = whitener.band_levels(n, output) if whitener.levels.size else np.zeros(0)
+    loud = np.flatnonzero(levels > _LOUDER)
+    return levels[: int(loud[-1]) + 1] if loud.size else levels[:0]
+
+
+def levelled(values: Array, levels: Array) -> Array:
+    """Return `values` (n,) or (n, k), whitened but for the `levels` of their lowest rows, with these divided out."""
+    if not levels.size:
+        return values
+    rows = dct(values, axis=0, norm="ortho")
+    rows[: levels.size] /= np.sqrt(levels).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(idct(rows, axis=0, norm="ortho", overwrite_x=True))
+
+
+def excess_of_indicators(taps: Array, index: Indices, count: int, levels: Array) -> Array:
+    """Return by how much the normal matrix (count, count) of whitened indicators shrinks when rows are levelled.
+
+    `index` (n,) numbers the bin of every row, -1 for none.
+    """
+    low = np.empty((levels.size, count))
+    for some in range(0, count, _TOGETHER):
+        bins = np.arange(some, min(some + _TOGETHER, count))
+        acting = (index[:, None] == bins).astype(float)
+        low[:, bins] = dct(lfilter(taps, [1.0], acting, axis=0), axis=0, norm="ortho")[: levels.size]
+    return np.asarray((low * (1.0 - 1.0 / levels)[:, None]).T @ low)
