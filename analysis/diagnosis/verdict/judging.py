@@ -121,9 +121,9 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
 
 
 def _explained(found: Found) -> float:
-    """Return the part of what was more than noise that the best model explains."""
-    best, tuned = found.best, found.tuned
-    return 1.0 - (best.misfit - best.rows) / max(tuned.misfit - tuned.rows, 1e-300)
+    """Return the part of what was more than noise that the best model explains, all where nothing was."""
+    best, excess = found.best, found.tuned.misfit - found.tuned.rows
+    return 1.0 - (best.misfit - best.rows) / excess if excess > 0.0 else 1.0
 
 
 def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0) -> str:
@@ -142,6 +142,8 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0) -> str:
     if not known:
         return f"beside the best explanation, {names}, something else still stands out that no effect explains"
     explains = f"explains {100.0 * _explained(found):.4g} % of what was more than noise"
+    if against and found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= _uncertainty(found):
+        explains = "explains what stands out of a total that may be noise"
     if against:
         return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
     left = best.misfit / best.rows - allowed

@@ -48,6 +48,17 @@ def test_what_the_best_explanation_explains_is_told(after: float, left: tuple[Le
     assert words in shortfall(outcome, judged)
 
 
+@pytest.mark.parametrize("before", [0.999, 1.001])
+def test_no_part_is_told_of_a_total_that_may_be_noise(before: float) -> None:
+    """What stands out of it may be a few squared deviations that follow one way."""
+    outcome = found(before=before, after=0.99)
+    judged = judge(outcome, left=(TELLING,))
+    assert judged.verdict == "unknown"
+    told = shortfall(outcome, judged)
+    assert "explains what stands out of a total that may be noise; it has no name here" in told
+    assert "%" not in told
+
+
 def test_nothing_is_said_of_what_is_named() -> None:
     outcome = found(before=3.0, after=1.0)
     judged = judge(outcome)
