@@ -19,7 +19,7 @@ from analysis.diagnosis.fitting.fit import Setting, residuals_on
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
-from analysis.diagnosis.noise.whitener import Bands, louder
+from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
@@ -214,7 +214,7 @@ def diagnose(
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
-    shown = evidence(data, before, whitener_from(data, list(before)) if even else setting.whitener, model)
+    shown = evidence(data, before, _noise_of_evidence(found, data, before, after), model)
     said = judgement.objection, short, reservation(judgement.verdict, shown), remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
@@ -234,6 +234,16 @@ def diagnose(
         notes=tuple(filter(None, (*said, *_doubts(found)))),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
+
+
+def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], after: Sequence[Array]) -> Whitener:
+    """Return the noise above which the residual `before` is evidence.
+
+    It is that of what the best model leaves: whatever is slow and explained would pass for slow noise otherwise.
+    """
+    if found.setting.whitener.even:
+        return whitener_from(data, list(before))
+    return whitener_from(data, list(after)) if found.best.candidates else found.setting.whitener
 
 
 def _doubts(found: Found) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.pipeline import Options, search_causes
+from analysis.diagnosis.pipeline import Options, diagnose, search_causes
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.verdict.judging import judge
 from sim_backend.effects import EFFECTS
@@ -43,3 +43,13 @@ def test_slow_noise_is_no_drift() -> None:
     """Of four records none is one: at one in five hundred that would happen once in a hundred times."""
     verdicts = [judge(search_causes(_data(seed, 0.0), MODEL, _OPTIONS)).verdict for seed in range(100, 104)]
     assert verdicts == ["consistent"] * 4
+
+
+def test_what_is_found_is_evidence_by_time_and_slow_noise_is_none() -> None:
+    """The noise above which a residual is evidence is that beside what was found."""
+    drifts, rests = (diagnose(_data(1, drift), MODEL, _OPTIONS) for drift in (5e-2, 0.0))
+    assert [c.effect for c in drifts.causes] == ["sensor-drift"]
+    assert min(curve.p_value for curve in drifts.evidence["time"]) < 1e-6
+    assert rests.verdict == "consistent"
+    # three runs are looked at
+    assert min(curve.p_value for curve in rests.evidence["time"]) > 1e-3 / 3
