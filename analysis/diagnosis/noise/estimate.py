@@ -110,10 +110,9 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
 
 
 def _differences(windows: Sequence[Window], x: Array) -> list[tuple[Array, Mask]]:
-    """Return the differences of consecutive periods over √2 about their mean: noise alone, of the same colour and size.
+    """Return the differences of consecutive periods over √2: noise alone, of the same colour and size.
 
-    With three periods or more the first difference is left out, which holds what is left of the transient. The mean is
-    a steady drift: left in, one of the size of the noise would pass for a colour of it, and hide itself.
+    With three periods or more the first difference is left out, which holds what is left of the transient.
     """
     parts = []
     for w in windows:
@@ -123,5 +122,5 @@ def _differences(windows: Sequence[Window], x: Array) -> list[tuple[Array, Mask]
         first = w.period if whole >= 3 else 0
         stretch = x[w.start + first : w.start + whole * w.period]
         difference = (stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0)
-        parts.append((difference - difference.mean(), np.ones(difference.size, dtype=bool)))
+        parts.append((difference, np.ones(difference.size, dtype=bool)))
     return parts
