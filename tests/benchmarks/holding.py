@@ -21,6 +21,8 @@ def hold() -> np.ndarray:
 if __name__ == "__main__":
     stacks = Stacks()
     stacks.start()
+    while not stacks.seconds:  # memory that is taken before the first look is seen by none
+        pass
     hold()
     stacks.ended.set()
     stacks.join()
