@@ -210,11 +210,12 @@ def diagnose(
     before, after = (residuals_on(data, setting, fit) for fit in (found.tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     own = setting.whitener.repeats and not setting.added
-    noise = setting.whitener if own else whitener_from(data, list(after))
+    remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
+    noise = setting.whitener if own else remaining
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
-    shown = evidence(data, before, _noise_of_evidence(found, data, before, after), model)
+    shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model)
     said = judgement.objection, short, reservation(judgement.verdict, shown), remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
@@ -236,14 +237,15 @@ def diagnose(
     )
 
 
-def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], after: Sequence[Array]) -> Whitener:
+def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], remaining: Whitener) -> Whitener:
     """Return the noise above which the residual `before` is evidence.
 
-    It is that of what the best model leaves: whatever is slow and explained would pass for slow noise otherwise.
+    It is the `remaining` one, that of what the best model leaves: whatever is slow and explained would pass for slow
+    noise otherwise.
     """
     if found.setting.whitener.even:
         return whitener_from(data, list(before))
-    return whitener_from(data, list(after)) if found.best.candidates else found.setting.whitener
+    return remaining if found.best.candidates else found.setting.whitener
 
 
 def _doubts(found: Found) -> list[str]:

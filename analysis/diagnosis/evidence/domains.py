@@ -59,12 +59,14 @@ class _Series:
     """One output of one run, all its records joined: whitened residual `w` (n,) and what it may depend on.
 
     `noise_rows` is the number of rows that told the noise's size; 0 when it was taken from the residual itself. Out of
-    `w` are divided the `levels` of each part's lowest rows.
+    `w` are divided the `levels` of each part's lowest rows, and out of `weighed` (n,) once more, for products with
+    columns that are whitened and no more.
     """
 
     run: str
     port: Port
     w: Array
+    weighed: Array
     u: Array
     parts: tuple[int, ...]
     levels: tuple[Array, ...]
@@ -105,7 +107,7 @@ def evidence(
         ]
         for o, s in enumerate(joined):
             out["frequency"].append(_frequency(s))
-            out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, slow=True))
+            out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, slow=True, free_mean=True))
             for name, values, per in (
                 ("position", s.position, ""),
                 ("rate", s.rate, "/s"),
@@ -168,6 +170,7 @@ def _series(
         run=run,
         port=port,
         w=np.concatenate(w),
+        weighed=np.concatenate([levelled(*one) for one in zip(w, levels, strict=True)]),
         u=joined(r.u for r, _ in pairs),
         parts=tuple(x.size for x in w),
         levels=levels,
@@ -211,7 +214,16 @@ def _both(energy: float, mean: float) -> float:
     return min(1.0, 2.0 * min(energy, mean))
 
 
-def _along(s: _Series, values: Array, unit: str, name: str, most: int = 24, *, slow: bool = False) -> Domain:
+def _along(
+    s: _Series,
+    values: Array,
+    unit: str,
+    name: str,
+    most: int = 24,
+    *,
+    slow: bool = False,
+    free_mean: bool = False,
+) -> Domain:
     """Return the curve along a covariate (n,), in bins of equal numbers of rows.
 
     What is `slow` lies among the lowest rows, where the noise is known from a dozen numbers.
@@ -219,7 +231,7 @@ def _along(s: _Series, values: Array, unit: str, name: str, most: int = 24, *, s
     found = binned(values, s.w, most)
     energy = _energy_test(found.mean_square, found.count.astype(float), s.noise_rows)
     rows = min(s.noise_rows, BAND_ROWS) if slow and any(one.size for one in s.levels) else s.noise_rows
-    mean = _mean_p(s, values, found, rows, free_mean=not name)
+    mean = _mean_p(s, values, found, rows, free_mean=free_mean)
     i = int(np.argmax(found.mean_square))
     low, high = found.edges[i], found.edges[i + 1]
     what = f"{s.port.dof} at {name} {span(low, high, unit)}" if name else f"{s.port.dof} from {span(low, high, unit)}"
@@ -234,10 +246,8 @@ def _mean_p(s: _Series, values: Array, found: Binned, noise_rows: int, *, free_m
     """
     parts = np.concatenate([[0], np.cumsum(s.parts)])
     total = float(s.w @ s.w)
-    stretches = list(zip(itertools.pairwise(parts), s.levels, strict=True))
-    weighed = np.concatenate([levelled(s.w[a:b], levels) for (a, b), levels in stretches])
-    gram, cross = accumulate(s.taps, found.index, weighed, parts, found.count.size)
-    for (a, b), levels in stretches:
+    gram, cross = accumulate(s.taps, found.index, s.weighed, parts, found.count.size)
+    for (a, b), levels in zip(itertools.pairwise(parts), s.levels, strict=True):
         if levels.size:
             gram -= excess_of_indicators(s.taps, found.index[a:b], found.count.size, levels)
     reading = mean_test(gram, cross, total, s.w.size, noise_rows, free_mean=free_mean)
