@@ -2,7 +2,7 @@
 
 The spectrum of what does not repeat is fitted with a smooth floor of each output, alone and with |G|² times a
 resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency of as many terms as Akaike's
-criterion likes. A torque of all frequencies is an amplifier's noise.
+criterion likes. A torque of all frequencies, or of all up to some corner, is an amplifier's noise.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ _PITCH, _WIDTH, _FIRST_TERMS = 1.4, 0.3, 6
 _STARTS = 3
 """Bands of the grid, per input, that are fitted over every floor."""
 
+_CORNERS = 4
+"""Corners of a low pass are tried at every so many centres of the grid: its likelihood has few maxima."""
+
 _NARROW = 4.0
 """A band below so many times the frequency resolution is a line, which is another effect."""
 
@@ -57,7 +60,7 @@ def shaking(setting: Setting, fit: Fit) -> list[Chance]:
         return []
     place = setting.places.inputs[found.band.input]
     known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
-    # noise of all frequencies through the plant is an amplifier's, which is no error of a simulation
+    # such noise through the plant is an amplifier's, white or behind a low pass, which is no error of a simulation
     return [] if known or found.lead < -SURE_LEAD else [_chance(setting, whittle, found, place)]
 
 
@@ -68,7 +71,7 @@ def noise_evidence(setting: Setting, fit: Fit) -> float:
     if whittle is None:
         return 0.0
     found = _best(whittle, _resolution(setting, series))
-    # a torque of all frequencies may be the better one
+    # the noise of an amplifier may be the better one
     return _nothing(whittle)[0] + (max(found.evidence + max(-found.lead, 0.0), 0.0) if found else 0.0)
 
 
@@ -99,12 +102,16 @@ def _white(setting: Setting, residual: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Best:
-    """The best band with its evidence against nothing, its p-value, and how far a torque of all frequencies trails."""
+    """The best band with its evidence against nothing, its p-value, and its lead.
+
+    `lead` is by how much the noise of an amplifier trails, white or behind a low pass, `white_lead` white noise alone.
+    """
 
     band: Band
     evidence: float
     p_value: float
     lead: float
+    white_lead: float
 
 
 def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
@@ -119,9 +126,8 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
             band = whittle.band(terms, start, floor)
             if band is None or band.width_hz < _NARROW * resolution_hz:
                 continue
-            wide = math.isinf(band.width_hz)
-            value = band.log_likelihood - n_y * terms - price - (0.0 if wide else _narrowed(whittle, band))
-            key = band.input, wide, band.steep
+            value = band.log_likelihood - n_y * terms - price - _narrowed(whittle, band)
+            key = band.input, band.low_pass, band.steep
             if key not in best or value > best[key][0]:
                 best[key] = value, band
     if not best:
@@ -134,8 +140,9 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
     # against the most flexible floor of all, at any place of the grid
     p_value = min(tried * float(chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
     forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
-    unbounded = max((v for key, (v, _) in best.items() if key[1]), default=-math.inf)
-    return _Best(_blended(band, forms), value - nothing, p_value, value - unbounded)
+    white = max((v for v, other in best.values() if math.isinf(other.width_hz)), default=-math.inf)
+    passed = max((v for v, other in best.values() if other.low_pass), default=-math.inf)
+    return _Best(_blended(band, forms), value - nothing, p_value, value - passed, value - white)
 
 
 def _price(whittle: Whittle) -> float:
@@ -173,10 +180,11 @@ def _blended(band: Band, forms: Sequence[tuple[float, Band]]) -> Band:
 
 
 def _narrowed(whittle: Whittle, band: Band) -> float:
-    """Return the logarithm by which the data narrow centre and width, either of which may be of any size at first."""
+    """Return the logarithm by which the data narrow what is free of centre and width, of any size at first."""
     f = whittle.spectrum.frequency_hz
     room = math.log(float(f[-1, -1]) / float(f[0, 0]))
-    share = (band.std[1] / band.centre_hz, band.std[2] / band.width_hz)
+    sizes = () if math.isinf(band.width_hz) else (2,) if band.low_pass else (1, 2)
+    share = (band.std[k] / (band.centre_hz, band.width_hz)[k - 1] for k in sizes)
     return sum(max(math.log(room / (math.sqrt(2.0 * math.pi) * max(s, 1e-12))), 0.0) for s in share)
 
 
@@ -196,6 +204,9 @@ def _starts(whittle: Whittle, floor: Array, terms: int) -> tuple[list[Start], in
         tried = [whittle.band(terms, start(j, float(c), _WIDTH * float(c), True), floor) for c in centres]
         bands = sorted((b for b in tried if b is not None), key=lambda b: -b.log_likelihood)[:_STARTS]
         starts += [(j, b.centre_hz, b.width_hz, steep, b.rms**2) for b in bands for steep in (True, False)]
+        corners = [whittle.band(terms, start(j, 0.0, 2.0 * float(c), False), floor) for c in centres[::_CORNERS]]
+        passes = sorted((b for b in corners if b is not None), key=lambda b: -b.log_likelihood)[:1]
+        starts += [(j, 0.0, b.width_hz, False, b.rms**2) for b in passes]
         starts.append(start(j, 1.0, math.inf, True))
     return starts, 2 * centres.size * whittle.gain.shape[1]
 
@@ -232,7 +243,7 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
     louder = np.where(raised > _THERE, np.maximum(whittle.spectrum.power * passed, 1.0), 1.0)
     count = whittle.spectrum.count
     # what rounding leaves of a lively command is a torque of all frequencies as well
-    rivals = [(name, found.lead) for name in (AmplifierNoise.name, CommandQuantisation.name)]
+    rivals = ((AmplifierNoise.name, found.lead), (CommandQuantisation.name, found.white_lead))
     return Chance(
         effect,
         std,
@@ -240,6 +251,6 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
         found.p_value,
         0.0 if setting.added else float(np.sum(count * raised) / np.sum(count)) / hump.shape[0],
         math.sqrt(0.5 * float(np.sum(count * (hump / whittle.spectrum.power) ** 2))),
-        tuple(rivals),
+        rivals,
         Bands(whittle.spectrum.edges_hz / setting.data.rate_hz, louder),
     )

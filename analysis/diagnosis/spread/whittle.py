@@ -34,7 +34,9 @@ _CYCLES, _HIGHEST = 4.0, 0.45
 
 
 Start = tuple[int, float, float, bool, float]
-"""Where the fit of a band starts: input, centre, width, whether its flanks are steep, and its power."""
+"""Where the fit of a band starts: input, centre, width, whether its flanks are steep, and its power.
+
+A centre of zero stays there: a low pass, half as wide as the width. An infinite width stays as well: white."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,10 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Band:
-    """A random torque at input number `input`: its standard deviation and where its power lies (infinitely wide: all).
+    """A random torque at input number `input`: its standard deviation and where its power lies.
 
-    `std` are the standard deviations of rms, centre and width.
+    An infinite width is all frequencies alike, a centre of zero a low pass. `std` are the standard deviations of rms,
+    centre and width, zero of what is not fitted.
     """
 
     input: int
@@ -67,6 +70,11 @@ class Band:
     std: tuple[float, float, float]
     log_likelihood: float
     terms: int
+
+    @property
+    def low_pass(self) -> bool:
+        """Whether it is strongest at the lowest frequencies, or as strong at all: the noise of an amplifier."""
+        return math.isinf(self.width_hz) or self.centre_hz == 0.0
 
 
 def resonator(frequency_hz: Array, centre_hz: float, width_hz: float, steep: bool) -> Array:
@@ -186,36 +194,40 @@ class Whittle:
         j, centre_hz, width_hz, steep, power = start
         basis = self._basis(terms)
         theta = np.linalg.lstsq(basis, np.log(floor).T, rcond=None)[0].T
-        wide = math.isinf(width_hz)
         low, top = float(self.spectrum.frequency_hz[0, 0]), self.rate_hz * _HIGHEST
         ends = math.log(0.1 * low), math.log(top)
+        free = [] if math.isinf(width_hz) else [1] if centre_hz == 0.0 else [0, 1]
 
         def parts(x: Array) -> tuple[float, float]:
-            return (top, math.inf) if wide else (math.exp(np.clip(x[-2], *ends)), math.exp(np.clip(x[-1], *ends)))
+            if not free:
+                return top, math.inf
+            found = [centre_hz, width_hz]
+            for k, value in zip(free, x[theta.size + 1 :], strict=True):
+                found[k] = math.exp(np.clip(value, *ends))
+            return found[0], found[1]
 
         def model(x: Array) -> tuple[Array, Array]:
             under = np.exp(np.clip(x[: theta.size].reshape(theta.shape) @ basis.T, -700.0, 700.0))
             variance = math.exp(min(x[theta.size], 300.0))
             hump = variance * self.hump(j, *parts(x), steep)
             slopes = [self._floor_slopes(under, basis), hump[:, :, None]]
-            for k in () if wide else (-2, -1):
+            for k in range(theta.size + 1, x.size):
                 there = x.copy()
                 there[k] += 1e-4
                 slopes.append(((variance * self.hump(j, *parts(there), steep) - hump) / 1e-4)[:, :, None])
             return under + hump, np.concatenate(slopes, axis=2)
 
-        own = [math.log(power)] if wide else [math.log(power), math.log(centre_hz), math.log(width_hz)]
+        own = [math.log(power), *(math.log((centre_hz, width_hz)[k]) for k in free)]
         x, loss, covariance = self._descend(model, np.concatenate([theta.ravel(), own]))
         deviation = np.sqrt(np.maximum(np.diag(covariance)[theta.size :], 0.0))
         rms = math.exp(0.5 * x[theta.size])
         centre, width = parts(x)
         if not np.isfinite(loss):
             return None
-        std = (
-            0.5 * rms * float(deviation[0]),
-            *((0.0, 0.0) if wide else (deviation[1] * centre, deviation[2] * width)),
-        )
-        return Band(j, rms, centre, width, steep, (std[0], float(std[1]), float(std[2])), -loss, terms)
+        std = [0.5 * rms * float(deviation[0]), 0.0, 0.0]
+        for k, relative in zip(free, deviation[1:], strict=True):
+            std[1 + k] = float(relative) * (centre, width)[k]
+        return Band(j, rms, centre, width, steep, (std[0], std[1], std[2]), -loss, terms)
 
     def strength(self, band: Band) -> tuple[float, float]:
         """Return the factor by which this spectrum shows the power of `band`, and its standard deviation."""

@@ -85,6 +85,19 @@ def test_a_torque_of_all_frequencies_is_never_sure_to_be_a_band() -> None:
             }
 
 
+@pytest.mark.parametrize("corner_hz", [3.0, 10.0, 30.0, 80.0])
+def test_an_amplifier_that_is_noisy_below_a_corner_is_never_sure_to_be_a_band(corner_hz: float) -> None:
+    """Nothing is said of it, or it is tied with the noise of an amplifier, however strong it is."""
+    keep = math.exp(-2.0 * math.pi * corner_hz / RATE_HZ)
+    for seed in range(5):
+        rng = np.random.default_rng(1200 + seed)
+        force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
+        shake = lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(N + 2000))[2000:]
+        residual = _noise(rng) + moved(0.05 * shake)
+        for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
+            assert dict(cause.rivals)["amplifier-noise"] < math.log(99.0)
+
+
 def test_what_shakes_only_while_much_is_played_is_no_vibration() -> None:
     """It belongs to the motion then, and not to the surroundings."""
     rng = np.random.default_rng(10)
