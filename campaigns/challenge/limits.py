@@ -28,10 +28,11 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.stats import norm
 
+from campaigns.challenge.campaign import Campaign
 from campaigns.challenge.families import FAMILIES, Hidden, Scene, members
 from campaigns.challenge.families.base import log_uniform
 from campaigns.challenge.metric import Metric, Seen
-from campaigns.challenge.power import random_energy
+from campaigns.challenge.power import energy_beyond_amplifiers, random_energy
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,9 @@ _FEW, _MANY, _CLOSEST = 3, 10, 4
 """Draws of every rival, of the closest ones, and how many these are."""
 
 _CHARGE = 1e-5
+
+_AMPLIFIER = "amplifier-noise"
+"""Noise that a bench is known to have: no family of its own, but a rival of what shakes it."""
 
 _SIZES = (0.05, 1.5)
 """Sizes of drawn rivals over those at which they are drawn: the form of some depends on their size."""
@@ -215,8 +219,7 @@ def limits_of(
     """Return the limits of `effect`; `beside` holds other effects that act at the same time and are to be found too."""
     cap = effect.cap(scene)
     if effect.random:
-        detection = _crossing(partial(_random_distance, effect, metric), effect.size, cap)
-        return Limits(detection, detection, "noise", ())
+        return _limits_of_chance(effect, metric, cap)
     distances = Distances(effect, metric, beside)
     detection = _crossing(distances.alone, 0.05 * effect.size, cap)
     if not np.isfinite(detection):
@@ -282,5 +285,16 @@ def _crossing(distance: Callable[[float], float], start: float, cap: float) -> f
     return float(high if np.isfinite(high) else np.inf)
 
 
-def _random_distance(effect: Hidden, metric: Metric, size: float) -> float:
-    return float(np.sqrt(random_energy(effect.resized(size), metric.campaign)))
+def _limits_of_chance(effect: Hidden, metric: Metric, cap: float) -> Limits:
+    """Return the limits of an effect that has no signature: by what it adds to the spectrum or to single samples."""
+
+    def crossing(energy: Callable[[Hidden, Campaign], float], start: float) -> float:
+        return _crossing(lambda size: float(np.sqrt(energy(effect.resized(size), metric.campaign))), start, cap)
+
+    detection = crossing(random_energy, effect.size)
+    if not np.isfinite(detection):
+        return Limits(np.inf, np.inf, "noise", ())
+    naming = max(crossing(energy_beyond_amplifiers, detection), detection)
+    if np.isfinite(naming):
+        return Limits(detection, naming, "noise" if naming == detection else _AMPLIFIER, ())
+    return Limits(detection, naming, _AMPLIFIER, ((_AMPLIFIER, effect.where),))

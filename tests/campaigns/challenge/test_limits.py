@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.stats import norm
 
 from campaigns.challenge.bounds import bound_deviations, held_out_floor
@@ -14,10 +15,10 @@ from campaigns.challenge.families import FAMILIES
 from campaigns.challenge.families.drive import ActuatorGain
 from campaigns.challenge.families.sensor import ApexNoise, SensorDrift, SensorGain, SensorRotation
 from campaigns.challenge.families.structure import StiffnessShift
-from campaigns.challenge.families.surroundings import ConstantTorque
+from campaigns.challenge.families.surroundings import BroadbandVibration, ConstantTorque
 from campaigns.challenge.limits import THRESHOLD, detection_limit, limits_of
 from campaigns.challenge.metric import PRIOR_SD, Metric
-from campaigns.challenge.power import random_energy
+from campaigns.challenge.power import energy_beyond_amplifiers, random_energy
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,56 @@ def test_distance_of_growing_noise_is_that_of_its_variance(short_one: Campaign) 
     # d² = ½ Σ r² with r ∝ size² grows with the fourth power while r is small
     ratio = random_energy(effect.resized(2.0 * effect.size), short_one) / random_energy(effect, short_one)
     assert ratio == pytest.approx(16.0, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def weak_band(short_one: Campaign, metric: Metric) -> BroadbandVibration:
+    band = BroadbandVibration(0, 1e-6, 40.0, 12.0)
+    return band.resized(detection_limit(band, metric, short_one.scene()))
+
+
+def test_what_an_amplifier_leaves_of_a_vibration_is_the_distance_of_the_nearest_spectrum(
+    short_one: Campaign, weak_band: BroadbandVibration
+) -> None:
+    # Whittle's expected likelihood ratio of two spectra is ½ Σ (q - 1 - ln q) per number, q their ratio, and d² twice
+    # that; the nearest is looked for over level and corner of the amplifier and six terms of the noise's colour
+    rate_hz, substeps = short_one.runs[0].excitation.rate_hz, short_one.runs[0].excitation.substeps
+    f = (np.arange(4096) + 0.5) * rate_hz / 8192.0
+    numerator, denominator = weak_band.filter(1.0 / (rate_hz * substeps))
+    z = np.exp(-2j * np.pi * f / (rate_hz * substeps))
+    torque = weak_band.size**2 * np.abs(numerator[0] / np.polyval(denominator[::-1], z)) ** 2 / substeps
+    gain = np.abs(short_one.plant.response(f)[:, 0, 0]) ** 2
+    floor = short_one.noises[0].density(f, rate_hz)
+    at = np.log(f)
+    terms = np.polynomial.chebyshev.chebvander(2.0 * (at - at[0]) / (at[-1] - at[0]) - 1.0, 5)
+    samples = sum(int(run.rows(held_out=False).sum()) for run in short_one.runs)
+    there, unit = floor + gain * torque, np.max(gain / floor)
+
+    def distance(x):
+        q = there / (floor * np.exp(terms @ x[:6]) + np.exp(x[6]) * gain / unit / (1.0 + (f / np.exp(x[7])) ** 2))
+        return samples / 4096 * np.sum(q - 1.0 - np.log(q))
+
+    starts = [np.array([*np.zeros(6), np.log(0.3), np.log(corner)]) for corner in (10.0, 40.0, 300.0, 3000.0)]
+    nearest = min(minimize(distance, start, method="L-BFGS-B").fun for start in starts)
+    assert nearest < 0.9 * random_energy(weak_band, short_one)
+    assert energy_beyond_amplifiers(weak_band, short_one) == pytest.approx(nearest, rel=0.15)
+
+
+def test_amplifiers_noise_is_a_rival_of_a_vibration_and_the_twin_of_a_white_one(
+    short_one: Campaign, metric: Metric, weak_band: BroadbandVibration
+) -> None:
+    scene = short_one.scene()
+    limits = limits_of(weak_band, metric, scene, np.random.default_rng(0))
+    assert limits.rival == "amplifier-noise" and limits.twins == ()
+    assert limits.detection < limits.naming < weak_band.cap(scene)
+    white = replace(weak_band, bandwidth_hz=1e3 * short_one.runs[0].excitation.rate_hz)
+    assert limits_of(white, metric, scene, np.random.default_rng(0)).twins == (("amplifier-noise", "theta_x"),)
+
+
+def test_noise_that_grows_with_the_angle_has_no_rival(short_one: Campaign, metric: Metric) -> None:
+    scene = short_one.scene()
+    limits = limits_of(ApexNoise(0, 1e-3), metric, scene, np.random.default_rng(0))
+    assert limits.naming == limits.detection < np.inf
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda f: f.__name__)
