@@ -24,6 +24,7 @@ from analysis.diagnosis.experiment.hypotheses import Hypothesis
 from analysis.diagnosis.fitting.fit import Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.sensitivity import exact_sensitivities
 from analysis.diagnosis.fitting.starts import Start, stack_white, start_of
+from analysis.diagnosis.nominal.prior import root_of
 from analysis.diagnosis.nominal.tuning import sensitivities, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 
@@ -78,8 +79,8 @@ def with_spread(setting: Setting, hypothesis: Hypothesis, known: Array) -> Hypot
 def _prior(setting: Setting, hypothesis: Hypothesis) -> Array:
     size = len(setting.knobs) + hypothesis.fit.values.size
     total = np.zeros((size, size))
-    at = np.arange(len(setting.knobs))
-    total[at, at] = [1.0 / k.sd**2 for k in setting.knobs]
+    n_knobs, root = len(setting.knobs), root_of(setting.knobs)
+    total[:n_knobs, :n_knobs] = root.T @ root
     return total
 
 

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from analysis.diagnosis.candidates.parameters import Scale
 from analysis.diagnosis.candidates.signature import Candidate
@@ -19,6 +20,7 @@ from analysis.diagnosis.fitting.cusp import sharpened
 from analysis.diagnosis.fitting.descent import Descent, inverse_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
+from analysis.diagnosis.nominal.prior import factor_of, root_of
 from analysis.diagnosis.nominal.tuning import REACH, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
@@ -89,15 +91,17 @@ class Problem:
             residuals, torques = self.raw(x)
             white = self.whiten(residuals)
             misfit = float(white @ white)
-        mean, sd = self.prior()
-        prior = (x - mean) / sd
+        prior = self.root() @ (x - np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]]))
         stacked = np.concatenate([white, prior])
         return Point(stacked, residuals, torques, misfit if np.isfinite(misfit) else np.inf, float(prior @ prior))
 
-    def prior(self) -> tuple[Array, Array]:
-        """Return means and standard deviations of all parameters before the data speak."""
-        mean = np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]])
-        return mean, np.array([k.sd for k in self.setting.knobs] + [s.sd for s in self.scales])
+    def factor(self) -> Array:
+        """Return the lower factor U (n, n) of the covariance U U' of all parameters before the data speak."""
+        return np.asarray(block_diag(factor_of(self.setting.knobs), np.diag([s.sd for s in self.scales])))
+
+    def root(self) -> Array:
+        """Return the inverse of `factor`: it makes unit white numbers of the parameters' distances from their means."""
+        return np.asarray(block_diag(root_of(self.setting.knobs), np.diag([1.0 / s.sd for s in self.scales])))
 
     def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
         """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
@@ -182,19 +186,20 @@ class Problem:
     def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
         """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
         n_knobs = len(self.setting.knobs)
-        sd = self.prior()[1]
+        factor = self.factor()
         # beside a parameter whose column is not finite there is no model: the data say nothing of it
         data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
         # the slope on one side of a cusp is that of a gain, and says nothing of how far its parameter is known
         known = np.zeros(x.size)
         for i, sure in deviations.items():
             data[:, i], known[i] = 0.0, 1.0 / sure
-        precision = (data * sd).T @ (data * sd) + np.eye(x.size) + np.diag((known * sd) ** 2)  # in the prior's units
-        covariance = inverse_of(precision) * np.outer(sd, sd)
+        seen = data.T @ data + np.diag(known**2)
+        precision = factor.T @ seen @ factor + np.eye(x.size)  # in the prior's units
+        covariance = factor @ inverse_of(precision) @ factor.T
         effects = self.effects(x)
         rows = at.stacked.size - x.size
         chosen = sum(effect.chosen() for effect in effects)
-        occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, data, known))[1]) + chosen * math.log(rows))
+        occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, seen))[1]) + chosen * math.log(rows))
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         own = zip(deviation[n_knobs:], values, self.scales, strict=True)
@@ -216,16 +221,15 @@ class Problem:
             deviation[:n_knobs],
         )
 
-    def _narrowed(self, x: Array, data: Array, known: Array) -> Array:
-        """Return the posterior's precision in units of the prior's: one where `data` (rows, n) say nothing.
-
-        `known` (n,) are inverse deviations of parameters that the columns of `data` do not speak of.
+    def _narrowed(self, x: Array, seen: Array) -> Array:
+        """Return the posterior's precision in units of the prior's: one where that of the data, `seen` (n, n), is zero.
 
         How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest;
         a shape that measures its effect has its own.
         """
         n_knobs = len(self.setting.knobs)
-        sd = self.prior()[1]
+        factor = self.factor()
+        sd = np.diag(factor)
         unit, more = sd.copy(), np.zeros(x.size)
         for i, s in enumerate(self.scales):
             if s.size:
@@ -237,4 +241,5 @@ class Problem:
                 unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
             elif s.measures:  # on its logarithm the own size is one
                 unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
-        return np.asarray((data * unit).T @ (data * unit) + np.diag((unit / sd) ** 2 + (unit * known) ** 2 + more))
+        scaled = factor * (unit / sd)
+        return np.asarray(scaled.T @ seen @ scaled + np.diag((unit / sd) ** 2 + more))

@@ -2,8 +2,8 @@
 
 Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms of its participations (those that are
 not zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal
-distribution of the tolerance the nominal model claims, so a wrong gain of one per cent is never taken for physics,
-and a shift far beyond the tolerance stays visible as one.
+distribution of the tolerance the nominal model claims (see `nominal.prior`), so a wrong gain of one per cent is never
+taken for physics, and a shift far beyond the tolerance stays visible as one.
 
 A model that was fitted to the very runs that are diagnosed has numbers that the runs alone determine, some of them
 nothing but noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through
@@ -33,6 +33,7 @@ class Knob:
     """One re-tunable parameter: `field` of the ModalModel at `index`, with its prior sd.
 
     Its scale is logarithmic, or counts in `unit` where there is one. A direct path belongs to no `mode`: that is -1.
+    `loading` is the part in it of the error, of unit size, of the participation that is fixed in its mode.
     """
 
     field: str
@@ -40,6 +41,7 @@ class Knob:
     mode: int
     sd: float
     unit: float = 0.0
+    loading: float = 0.0
 
     def turned(self, value: float, change: float) -> float:
         """Return the parameter, `value` now, after a `change` on the knob's scale."""
@@ -66,7 +68,10 @@ to follow, so they say nothing on their own."""
 
 
 def knobs_of(linear: ModalModel, tolerance: float) -> list[Knob]:
-    """Return every re-tunable parameter of `linear`, each trusted to the relative `tolerance`."""
+    """Return every re-tunable parameter of `linear`, each trusted to the relative `tolerance`.
+
+    So is the participation that is fixed in each mode, unless it is exactly one: that is a scale, which has no error.
+    """
     knobs: list[Knob] = []
     for m in range(linear.n_blocks):
         for name in ("omega_rad_s", "sigma_1_s"):
@@ -74,12 +79,15 @@ def knobs_of(linear: ModalModel, tolerance: float) -> list[Knob]:
                 knobs.append(Knob(name, (m,), m, tolerance))
         shares = [("c", i) for i in range(linear.n_outputs)] + [("c_rate", i) for i in range(linear.n_outputs)]
         present = [(name, i) for name, i in shares if getattr(linear, name)[i, m] != 0.0]
+        shared = 0.0
         if present:
             # participation in displacement and rate differ in unit; compare them at the mode's own frequency
-            present.remove(max(present, key=lambda s: abs(getattr(linear, s[0])[s[1], m]) * _unit(linear, s[0], m)))
-        knobs += [Knob(name, (i, m), m, tolerance) for name, i in present]
+            held = max(present, key=lambda s: abs(getattr(linear, s[0])[s[1], m]) * _unit(linear, s[0], m))
+            present.remove(held)
+            shared = 0.0 if abs(getattr(linear, held[0])[held[1], m]) == 1.0 else tolerance
+        knobs += [Knob(name, (i, m), m, tolerance, loading=-shared) for name, i in present]
         knobs += [
-            Knob(name, (m, j), m, tolerance)
+            Knob(name, (m, j), m, tolerance, loading=shared)
             for name in ("b", "b_direct")
             for j in range(linear.n_inputs)
             if getattr(linear, name)[m, j] != 0.0
@@ -101,7 +109,7 @@ def own_knobs_of(linear: ModalModel) -> list[Knob]:
     time = 1.0 / _pace(linear)
     units = {"b": into, "b_direct": into * time[:, None], "c": out, "c_rate": out * time}
     knobs = [
-        replace(knob, unit=float(units[knob.field][knob.index])) if knob.field in units else knob
+        replace(knob, unit=float(units[knob.field][knob.index]), loading=0.0) if knob.field in units else knob
         for knob in knobs_of(linear, OWN_TOLERANCE)
     ]
     along = np.max(out[:, :, None] * (into * (time**2)[:, None])[None], axis=1, initial=0.0)  # (n_y, n_u)

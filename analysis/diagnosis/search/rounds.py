@@ -26,6 +26,7 @@ from analysis.diagnosis.fitting.leeway import Leeway, explained_by, leeway_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
+from analysis.diagnosis.nominal.prior import spreads_of
 from analysis.diagnosis.nominal.tuning import REACH
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from sim_backend.effects.base import Effect, Site
@@ -274,7 +275,7 @@ def _under(setting: Setting, fit: Fit) -> Fit:
 def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
     """Return `fit` with one more effect, refitted from its screened `sizes` and the `knobs`' change beside it."""
     before, held = fit.held()
-    sd = np.array([k.sd for k in setting.knobs])
+    sd = spreads_of(setting.knobs)
     # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
     start = np.clip(fit.change + knobs[: fit.change.size], -_TRUSTED * sd, _TRUSTED * sd)
     if candidate.effect.site is Site.MODEL:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate, Motion, signature
 from analysis.diagnosis.fitting.starts import Start
 from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.nominal.prior import root_of
 from analysis.diagnosis.nominal.tuning import Knob
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.search.gram import IMITATED, Gram
@@ -114,13 +115,14 @@ def gathered(
 
 
 def _held(products: Array, footing: Footing) -> Array:
-    """Return products with the prior: the change of each knob from the nominal model is normal with its sd."""
+    """Return products with the prior of the knobs' changes from the nominal model, as so many rows more."""
     out, at = products.copy(), np.arange(1, 1 + len(footing.knobs))
-    precision = np.array([1.0 / k.sd**2 for k in footing.knobs])
-    out[at, at] += precision
-    out[0, at] -= precision * footing.change
-    out[at, 0] -= precision * footing.change
-    out[0, 0] += float(precision @ footing.change**2)
+    root = root_of(footing.knobs)
+    change = root @ footing.change
+    out[np.ix_(at, at)] += root.T @ root
+    out[0, at] -= root.T @ change
+    out[at, 0] -= root.T @ change
+    out[0, 0] += float(change @ change)
     return out
 
 
