@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+UNLISTED = ""
+"""What is not in the library: beyond the limit of its shape an effect may be that, and has no name."""
+
 UNKNOWN_RUN = -1
 """Number of a run that no fit has seen."""
 
@@ -199,7 +202,7 @@ class Effect:
         False  # one place may have several of it, told apart by their shapes, as modes by frequency
     )
     aux: ClassVar[Aux] = Aux.NONE
-    beyond: ClassVar[Mapping[str, str]] = {}  # by a shape, what it would be called beyond the limit of that shape
+    beyond: ClassVar[Mapping[str, str]] = {}  # by a shape, what it is called beyond the limit, or UNLISTED
     whole: ClassVar[bool] = False  # a small part of what it adds is not what it adds at any other shape
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled

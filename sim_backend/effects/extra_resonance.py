@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from sim_backend.effects.base import Effect, Site, shape, size
+from sim_backend.effects.base import UNLISTED, Effect, Site, shape, size
 from sim_backend.effects.dominant import dominant_block, residues
 from sim_backend.effects.view import RecordView
 from sim_backend.linear import ModalModel
@@ -33,6 +34,7 @@ class ExtraResonance(Effect):
     exact = True
     symptom = "is a narrow peak at a fixed frequency that grows in proportion to the drive"
     several = True
+    beyond: ClassVar = {"damping_ratio": UNLISTED}
 
     participation: float = size("residue relative to that of the dominant mode")
     frequency_hz: float = shape("undamped natural frequency", 100.0, s=-1, low=1e-6)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
-from sim_backend.effects.base import Effect, Site, shape, size
+from sim_backend.effects.base import UNLISTED, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
@@ -24,6 +25,7 @@ class PeriodicTorque(Effect):
     family = "structure"
     site = Site.STRUCTURE
     symptom = "repeats at even distances of the position, the same in both directions, filtered by the plant"
+    beyond: ClassVar = {"period": UNLISTED}
     step = _step
 
     cosine: float = size("torque in phase with the centre", u=1)

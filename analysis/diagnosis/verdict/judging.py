@@ -18,7 +18,7 @@ from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
-from sim_backend.effects.base import Effect, Site
+from sim_backend.effects.base import UNLISTED, Effect, Site
 from sim_backend.model import Model
 
 _OVERWHELMING = 10.0
@@ -90,7 +90,8 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
     What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
-    is no listed cause explains as much, or the nominal numbers would have to be farther off than they are said to be.
+    is no listed cause explains as much, the nominal numbers would have to be farther off than they are said to be, or
+    an effect of it has a shape at which it stands for something else.
     """
     telling = [one for one in left if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION]
     if telling:
@@ -105,6 +106,19 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
             f"(rms of {count})"
         )
+    return _stand_in(found)
+
+
+def _stand_in(found: Found) -> str:
+    """Return which effect of the best model is shaped so far beyond what its name says that it stands for another."""
+    for effect, candidate in zip(found.best.effects, found.best.candidates, strict=True):
+        for shape in (name for name, other in effect.beyond.items() if other == UNLISTED):
+            value, limit = float(getattr(effect, shape)), candidate.limits.get(shape, (0.0, np.inf))[1]
+            if value > (1.0 - _NEAR) * limit:
+                return (
+                    f"{effect.reported()} at {effect.where} fits best with {shape} {value:.3g}, up to whose limit of "
+                    f"{limit:.3g} it has that name: it may stand for what is not in the library"
+                )
     return ""
 
 
@@ -226,7 +240,7 @@ def _on_border(found: Found, named: tuple[int, ...]) -> dict[int, tuple[str, ...
     tied = {}
     for i in named:
         effect, limits = found.best.effects[i], found.best.candidates[i].limits
-        for shape, other in effect.beyond.items():
+        for shape, other in ((name, other) for name, other in effect.beyond.items() if other != UNLISTED):
             value = float(getattr(effect, shape))
             if any(0.0 < limit < np.inf and abs(value - limit) < _NEAR * limit for limit in limits.get(shape, ())):
                 tied[i] = tuple(sorted((effect.reported(), other)))
