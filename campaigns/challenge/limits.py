@@ -45,10 +45,17 @@ _CLOSE = 0.02
 _RETUNES, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
 """Gauss–Newton steps at most; knobs (in deviations) that need no step; the longest step; the farthest start."""
 
+_GROWTH = 1.5
+"""Knobs are followed to larger sizes by such a factor at a time: from far off a sharp mode is not found again."""
+
 _FEW, _MANY, _CLOSEST = 3, 10, 4
 """Draws of every rival, of the closest ones, and how many these are."""
 
 _CHARGE = 1e-5
+
+_DIRECTION = 1e-6
+"""Part of a drawn size that shows a signature's direction. A shift of a number that the nominal model states as well
+has to be that number's own column: what bends away from it at its size would be large beside the prior."""
 
 _AMPLIFIER = "amplifier-noise"
 """Noise that a bench is known to have: no family of its own, but a rival of what shakes it."""
@@ -71,63 +78,52 @@ class Limits:
 
 
 class Rivals:
-    """What every other cause could make of the same readings: signatures by cause and place, and their inner products.
+    """What every other cause could make of the same readings: draws of each rival by cause and place.
 
-    `found` holds the signatures (knobs + rows,) of each rival, `vectors` all of them as columns, `columns` which are
-    whose.
+    Their signatures are those on the plant about which a metric is taken. What they make of the metric that all begin
+    with is kept.
     """
 
-    def __init__(self, found: dict[tuple[str, str], list[Array]]) -> None:
-        ends = np.cumsum([len(v) for v in found.values()])
-        self.found = found
-        self.columns = {key: np.arange(end - len(v), end) for (key, v), end in zip(found.items(), ends, strict=True)}
-        self.vectors = np.column_stack([v for vectors in found.values() for v in vectors])
-        self._known: list[tuple[Metric, Seen, Array]] = []
+    def __init__(self, drawn: dict[tuple[str, str], list[Hidden]], first: Metric) -> None:
+        self.drawn = drawn
+        self._first = first
+        self._known: dict[tuple[str, str], Seen] = {}
 
-    def seen(self, metric: Metric) -> tuple[Seen, Array]:
-        """Return all rivals as a metric sees them and their inner products, computed once per metric."""
-        for known, seen, products in self._known:
-            if known is metric:
-                return seen, products
-        seen = metric.seen(self.vectors)
-        self._known.append((metric, seen, seen.products()))
-        return self._known[-1][1:]
+    def seen(self, metric: Metric, key: tuple[str, str]) -> Seen:
+        """Return the signatures of one rival as a metric sees them."""
+        if metric is not self._first:
+            return self._seen(metric, key)
+        if key not in self._known:
+            self._known[key] = self._seen(metric, key)
+        return self._known[key]
+
+    def _seen(self, metric: Metric, key: tuple[str, str]) -> Seen:
+        vectors = [metric.change([effect]) for effect in self.drawn[key]]
+        # a borrowed shape may ask for what this bench would not survive
+        whole = [v for v in vectors if np.all(np.isfinite(v))]
+        return metric.seen(np.column_stack(whole) if whole else np.zeros((vectors[0].size, 0)))
 
     @classmethod
     def of(cls, effect: Hidden, metric: Metric, scene: Scene, rng: np.random.Generator) -> Rivals:
         """Return the rivals of `effect` at its axis, each by a few draws."""
         families = [f for f in FAMILIES if f.slug != effect.slug and not f.random and f.needs_axes <= scene.n_axes]
-        return cls(_drawn(families, _FEW, effect, metric, scene, rng))
+        return cls(_drawn(families, _FEW, effect, scene, rng), metric)
 
-    def closer(
-        self,
-        keys: Sequence[tuple[str, str]],
-        effect: Hidden,
-        metric: Metric,
-        scene: Scene,
-        rng: np.random.Generator,
-    ) -> Rivals:
+    def closer(self, keys: Sequence[tuple[str, str]], effect: Hidden, scene: Scene, rng: np.random.Generator) -> Rivals:
         """Return the rivals `keys` alone, each by many more draws."""
         families = [f for slug in dict.fromkeys(slug for slug, _ in keys) for f in members(slug)]
-        more = _drawn(families, _MANY, effect, metric, scene, rng)
-        return Rivals({key: [*self.found[key], *more.get(key, [])] for key in keys})
+        more = _drawn(families, _MANY, effect, scene, rng)
+        return Rivals({key: [*self.drawn[key], *more.get(key, [])] for key in keys}, self._first)
 
 
 def _drawn(
-    families: Sequence[type[Hidden]],
-    draws: int,
-    effect: Hidden,
-    metric: Metric,
-    scene: Scene,
-    rng: np.random.Generator,
-) -> dict[tuple[str, str], list[Array]]:
-    found: dict[tuple[str, str], list[Array]] = {}
+    families: Sequence[type[Hidden]], draws: int, effect: Hidden, scene: Scene, rng: np.random.Generator
+) -> dict[tuple[str, str], list[Hidden]]:
+    drawn: dict[tuple[str, str], list[Hidden]] = {}
     for family in families:
         for relative in _relatives(family, draws, effect, scene.at(effect.axis), rng):
-            vector = metric.signature([relative])
-            if np.all(np.isfinite(vector)):  # a borrowed shape may ask for what this bench would not survive
-                found.setdefault((relative.slug, relative.where), []).append(vector)
-    return found
+            drawn.setdefault((relative.slug, relative.where), []).append(relative)
+    return drawn
 
 
 def _relatives(
@@ -139,7 +135,7 @@ def _relatives(
     """
     first = family.draw(rng, scene)
     if family.proportional and not first.shapes():
-        return [first]
+        return [first.resized(_DIRECTION * first.size)]
     others = [first, *(family.draw(rng, scene) for _ in range(draws - 1))]
     sized = [other.resized(other.size * log_uniform(rng, *_SIZES)) for other in others]
     if set(first.shapes()) & set(effect.shapes()):
@@ -171,13 +167,11 @@ class Distances:
         """Return, per rival in `keys`, what it leaves of d at `size`."""
         metric, vector = self._at(size)
         own = metric.seen(np.column_stack([vector, *self._others]))
-        seen, among = rivals.seen(metric)
-        inner, cross = own.products(), own.products(seen)
-        found = []
+        inner, found = own.products(), []
         for key in keys:
-            at = rivals.columns[key]
-            one_sided = at.size if members(key[0])[0].one_sided else 0
-            found.append(_left(_bordered(inner, cross[:, at], among[np.ix_(at, at)]), one_sided))
+            seen = rivals.seen(metric, key)
+            one_sided = seen.vectors.shape[1] if members(key[0])[0].one_sided else 0
+            found.append(_left(_bordered(inner, own.products(seen), seen.products()), one_sided))
         return found
 
     def beyond_one(self, rivals: Rivals, key: tuple[str, str], size: float) -> float:
@@ -186,14 +180,23 @@ class Distances:
 
     def _at(self, size: float) -> tuple[Metric, Array]:
         if size not in self._known:
+            while self._known and (near := self._nearest(size)) * _GROWTH < size and self._moved(near):
+                self._known[near * _GROWTH] = self._retuned(near * _GROWTH)
             self._known[size] = self._retuned(size)
         return self._known[size]
+
+    def _nearest(self, size: float) -> float:
+        return min(self._known, key=lambda s: abs(np.log(s / size)))
+
+    def _moved(self, size: float) -> bool:
+        """Tell whether the nominal numbers follow the effect at a size that is known."""
+        return bool(np.max(np.abs(self._known[size][0].knobs)) > _STILL)
 
     def _retuned(self, size: float) -> tuple[Metric, Array]:
         hidden = [self._effect.resized(size)]
         metric = self._metric
         if self._known:
-            near = min(self._known, key=lambda s: abs(np.log(s / size)))
+            near = self._nearest(size)
             knobs = np.clip(self._known[near][0].knobs * (size / near), -_FARTHEST, _FARTHEST)
             if np.max(np.abs(knobs)) > _STILL:
                 metric = Metric.of(metric.campaign, knobs)
@@ -227,9 +230,9 @@ def limits_of(
     rivals = Rivals.of(effect, metric, scene, rng)
     # what is left grows with the size at most in proportion, so five times the detection limit tells what the cap shows
     near = min(5.0 * detection, cap)
-    first = sorted(zip(distances.beyond(near, rivals, list(rivals.columns)), rivals.columns, strict=True))
-    closest = rivals.closer([key for _, key in first[:_CLOSEST]], effect, metric, scene, rng)
-    left = sorted(zip(distances.beyond(near, closest, list(closest.columns)), closest.columns, strict=True))
+    first = sorted(zip(distances.beyond(near, rivals, list(rivals.drawn)), rivals.drawn, strict=True))
+    closest = rivals.closer([key for _, key in first[:_CLOSEST]], effect, scene, rng)
+    left = sorted(zip(distances.beyond(near, closest, list(closest.drawn)), closest.drawn, strict=True))
     twins = tuple(key for d, key in left if d * cap / near < THRESHOLD)
     hard = [key for d, key in left if d * cap / near >= THRESHOLD][:2]
     crossings = [(_crossing(partial(distances.beyond_one, closest, key), near, cap), key[0]) for key in hard]

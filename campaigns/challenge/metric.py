@@ -92,12 +92,15 @@ class Metric:
 
         After the readings stand the knobs at which the metric is taken, which their prior charges for.
         """
-        change = [y - b for y, b in zip(self.campaign.readings(hidden, self.noise), self.readings, strict=True)]
-        parts = [-self.knobs]
-        for run, values in zip(self.campaign.runs, change, strict=True):
-            rows = run.rows(held_out=False)
-            parts += [colour.whiten(values[:, [a]])[rows, 0] for a, colour in enumerate(self.campaign.noises)]
-        return np.concatenate(parts)
+        return self._whitened(self.campaign.readings(hidden, self.noise), -self.knobs)
+
+    def change(self, hidden: Sequence[Hidden]) -> Array:
+        """Return the whitened change of all fitted readings by `hidden` on the plant as it is turned, (knobs + rows,).
+
+        The knobs stay where they are.
+        """
+        there = replace(self.campaign, plant=turned(self.campaign.plant, self.knobs)).readings(hidden, self.noise)
+        return self._whitened(there, np.zeros(self.knobs.size))
 
     def seen(self, vectors: Array) -> Seen:
         """Return signatures (knobs + rows, k) with the part of them that the nuisances explain."""
@@ -106,6 +109,13 @@ class Metric:
     def step(self, vector: Array) -> Array:
         """Return the change of the knobs that explains most of one signature, shape (knobs,)."""
         return np.asarray(cho_solve((self.factor, True), self._onto(vector[:, None]))[: self.knobs.size, 0])
+
+    def _whitened(self, readings: Sequence[Array], knobs: Array) -> Array:
+        parts = [knobs]
+        for run, values, before in zip(self.campaign.runs, readings, self.readings, strict=True):
+            rows, change = run.rows(held_out=False), values - before
+            parts += [colour.whiten(change[:, [a]])[rows, 0] for a, colour in enumerate(self.campaign.noises)]
+        return np.concatenate(parts)
 
     def _onto(self, vectors: Array) -> Array:
         onto, at = np.zeros((self.blocks[0].shape[1], vectors.shape[1])), self.knobs.size

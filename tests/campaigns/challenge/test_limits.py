@@ -14,9 +14,9 @@ from campaigns.challenge.campaign import Campaign
 from campaigns.challenge.families import FAMILIES
 from campaigns.challenge.families.drive import ActuatorGain
 from campaigns.challenge.families.sensor import ApexNoise, SensorDrift, SensorGain, SensorRotation
-from campaigns.challenge.families.structure import StiffnessShift
+from campaigns.challenge.families.structure import InertiaShift, StiffnessShift
 from campaigns.challenge.families.surroundings import BroadbandVibration, ConstantTorque
-from campaigns.challenge.limits import THRESHOLD, detection_limit, limits_of
+from campaigns.challenge.limits import THRESHOLD, Distances, Rivals, detection_limit, limits_of
 from campaigns.challenge.metric import PRIOR_SD, Metric
 from campaigns.challenge.power import energy_beyond_amplifiers, random_energy
 
@@ -36,6 +36,23 @@ def test_stiffness_is_seen_against_its_nominal_error_alone(short_one: Campaign, 
     # prior's deviation: 2 ln omega changes by ln(1 + size)
     found = detection_limit(StiffnessShift(0, 0.05, 1.0), metric, short_one.scene())
     assert found == pytest.approx(np.expm1(2.0 * THRESHOLD * PRIOR_SD), rel=0.03)
+
+
+def test_damping_takes_its_part_of_an_inertia_that_only_the_nominal_numbers_show(
+    short_one: Campaign, metric: Metric
+) -> None:
+    # Smaller by the part s an inertia turns ω² , σ and b of its mode by 1/(1 - s), each known beforehand to sd, b with
+    # the reading's participation to √2 sd. A shift of damping is the whole of what happens to σ.
+    inertia, size = InertiaShift(0, 0.1, -1.0), 0.15
+    off = -np.log1p(-size) / PRIOR_SD
+    distances, scene = Distances(inertia, metric, ()), short_one.scene()
+    rivals = Rivals.of(inertia, metric, scene, np.random.default_rng(0))
+    distances.alone(0.01)  # from where the nominal numbers are followed
+    assert distances.alone(size) == pytest.approx(off * np.sqrt(1.0 / 4.0 + 1.0 + 1.0 / 2.0), rel=0.03)
+    left = distances.beyond_one(rivals, ("damping-shift", "theta_x"), size)
+    assert left == pytest.approx(off * np.sqrt(1.0 / 4.0 + 1.0 / 2.0), rel=0.03)
+    limits = limits_of(inertia, metric, scene, np.random.default_rng(0))
+    assert limits.rival == "damping-shift" and limits.naming > 1.3 * limits.detection
 
 
 def test_gains_of_drive_and_sensor_are_twins(short_one: Campaign, metric: Metric) -> None:
