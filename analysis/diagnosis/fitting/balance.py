@@ -13,7 +13,6 @@ from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
 from analysis.diagnosis.noise.whitener import louder
-from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.linear import ModalModel
 
@@ -85,11 +84,6 @@ def score(fit: Fit, known_noise: bool) -> float:
         return float(fit.objective + fit.log_variance + 2.0 * fit.occam)
     level = fit.rows * (1.0 + np.log(max(fit.objective, 1e-300) / fit.rows))
     return float(level + fit.log_variance + 2.0 * fit.occam)
-
-
-def strain(setting: Setting, change: Array) -> float:
-    """Return how far a change of the knobs is off, as the sum of its squares in units of their tolerances."""
-    return strain_of(setting.knobs, change)
 
 
 def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,16 +91,18 @@ class Problem:
             residuals, torques = self.raw(x)
             white = self.whiten(residuals)
             misfit = float(white @ white)
-        prior = self.root() @ (x - np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]]))
+        prior = self.root @ (x - np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]]))
         stacked = np.concatenate([white, prior])
         return Point(stacked, residuals, torques, misfit if np.isfinite(misfit) else np.inf, float(prior @ prior))
 
+    @cached_property
     def factor(self) -> Array:
-        """Return the lower factor U (n, n) of the covariance U U' of all parameters before the data speak."""
+        """The lower factor U (n, n) of the covariance U U' of all parameters before the data speak."""
         return np.asarray(block_diag(factor_of(self.setting.knobs), np.diag([s.sd for s in self.scales])))
 
+    @cached_property
     def root(self) -> Array:
-        """Return the inverse of `factor`: it makes unit white numbers of the parameters' distances from their means."""
+        """The inverse of `factor`: it makes unit white numbers of the parameters' distances from their means."""
         return np.asarray(block_diag(root_of(self.setting.knobs), np.diag([1.0 / s.sd for s in self.scales])))
 
     def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
@@ -186,7 +188,7 @@ class Problem:
     def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
         """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
         n_knobs = len(self.setting.knobs)
-        factor = self.factor()
+        factor = self.factor
         # beside a parameter whose column is not finite there is no model: the data say nothing of it
         data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
         # the slope on one side of a cusp is that of a gain, and says nothing of how far its parameter is known
@@ -228,7 +230,7 @@ class Problem:
         a shape that measures its effect has its own.
         """
         n_knobs = len(self.setting.knobs)
-        factor = self.factor()
+        factor = self.factor
         sd = np.diag(factor)
         unit, more = sd.copy(), np.zeros(x.size)
         for i, s in enumerate(self.scales):

@@ -95,7 +95,7 @@ class Slopes:
             moved = s.each(moving, at.torques, s.states)
             rows = at.stacked.size - x.size
             columns[:rows, easy] = -problem.whiten(moved).reshape(rows, -1)
-            columns[rows:, easy] = problem.root()[:, easy]
+            columns[rows:, easy] = problem.root[:, easy]
         with ThreadPoolExecutor(self._workers) as pool:
             for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):
                 columns[:, i] = column
@@ -108,7 +108,7 @@ class Slopes:
         found = problem.slope(x, i, at.residuals)
         if found is not None:
             column[:rows] = problem.whiten(found)
-            column[rows:] = problem.root()[:, i]
+            column[rows:] = problem.root[:, i]
         return column
 
     def _touched(self, knob: Knob) -> bool:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.balance import strain
 from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.nominal.tuning import imitation, turned
 from sim_backend.assembly import retuned
 from sim_backend.errors import ConfigError
@@ -45,7 +45,7 @@ def part_to_take(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array)
 
     def left(part: float) -> float:
         with suppress(ConfigError):
-            return strain(setting, taken_over(setting, fit, candidate, part * sizes)[0])
+            return strain_of(setting.knobs, taken_over(setting, fit, candidate, part * sizes)[0])
         return np.inf
 
     found = minimize_scalar(left, bounds=(0.0, 2.0), method="bounded")

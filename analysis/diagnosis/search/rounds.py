@@ -19,14 +19,13 @@ from analysis.diagnosis.fitting.balance import (
     settle,
     sharpened,
     squares_of,
-    strain,
 )
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.leeway import Leeway, explained_by, leeway_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
-from analysis.diagnosis.nominal.prior import spreads_of
+from analysis.diagnosis.nominal.prior import spreads_of, strain_of
 from analysis.diagnosis.nominal.tuning import REACH
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from sim_backend.effects.base import Effect, Site
@@ -263,7 +262,7 @@ class _Stage:
         Or spares the knobs most of it: they are known too well for a wrong form to move them so far.
         """
         now = self.best.change
-        spared = strain(setting, now) - strain(setting, now + found.knobs[i][: now.size])
+        spared = strain_of(setting.knobs, now) - strain_of(setting.knobs, now + found.knobs[i][: now.size])
         return bool(found.drops[i] >= self.least.of(found.shares[i]) or 2.0 * spared >= found.drops[i])
 
 

@@ -9,10 +9,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.balance import score, strain
+from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.fitting.leeway import form_error, target_of
 from analysis.diagnosis.noise.estimate import rows_of_noise
+from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
@@ -99,7 +100,7 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
-    count, off = len(found.setting.knobs), strain(found.setting, found.best.change)
+    count, off = len(found.setting.knobs), strain_of(found.setting.knobs, found.best.change)
     # what the form of an effect gets wrong, knobs that the data do not hold make up for
     if count and chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
         return (
@@ -112,9 +113,9 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
 def _stand_in(found: Found) -> str:
     """Return which effect of the best model is shaped so far beyond what its name says that it stands for another."""
     for effect, candidate in zip(found.best.effects, found.best.candidates, strict=True):
-        for shape in (name for name, other in effect.beyond.items() if other == UNLISTED):
+        for shape, other in effect.beyond.items():
             value, limit = float(getattr(effect, shape)), candidate.limits.get(shape, (0.0, np.inf))[1]
-            if value > (1.0 - _NEAR) * limit:
+            if other == UNLISTED and value > (1.0 - _NEAR) * limit:
                 return (
                     f"{effect.reported()} at {effect.where} fits best with {shape} {value:.3g}, up to whose limit of "
                     f"{limit:.3g} it has that name: it may stand for what is not in the library"
@@ -211,7 +212,7 @@ def _worth(tuned: Fit, fit: Fit, known: bool = False) -> float:
 
 def _material(found: Found) -> tuple[int, ...]:
     """Return the numbers of the effects that explain enough to be named, from what removing each of them costs."""
-    best, known = found.best, found.setting.whitener.repeats
+    best, known, knobs = found.best, found.setting.whitener.repeats, found.setting.knobs
     if len(best.candidates) == 1:
         return (0,)
     whole = {c.key for c in best.candidates}
@@ -222,7 +223,7 @@ def _material(found: Found) -> tuple[int, ...]:
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
         # what spares the knobs more than it explains has no form that could be another's error
-        eased = (strain(found.setting, r.change) - strain(found.setting, best.change) for r in without)
+        eased = (strain_of(knobs, r.change) - strain_of(knobs, best.change) for r in without)
         spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
     leeway = {place: 0.0 for place in places}
@@ -240,9 +241,10 @@ def _on_border(found: Found, named: tuple[int, ...]) -> dict[int, tuple[str, ...
     tied = {}
     for i in named:
         effect, limits = found.best.effects[i], found.best.candidates[i].limits
-        for shape, other in ((name, other) for name, other in effect.beyond.items() if other != UNLISTED):
+        for shape, other in effect.beyond.items():
             value = float(getattr(effect, shape))
-            if any(0.0 < limit < np.inf and abs(value - limit) < _NEAR * limit for limit in limits.get(shape, ())):
+            near = any(0.0 < limit < np.inf and abs(value - limit) < _NEAR * limit for limit in limits.get(shape, ()))
+            if near and other != UNLISTED:
                 tied[i] = tuple(sorted((effect.reported(), other)))
     return tied
 
@@ -276,7 +278,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
         # what the parameters of the best cost is known from its fit, those of the others are taken as well determined;
         # what the knobs cost less beside it is part of what stands out
-        knobs = strain(found.setting, found.best.change)
+        knobs = strain_of(found.setting.knobs, found.best.change)
         paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - knobs)
         for i in found.first.best_per_key():
             candidate = found.first.candidates[i]

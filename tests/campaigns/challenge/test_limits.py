@@ -41,7 +41,7 @@ def test_stiffness_is_seen_against_its_nominal_error_alone(short_one: Campaign, 
 def test_damping_takes_its_part_of_an_inertia_that_only_the_nominal_numbers_show(
     short_one: Campaign, metric: Metric
 ) -> None:
-    # Smaller by the part s an inertia turns ω² , σ and b of its mode by 1/(1 - s), each known beforehand to sd, b with
+    # Smaller by the part s an inertia turns ω², σ and b of its mode by 1/(1 - s), each known beforehand to sd, b with
     # the reading's participation to √2 sd. A shift of damping is the whole of what happens to σ.
     inertia, size = InertiaShift(0, 0.1, -1.0), 0.15
     off = -np.log1p(-size) / PRIOR_SD
