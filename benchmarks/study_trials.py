@@ -26,7 +26,6 @@ from analysis.study import run as study_run
 from analysis.study.definition import SCHEMA, Study, load_study
 from analysis.study.fingerprint import fingerprint
 from analysis.study.kinds import KINDS, played
-from analysis.study.memory import keep_freed_memory
 from analysis.study.output import write_results
 from analysis.study.store import Store
 from analysis.study.summary import summarise
@@ -34,6 +33,7 @@ from analysis.study.trial import Job, Outcome, run_trial
 from benchmarks.study_nothing import NothingTrial, dask_setup
 from campaigns.playing.recording import Planned
 from sim_backend import kernel, noise
+from sim_backend.memory import keep_freed_memory
 from sim_backend.simbench import SimBench
 
 SPREAD = Path(__file__).parents[1] / "docs" / "examples" / "spread.toml"

@@ -13,9 +13,9 @@ from itertools import islice
 from typing import Any
 
 from analysis.study.fingerprint import fingerprint, require_same
-from analysis.study.memory import keep_freed_memory
 from analysis.study.trial import Job, Outcome, run_trial
 from sim_backend.errors import ConfigError, HardwareError
+from sim_backend.memory import keep_freed_memory
 
 AHEAD = 3
 """Trials begun or waiting per worker: none idles while what is finished is being saved, and few are lost by a kill."""

@@ -22,23 +22,29 @@ LEAST_PART = 0.25
 """A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _rounding_scores(u, wanted, energy, steps, scores):  # type: ignore[no-untyped-def]
     """Fill `scores` with by how much rounding levels `u` (n,) to each of `steps` would lower the sum of squares.
 
     `wanted` (n,) is the slope of that by each level, `energy` (n,) the squared answer to a unit of each; a step that is
-    a little off is a part of the true one.
+    a little off is a part of the true one. All steps are tried on a stretch of levels while it is in fast memory.
     """
+    agreed, size = np.zeros(steps.size), np.zeros(steps.size)
+    for first in range(0, u.size, 1024):
+        levels, slopes, weights = u[first : first + 1024], wanted[first : first + 1024], energy[first : first + 1024]
+        for i in range(steps.size):
+            per, own_agreed, own_size = 1.0 / steps[i], 0.0, 0.0
+            for k in range(levels.size):
+                x = levels[k] * per
+                error = np.floor(x + 0.5) - x
+                own_agreed += slopes[k] * error
+                own_size += weights[k] * error * error
+            agreed[i] += own_agreed
+            size[i] += own_size
     for i in range(steps.size):
-        q, agreed, size = steps[i], 0.0, 0.0
-        per = 1.0 / q
-        for k in range(u.size):
-            x = u[k] * per
-            error = np.floor(x + 0.5) - x
-            agreed += wanted[k] * error
-            size += energy[k] * error * error
-        part = min(max(agreed / max(size * q, 1e-300), LEAST_PART), 1.0)
-        scores[i] = part * q * (2.0 * agreed - part * q * size)
+        q = steps[i]
+        part = min(max(agreed[i] / max(size[i] * q, 1e-300), LEAST_PART), 1.0)
+        scores[i] = part * q * (2.0 * agreed[i] - part * q * size[i])
 
 
 @njit(cache=True, nogil=True)

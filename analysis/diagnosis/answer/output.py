@@ -7,12 +7,11 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
-from analysis.diagnosis.evidence.chop_gain import ChopGain
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain
 from campaigns.version import tool_version
@@ -22,6 +21,9 @@ from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 from sim_backend.model import EffectEntry, Mode, Model, Quantity, Value, dump_model, number
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.evidence.chop_gain import ChopGain
 
 SCHEMA = "mccd-diagnosis/1"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import jinja2
 import numpy as np
@@ -15,7 +16,6 @@ from analysis.diagnosis.answer.explore import evidence_explorer, residual_explor
 from analysis.diagnosis.answer.figures import Drawn, evidence_figures, residual_figures
 from analysis.diagnosis.answer.output import DOMAINS, extended_model, write_text
 from analysis.diagnosis.answer.sentence import SIGNIFICANT
-from analysis.diagnosis.evidence.chop_gain import ChopGain
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
@@ -29,6 +29,9 @@ from analysis.pages.svg import inlined
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import EFFECTS
 from sim_backend.model import Model
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.evidence.chop_gain import ChopGain
 
 HEADLINES = {
     "consistent": "Model and data agree",

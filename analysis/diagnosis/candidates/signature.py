@@ -7,7 +7,8 @@ effect is large.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -92,21 +93,26 @@ def places_for(effect: type[Effect], places: Places) -> Iterable[str]:
 
 
 def enumerate_candidates(
-    effects: Iterable[type[Effect]], places: Places, views: dict[str, RecordView], scales: Scales
-) -> Iterator[Candidate]:
-    """Yield every effect at every place with every start of its shapes; random effects are not among them."""
-    for effect in effects:
-        if effect.aux is Aux.EXOGENOUS:
-            continue
-        for where in places_for(effect, places):
-            view = views[where.rpartition("->")[2]]
-            if effect.aux is Aux.TEMPERATURE and view.temperature_k is None:
-                continue
-            units = unit_sizes(effect, where, places, scales)
-            guesses = effect.guess(view)
-            centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
-            for shapes in guesses:
-                yield Candidate(effect, where, shapes, units, centres, choices, limits, effect.given(view, shapes))
+    effects: Iterable[type[Effect]], places: Places, views: dict[str, RecordView], scales: Scales, *, workers: int = 1
+) -> list[Candidate]:
+    """Return every effect at every place with every start of its shapes; random effects are not among them."""
+
+    def tried(at: tuple[type[Effect], str]) -> list[Candidate]:
+        effect, where = at
+        view = views[where.rpartition("->")[2]]
+        if effect.aux is Aux.TEMPERATURE and view.temperature_k is None:
+            return []
+        units = unit_sizes(effect, where, places, scales)
+        guesses = effect.guess(view)
+        centres, choices, limits = _centres(effect, guesses), max(effect.choices(view), 1), effect.limits(view)
+        return [
+            Candidate(effect, where, shapes, units, centres, choices, limits, effect.given(view, shapes))
+            for shapes in guesses
+        ]
+
+    searched = [(e, where) for e in effects if e.aux is not Aux.EXOGENOUS for where in places_for(e, places)]
+    with ThreadPoolExecutor(workers) as pool:
+        return [candidate for found in pool.map(tried, searched) for candidate in found]
 
 
 def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:
@@ -151,7 +157,12 @@ def signature(
     for name in names:
         sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
         columns.append(_of_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz))
-    return np.stack(columns, axis=2)
+    return stacked(columns)
+
+
+def stacked(columns: Sequence[Array]) -> Array:
+    """Return columns (n, n_y) side by side, (n, n_y, k): each of each output is one stretch of memory."""
+    return np.moveaxis(np.stack([column.T for column in columns]), -1, 0).swapaxes(1, 2)
 
 
 def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
@@ -226,4 +237,4 @@ def _of_model(
         except ConfigError:  # there is nothing on the other side, as of a delay
             slope = (4.0 * moved(name, step) - moved(name, 2.0 * step) - 3.0 * moved(name, 0.0)) / (2.0 * step)
         columns.append(unit * slope)
-    return np.stack(columns, axis=2)
+    return stacked(columns)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,8 @@ from sim_backend.linear import DiscreteModel, discretise
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
+
+_DOMAINS = "frequency", "amplitude", "position", "direction", "rate", "time", "temperature", "cross-axis"
 
 AT_REST = 1e-2
 """Rates below this part of their rms have no direction."""
@@ -89,10 +92,9 @@ def evidence(
 
     `model` gives the outputs' names and units. A domain that no run can show (temperature, say) is empty.
     """
-    out: dict[str, list[Domain]] = {name: [] for name in ("frequency", "amplitude", "position", "direction", "rate")}
-    out |= {"time": [], "temperature": [], "cross-axis": []}
     rows = _noise_rows(data) if whitener.repeats else 0
     plant = discretise(model.linear(), data.rate_hz)
+    shown: list[tuple[int, list[_Series]]] = []
     for run in dict.fromkeys(r.name for r in data.records):
         pairs = [
             (r, e)
@@ -105,23 +107,26 @@ def evidence(
             _series(run, pairs, o, port, whitener, rows, data.rate_hz, _force(plant, o, model))
             for o, port in enumerate(model.outputs)
         ]
-        for o, s in enumerate(joined):
-            out["frequency"].append(_frequency(s))
-            out["time"].append(_along(s, s.time_s, "s", "", TIME_BINS, slow=True, free_mean=True))
-            for name, values, per in (
-                ("position", s.position, ""),
-                ("rate", s.rate, "/s"),
-                ("amplitude", s.amplitude, ""),
-            ):
-                if np.ptp(values) > 0.0:
-                    out[name].append(_along(s, values, f"{s.port.unit}{per}", name))
-            if np.any(s.rate != 0.0):
-                out["direction"].append(_direction(s))
-            if s.temperature_k is not None and np.ptp(s.temperature_k) > WARMING_K:
-                out["temperature"].append(_along(s, s.temperature_k, "K", "temperature", slow=True))
-            if len(joined) > 1:
-                out["cross-axis"].append(_cross_axis(o, joined))
-    return {name: tuple(curves) for name, curves in out.items()}
+        shown += [(o, joined) for o in range(len(joined))]
+    with ThreadPoolExecutor(2) as pool:
+        curves = [curve for found in pool.map(lambda at: _curves(*at), shown) for curve in found]
+    return {name: tuple(curve for domain, curve in curves if domain == name) for name in _DOMAINS}
+
+
+def _curves(o: int, joined: list[_Series]) -> list[tuple[str, Domain]]:
+    """Return the curves of output `o` of one run, each with its domain."""
+    s = joined[o]
+    out = [("frequency", _frequency(s)), ("time", _along(s, s.time_s, "s", "", TIME_BINS, slow=True, free_mean=True))]
+    for name, values, per in (("position", s.position, ""), ("rate", s.rate, "/s"), ("amplitude", s.amplitude, "")):
+        if np.ptp(values) > 0.0:
+            out.append((name, _along(s, values, f"{s.port.unit}{per}", name)))
+    if np.any(s.rate != 0.0):
+        out.append(("direction", _direction(s)))
+    if s.temperature_k is not None and np.ptp(s.temperature_k) > WARMING_K:
+        out.append(("temperature", _along(s, s.temperature_k, "K", "temperature", slow=True)))
+    if len(joined) > 1:
+        out.append(("cross-axis", _cross_axis(o, joined)))
+    return out
 
 
 def _noise_rows(data: Dataset) -> int:

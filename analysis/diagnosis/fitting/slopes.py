@@ -55,7 +55,7 @@ class Slopes:
 
     def _at(self, x: Array, at: Point) -> Array:
         n_knobs = len(self._problem.setting.knobs)
-        columns = np.empty((at.stacked.size, x.size))
+        columns = np.empty((x.size, at.stacked.size)).T  # a column is one stretch of memory, as it is computed
         kept = self._serving(x, at)
         columns[:, :n_knobs] = self._knobs(x, at) if kept is None else kept[:, :n_knobs]
         self._age += 1
@@ -81,7 +81,7 @@ class Slopes:
         """Return the knobs' columns: with torques held, or from simulations for modes that an effect acts on."""
         problem, s = self._problem, self._problem.setting
         n_knobs = len(s.knobs)
-        columns = np.zeros((at.stacked.size, n_knobs))
+        columns = np.zeros((n_knobs, at.stacked.size)).T
         hard = [i for i in range(n_knobs) if self._exact and self.approximate and self._touched(s.knobs[i])]
         easy = [i for i in range(n_knobs) if i not in hard]
         if easy:
@@ -94,7 +94,8 @@ class Slopes:
 
             moved = s.each(moving, at.torques, s.states)
             rows = at.stacked.size - x.size
-            columns[:rows, easy] = -problem.whiten(moved).reshape(rows, -1)
+            for i, column in zip(easy, problem.whiten(moved).reshape(rows, -1).T, strict=True):
+                np.negative(column, out=columns[:rows, i])
             columns[rows:, easy] = problem.root[:, easy]
         with ThreadPoolExecutor(self._workers) as pool:
             for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):

@@ -31,8 +31,8 @@ class Start:
     back: Array
 
     def project(self, white: Array) -> Array:
-        """Return `white` (rows, …) without what a start can explain."""
-        return white - self.q @ (self.q.T @ white)
+        """Return `white` (rows, …) without what a start can explain, its columns as they lie in memory."""
+        return np.asarray(white - ((self.q.T @ white).T @ self.q.T).T)
 
     def states(self, white: Array) -> Array:
         """Return the modal states (m, 2) that explain `white` (rows,) best."""

@@ -28,7 +28,7 @@ _SLOPE_BANDS = 4
 _SAME_EDGE = 1e-9
 """Edges (cycles per sample) that are no farther apart than this are one."""
 
-_TOGETHER = 16
+TOGETHER = 16
 """Columns that are whitened at a time."""
 
 
@@ -148,9 +148,9 @@ class Whitener:
         """
         out, runs = np.empty((values.shape[1], int(mask.sum()))), runs_of(mask)
         factors = [np.sqrt(self.band_levels(stop - start, output)) for start, stop in runs] if self.levels.size else []
-        for some in range(0, values.shape[1], _TOGETHER):
-            white, first = self._filtered(values[:, some : some + _TOGETHER], output), 0
-            kept = out[some : some + _TOGETHER]
+        for some in range(0, values.shape[1], TOGETHER):
+            white, first = self._filtered(values[:, some : some + TOGETHER], output), 0
+            kept = out[some : some + TOGETHER]
             for k, (start, stop) in enumerate(runs):
                 part = white[:, start:stop]
                 if factors:

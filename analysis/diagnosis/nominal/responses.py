@@ -13,13 +13,20 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
-def _block(a, b, f, x0, x1, states):  # type: ignore[no-untyped-def]
-    """Fill `states` (n, 2) with those of one block before each sample's force `f` (n,) acts."""
-    a00, a01, a10, a11, b0, b1 = a[0, 0], a[0, 1], a[1, 0], a[1, 1], b[0], b[1]
-    for k in range(f.size):
-        states[k, 0], states[k, 1] = x0, x1
-        force = f[k]
-        x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
+def _mode(a, b, c, f, start, scale, out):  # type: ignore[no-untyped-def]
+    """Add to `out` (n, n_y) `scale` times what one block gives that begins at `start` (2,) under forces `f` (n, n_u).
+
+    b is (2, n_u), c (n_y, 2).
+    """
+    a00, a01, a10, a11 = a[0, 0], a[0, 1], a[1, 0], a[1, 1]
+    x0, x1 = start[0], start[1]
+    for k in range(out.shape[0]):
+        for i in range(c.shape[0]):
+            out[k, i] += scale * (c[i, 0] * x0 + c[i, 1] * x1)
+        x0, x1 = a00 * x0 + a01 * x1, a10 * x0 + a11 * x1
+        for j in range(f.shape[1]):
+            x0 += b[0, j] * f[k, j]
+            x1 += b[1, j] * f[k, j]
 
 
 @njit(cache=True, nogil=True)
@@ -64,21 +71,31 @@ def simulate(model: DiscreteModel, u: Array, *, through_delay: bool = True) -> A
 
 def coasting(model: DiscreteModel, start: Array, n: int) -> Array:
     """Return the outputs (n, n_y) that the states `start` (m, 2) give on their own, m being at most the model's."""
-    out = np.zeros((n, model.c.shape[0]))
-    states, still = np.empty((n, 2)), np.zeros(n)
+    out, unforced = np.zeros((n, model.c.shape[0])), np.zeros((n, 0))
     for i in np.flatnonzero(np.any(start != 0.0, axis=1)):
-        _block(model.a[i], np.zeros(2), still, start[i, 0], start[i, 1], states)
-        out += states @ model.c[:, i, :].T
+        _mode(model.a[i], model.b[i, :, :0], model.c[:, i], unforced, start[i], 1.0, out)
     return out
+
+
+def contrast(there: DiscreteModel, back: DiscreteModel, u: Array, start: Array) -> Array:
+    """Return how much more one mode gives than another, (n, n_y), both from `start` (2,) under torques `u` (n, n_u).
+
+    Each output is one stretch of memory. Both models have this one mode and no direct term.
+    """
+    series = np.zeros((there.c.shape[0], u.shape[0]))
+    for model, sign in ((there, 1.0), (back, -1.0)):
+        _mode(model.a[0], model.b[0], model.c[:, 0], u, start, sign, series.T)
+    return series.T
 
 
 def free_responses(model: DiscreteModel, n: int) -> Array:
-    """Return the outputs to unit initial states, shape (n, n_y, 2 m): what a record's unknown start can add."""
+    """Return the outputs to unit initial states, shape (n, n_y, 2 m): what a record's unknown start can add.
+
+    Each column of each output is one stretch of memory.
+    """
     m, n_y = model.a.shape[0], model.c.shape[0]
-    out = np.zeros((n, n_y, 2 * m))
-    states, still = np.empty((n, 2)), np.zeros(n)
+    series, unforced = np.zeros((2 * m, n_y, n)), np.zeros((n, 0))
     for i in range(m):
-        for k in range(2):
-            _block(model.a[i], np.zeros(2), still, 1.0 - k, float(k), states)
-            out[:, :, 2 * i + k] = states @ model.c[:, i, :].T
-    return out
+        for k, unit in enumerate(np.eye(2)):
+            _mode(model.a[i], model.b[i, :, :0], model.c[:, i], unforced, unit, 1.0, series[2 * i + k].T)
+    return np.moveaxis(series, -1, 0).swapaxes(1, 2)

@@ -18,9 +18,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.nominal.responses import coasting, simulate
+from analysis.diagnosis.nominal.responses import contrast
 from analysis.linear.simulate import delayed
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import DiscreteModel, ModalModel, discretise
 
 Array = NDArray[np.float64]
 
@@ -169,23 +169,24 @@ def sensitivities(
     """Return the change of the outputs per unit of each knob, shape (n, n_y, n_knobs), by central differences.
 
     `u` (n, n_u) are commands or, without `through_delay`, torques, `start` (m, 2) the states in which they find the
-    model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob.
+    model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob. Each column of each
+    output is one stretch of memory: what follows (filters, transforms) works along time.
     """
     passed = delayed(u, discretise(linear, rate_hz).delay_samples) if through_delay else u
+    forces = np.asfortranarray(passed)  # each input is played from one stretch of memory
 
-    def moved(knob: Knob, by: float) -> Array:
-        mode = discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz)
-        begins = start[knob.mode : knob.mode + 1]
-        return simulate(mode, u, through_delay=through_delay) + coasting(mode, begins, u.shape[0])
+    def moved(knob: Knob, by: float) -> DiscreteModel:
+        return discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz)
 
-    out = np.zeros((u.shape[0], linear.n_outputs, len(knobs)))
+    series = np.zeros((len(knobs), linear.n_outputs, u.shape[0]))
     for k, knob in enumerate(knobs):
         if knob.mode < 0:
             output, source = knob.index
-            out[:, output, k] = knob.unit * passed[:, source]
+            series[k, output] = knob.unit * passed[:, source]
         else:
-            out[:, :, k] = (moved(knob, _STEP) - moved(knob, -_STEP)) / (2.0 * _STEP)
-    return out
+            change = contrast(moved(knob, _STEP), moved(knob, -_STEP), forces, start[knob.mode])
+            series[k] = change.T / (2.0 * _STEP)
+    return np.moveaxis(series, -1, 0).swapaxes(1, 2)
 
 
 def _only(linear: ModalModel, m: int) -> ModalModel:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Motion, signature
 from analysis.diagnosis.fitting.starts import Start
-from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.noise.whitener import TOGETHER, Whitener, runs_of
 from analysis.diagnosis.nominal.prior import root_of
 from analysis.diagnosis.nominal.tuning import Knob
 from analysis.diagnosis.records.dataset import Dataset, Record
@@ -69,7 +69,7 @@ def gram_of(
         with ThreadPoolExecutor(workers) as pool:
             return list(pool.map(column, candidates))
 
-    grams = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)), others)
+    grams = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)), others, workers)
     whole = tuple(c.effect.whole for c in candidates)
     return [replace(gram, whole=whole) for gram in grams]
 
@@ -81,6 +81,7 @@ def gathered(
     columns: Callable[[int], Sequence[Array]],
     one_sided: tuple[bool, ...],
     others: Sequence[Noise] = (),
+    workers: int = 2,
 ) -> list[Gram]:
     """Return the inner products of residual, knobs and `columns` over the rows that may be fitted.
 
@@ -99,7 +100,7 @@ def gathered(
         widths = [c.shape[2] for c in found]
         known = [footing.exact[r], *(p[r] for p in (footing.plain,) if p)]
         noises = [(w, starts[r]) for w, starts in ((whitener, footing.starts), *others)]
-        products, energies = _products([motion.residual[:, :, None], *known, *found], record, noises)
+        products, energies = _products([motion.residual[:, :, None], *known, *found], record, noises, workers)
         totals = products if r == 0 else [t + p for t, p in zip(totals, products, strict=True)]
         by_output = energies if r == 0 else by_output + energies
     n_before = footing.exact[0].shape[2]
@@ -163,7 +164,7 @@ def _one_sided(candidate: Candidate) -> bool:
 
 
 def _products(
-    parts: Sequence[Array], record: Record, noises: Sequence[tuple[Whitener, Start]]
+    parts: Sequence[Array], record: Record, noises: Sequence[tuple[Whitener, Start]], workers: int
 ) -> tuple[list[Array], Array]:
     """Return the inner products of one record's columns after whitening, its unknown start projected out, per noise.
 
@@ -178,14 +179,9 @@ def _products(
     seen = [np.zeros((start.q.shape[1], width)) for _, start in noises]
     energies = np.zeros((record.y.shape[1], width))
     for o in range(record.y.shape[1]):
-        moved = [np.any(p[:, o] != 0.0, axis=0) for p in parts]
-        live = np.flatnonzero(np.concatenate(moved))
-        # group by group, so that there is one copy of the columns: they are the most that a diagnosis holds
-        white, first = np.empty((live.size, rows)).T, 0
-        for part, some in zip(parts, moved, strict=True):
-            last = first + int(some.sum())
-            white[:, first:last] = whitener.rows(part[:, o, some], mask, o)
-            first = last
+        columns = [part[:, o, k] for part in parts for k in range(part.shape[2])]
+        live = np.array([i for i, column in enumerate(columns) if column.any()], dtype=np.int64)
+        white = _whitened([columns[i] for i in live], mask, whitener, o, workers)
         white *= record.weight
         own = white.T @ white
         energies[o, live] = np.diag(own)
@@ -195,6 +191,22 @@ def _products(
             totals[k][np.ix_(live, live)] += own + few.T @ ((louder**2 - 1.0)[:, None] * few) if at.size else own
             seen[k][:, live] += q.T @ white + q[at].T @ ((louder - 1.0)[:, None] * few)
     return [total - s.T @ s for total, s in zip(totals, seen, strict=True)], energies
+
+
+def _whitened(columns: Sequence[Array], mask: Mask, whitener: Whitener, output: int, workers: int) -> Array:
+    """Return the masked rows of `columns`, each (n,) of one output, whitened: (rows, len(columns)).
+
+    A few at a time, so that there is one copy of the columns: they are the most that a diagnosis holds.
+    """
+    white = np.empty((len(columns), int(mask.sum()))).T
+
+    def fill(first: int) -> None:
+        some = columns[first : first + TOGETHER]
+        white[:, first : first + len(some)] = whitener.rows(np.stack(some).T, mask, output)
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(fill, range(0, len(columns), TOGETHER)))
+    return white
 
 
 def _relative(whitener: Whitener, other: Whitener, mask: Mask, output: int) -> tuple[Ints, Array]:

@@ -129,7 +129,8 @@ def gram_beside(
     footing, motions = beside(setting, fit)
     views = views_of(setting, motions, footing.linear)
     taken = {c.key for c in fit.candidates if not c.effect.several}
-    candidates = [c for c in enumerate_candidates(rules.effects, setting.places, views, scales) if c.key not in taken]
+    tried = enumerate_candidates(rules.effects, setting.places, views, scales, workers=setting.workers)
+    candidates = [c for c in tried if c.key not in taken]
     grams = gram_of(footing, motions, setting.whitener, candidates, workers=setting.workers, others=others)
     return grams, candidates
 

@@ -16,7 +16,7 @@ from tests.analysis.study.studies import spread
 FAULTS = """
 import resource, sys
 import numpy as np
-from analysis.study.memory import keep_freed_memory
+from sim_backend.memory import keep_freed_memory
 
 def faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -36,7 +36,7 @@ print(given_back, faults())
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="the C library is not glibc")
 def test_freed_arrays_are_not_asked_of_the_system_again() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", FAULTS], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[3]
+        [sys.executable, "-c", FAULTS], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
     )
     given_back, kept = map(int, done.stdout.split())
     # ten rounds of 8 × 1.6 MB are 31,000 pages of 4 KB; what is kept needs none of them again
