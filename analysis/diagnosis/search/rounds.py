@@ -40,6 +40,10 @@ _TUNED, _SEARCH = 0.05, 0.85
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
 
+_SETTLED, _CLOSE = 3, 2.0 * SURE_LEAD
+"""So many trials of a round are compared with the care of the best; where nothing repeats, also all that trail it in
+the first round by less than this, as a natural logarithm: they would be tied with it."""
+
 _LONG = 25
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
@@ -103,12 +107,16 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
                 first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
         trials = [f for _, f in ahead]
+        # under the noise that each leaves by itself, one that was close may come out far behind, or far ahead
+        close = 0 if known or depth else sum(_top(ahead) - lead < 2.0 * _CLOSE for lead, _ in ahead)
         if _top(ahead) <= last.price:
             rivals += trials
             break
         if not depth:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
-        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), trials[:3], rivals[0])
+        setting, trials, before = _settled(
+            replace(setting, substeps=rules.substeps), trials[: max(_SETTLED, close)], rivals[0]
+        )
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
         flat = _flat(setting, best)
