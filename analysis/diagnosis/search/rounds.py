@@ -40,9 +40,9 @@ _TUNED, _SEARCH = 0.05, 0.85
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
 
-_SETTLED, _CLOSE = 3, 2.0 * SURE_LEAD
-"""So many trials of a round are compared with the care of the best; where nothing repeats, also all that trail it in
-the first round by less than this, as a natural logarithm: they would be tied with it."""
+_COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD
+"""So many trials of a round are refitted with care; where the noise is not known, also those that trail the best of the
+first round by less than this natural logarithm."""
 
 _LONG = 25
 _TRUSTED = 3.0
@@ -107,16 +107,13 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
                 first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
         trials = [f for _, f in ahead]
-        # under the noise that each leaves by itself, one that was close may come out far behind, or far ahead
-        close = 0 if known or depth else sum(_top(ahead) - lead < 2.0 * _CLOSE for lead, _ in ahead)
         if _top(ahead) <= last.price:
             rivals += trials
             break
         if not depth:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
-        setting, trials, before = _settled(
-            replace(setting, substeps=rules.substeps), trials[: max(_SETTLED, close)], rivals[0]
-        )
+        some = trials[: n_compared([lead for lead, _ in ahead], known=known or depth > 0)]
+        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), some, rivals[0])
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
         flat = _flat(setting, best)
@@ -132,6 +129,15 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
+
+
+def n_compared(leads: Sequence[float], *, known: bool) -> int:
+    """Return how many trials of a round are refitted with care, by their `leads`, largest first (twice a logarithm).
+
+    Where the noise is what a trial itself leaves, not `known`, one that is close behind may come out far behind or far
+    ahead under its own: left where it is it would be tied with the best.
+    """
+    return _COMPARED if known else max(_COMPARED, sum(leads[0] - lead < 2.0 * _CLOSE for lead in leads))
 
 
 def _top(ahead: Sequence[tuple[float, Fit]]) -> float:
