@@ -12,17 +12,22 @@ from campaigns.challenge.rows import SCHEMA, judged_of
 from campaigns.challenge.score import Score, score_of
 from sim_backend.errors import ConfigError, DataError
 
+_AND = " and "
+
 
 def pool(paths: Sequence[Path]) -> Score:
     """Return the score of all cases in several documents of scores, in their order.
 
-    Raises ConfigError for a case that is in two of them, DataError for a file that holds no score of this form.
+    Raises ConfigError for a case that is in two of them and for a document of several challenges, whose cases have the
+    same names, DataError for a file that holds no score of this form.
     """
     judged: list[Judged] = []
     seals: dict[str, None] = {}
     seen: dict[tuple[str, str], Path] = {}
     for path in paths:
         document = _read(path)
+        if _AND in document["seal"]:
+            raise ConfigError(f"{path} is of several challenges already: give the scores that it was made of instead")
         seals[document["seal"]] = None
         for one in _judged(path, document):
             key = (document["seal"], one.name)
@@ -32,7 +37,7 @@ def pool(paths: Sequence[Path]) -> Score:
                 )
             seen[key] = path
             judged.append(one)
-    return score_of(judged, " and ".join(seals))
+    return score_of(judged, _AND.join(seals))
 
 
 def _read(path: Path) -> dict[str, Any]:

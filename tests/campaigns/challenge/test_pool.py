@@ -67,9 +67,14 @@ def test_the_same_name_in_another_challenge_is_another_case(parts: tuple[Path, l
     other.mkdir()
     write(other, {"01": CASES["04"]})
     main(["challenge", "score", str(other), "-o", str(tmp_path / "other")])
-    both = pool([parts[1][0], tmp_path / "other.json"])
+    scores = [parts[1][0], tmp_path / "other.json"]
+    both = pool(scores)
     assert [row["case"] for row in both.cases] == ["01", "02", "03", "01"]
     assert len(both.seal.split(" and ")) == 2
+    # whose case is whose a document of both does not tell
+    main(["challenge", "pool", *map(str, scores), "-o", str(tmp_path / "both")])
+    with pytest.raises(ConfigError, match="both.json is of several challenges already: give the scores"):
+        pool([tmp_path / "both.json", parts[1][1]])
 
 
 @pytest.mark.parametrize(
