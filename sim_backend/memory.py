@@ -8,7 +8,7 @@ from functools import cache
 KEPT_BYTES, LARGEST_BYTES = 64_000_000, 16_000_000
 """Of a trial: what stays with the process at most when it is free, and up to which size an array is kept."""
 
-MOST_KEPT_BYTES, MOST_LARGEST_BYTES = 2_000_000_000, 33_000_000
+_MOST_KEPT_BYTES, _MOST_LARGEST_BYTES = 2_000_000_000, 33_000_000
 """Of a diagnosis, whose arrays are long and come and go by the thousand; glibc keeps none beyond 32 MiB."""
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # the numbers of glibc's malloc.h
@@ -31,3 +31,11 @@ def keep_freed_memory(
         return False
     wanted = [(_TRIM_THRESHOLD, kept_bytes), (_MMAP_THRESHOLD, largest_bytes)] + [(_ARENA_MAX, 1)] * one_heap
     return all([bool(mallopt(which, value)) for which, value in wanted])
+
+
+def keep_long_arrays() -> bool:
+    """Let a diagnosis keep what it frees, all threads together; return False where the C library cannot be told.
+
+    Else a tenth of its time goes to the system, for the same pages again and again (docs/speed.md).
+    """
+    return keep_freed_memory(_MOST_KEPT_BYTES, _MOST_LARGEST_BYTES, one_heap=True)

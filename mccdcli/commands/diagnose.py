@@ -71,13 +71,11 @@ def diagnose(
     from analysis.diagnosis.experiment.testimony import load_logs
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
-    from sim_backend.memory import MOST_KEPT_BYTES, MOST_LARGEST_BYTES, keep_freed_memory
+    from sim_backend.memory import keep_long_arrays
     from sim_backend.model import load_model
 
-    # else a tenth of the time goes to the system, for the same pages again and again (docs/speed.md)
-    keep_freed_memory(MOST_KEPT_BYTES, MOST_LARGEST_BYTES, one_heap=True)
-    folder = prepare_folder(out or Path("diagnosis"))
-    model = load_model(nominal)
+    keep_long_arrays()
+    folder, model = prepare_folder(out or Path("diagnosis")), load_model(nominal)
     loaded, heard = load_logs(runs, model, max_rows=rows)
     with progress("diagnosing") as report:
         found = judge(

@@ -74,7 +74,7 @@ def investigate(
     from analysis.diagnosis.pipeline import Options
     from campaigns.plans import make_plan
     from sim_backend.errors import ConfigError
-    from sim_backend.memory import MOST_KEPT_BYTES, MOST_LARGEST_BYTES, keep_freed_memory
+    from sim_backend.memory import keep_long_arrays
     from sim_backend.model import load_model
 
     if settings and first is None:
@@ -85,7 +85,7 @@ def investigate(
         begin = plan or _chosen(bench, seed, model)
         count({begin.name: begin}, bench, seed, as_json=as_json)
         return 0
-    keep_freed_memory(MOST_KEPT_BYTES, MOST_LARGEST_BYTES, one_heap=True)  # as mccd diagnose does
+    keep_long_arrays()
     options = Options(tolerance=nominal_tolerance, without=without, seed=seed)
     quest = Quest(bench, model, seed, rounds, budget_s, plan, options)
     with progress("investigating") as report:

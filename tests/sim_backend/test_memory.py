@@ -47,10 +47,10 @@ SHARED = """
 import resource, sys
 from threading import Thread
 import numpy as np
-from sim_backend.memory import MOST_KEPT_BYTES, MOST_LARGEST_BYTES, keep_freed_memory
+from sim_backend.memory import keep_long_arrays
 
 if sys.argv[1] == "shared":
-    assert keep_freed_memory(MOST_KEPT_BYTES, MOST_LARGEST_BYTES, one_heap=True)
+    assert keep_long_arrays()
 
 def work():
     arrays = [np.ones(2_000_000) for _ in range(8)]
