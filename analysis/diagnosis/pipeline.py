@@ -215,7 +215,7 @@ def diagnose(
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
-    shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model)
+    shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model, workers=options.workers)
     said = judgement.objection, short, reservation(judgement.verdict, shown), remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,

@@ -7,7 +7,7 @@ effect is large.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.nominal.responses import coasting, response, simulate
+from analysis.diagnosis.nominal.responses import coasting, response, simulate, stacked
 from sim_backend import kernel
 from sim_backend.assembly import Places, effects_of
 from sim_backend.effects.base import Aux, Effect, Site
@@ -158,11 +158,6 @@ def signature(
         sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
         columns.append(_of_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz))
     return stacked(columns)
-
-
-def stacked(columns: Sequence[Array]) -> Array:
-    """Return columns (n, n_y) side by side, (n, n_y, k): each of each output is one stretch of memory."""
-    return np.moveaxis(np.stack([column.T for column in columns]), -1, 0).swapaxes(1, 2)
 
 
 def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:

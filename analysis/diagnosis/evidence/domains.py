@@ -86,7 +86,7 @@ class _Series:
 
 
 def evidence(
-    data: Dataset, residuals: Sequence[Array], whitener: Whitener, model: Model
+    data: Dataset, residuals: Sequence[Array], whitener: Whitener, model: Model, *, workers: int = 2
 ) -> dict[str, tuple[Domain, ...]]:
     """Return every curve by domain, one per run and output; `residuals` (n, n_y) belong to the records of `data`.
 
@@ -108,7 +108,7 @@ def evidence(
             for o, port in enumerate(model.outputs)
         ]
         shown += [(o, joined) for o in range(len(joined))]
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         curves = [curve for found in pool.map(lambda at: _curves(*at), shown) for curve in found]
     return {name: tuple(curve for domain, curve in curves if domain == name) for name in _DOMAINS}
 

@@ -13,6 +13,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.refit import in_parts, sizes_of_each
+from analysis.diagnosis.nominal.responses import stacked
 from analysis.diagnosis.nominal.tuning import sensitivities, turned
 from sim_backend.linear import ModalModel
 
@@ -30,7 +31,7 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
         return plain_sensitivities(setting, turned(setting.nominal, setting.knobs, fit.change))
     scales, _ = parameters_of(held, sizes)
     n_knobs = len(setting.knobs)
-    out = tuple(np.zeros((*r.y.shape, n_knobs + len(scales))) for r in setting.data.records)
+    out = tuple(np.zeros((n_knobs + len(scales), *r.y.shape[::-1])).T for r in setting.data.records)
     each = sizes_of_each(held, sizes)
     for part, own in in_parts(setting, held, sizes):
         chosen = [held[i] for i in part.candidates]
@@ -55,7 +56,7 @@ def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Ar
     with ThreadPoolExecutor(setting.workers) as pool:
         columns = list(pool.map(column, range(x.size)))
     empty = [np.zeros((*r.shape, 0)) for r in here]
-    return [np.stack([c[r] for c in columns], axis=2) if columns else empty[r] for r in range(len(here))]
+    return [stacked([c[r] for c in columns]) if columns else empty[r] for r in range(len(here))]
 
 
 def plain_sensitivities(setting: Setting, linear: ModalModel) -> tuple[Array, ...]:

@@ -95,7 +95,7 @@ class Slopes:
             moved = s.each(moving, at.torques, s.states)
             rows = at.stacked.size - x.size
             for i, column in zip(easy, problem.whiten(moved).reshape(rows, -1).T, strict=True):
-                np.negative(column, out=columns[:rows, i])
+                columns[:rows, i] = -column
             columns[rows:, easy] = problem.root[:, easy]
         with ThreadPoolExecutor(self._workers) as pool:
             for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):

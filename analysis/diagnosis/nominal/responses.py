@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -88,6 +90,11 @@ def contrast(there: DiscreteModel, back: DiscreteModel, u: Array, start: Array) 
     return series.T
 
 
+def stacked(columns: Sequence[Array]) -> Array:
+    """Return columns (n, n_y) side by side, (n, n_y, k): each of each output is one stretch of memory."""
+    return np.stack([column.T for column in columns]).T
+
+
 def free_responses(model: DiscreteModel, n: int) -> Array:
     """Return the outputs to unit initial states, shape (n, n_y, 2 m): what a record's unknown start can add.
 
@@ -98,4 +105,4 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
     for i in range(m):
         for k, unit in enumerate(np.eye(2)):
             _mode(model.a[i], model.b[i, :, :0], model.c[:, i], unforced, unit, 1.0, series[2 * i + k].T)
-    return np.moveaxis(series, -1, 0).swapaxes(1, 2)
+    return series.T

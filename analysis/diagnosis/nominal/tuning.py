@@ -186,7 +186,7 @@ def sensitivities(
         else:
             change = contrast(moved(knob, _STEP), moved(knob, -_STEP), forces, start[knob.mode])
             series[k] = change.T / (2.0 * _STEP)
-    return np.moveaxis(series, -1, 0).swapaxes(1, 2)
+    return series.T
 
 
 def _only(linear: ModalModel, m: int) -> ModalModel:

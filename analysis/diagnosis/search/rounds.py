@@ -112,6 +112,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             break
         if not depth:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
+        # what was passed over is only ever a rival of the first cause
         some = trials[: n_compared([lead for lead, _ in ahead], known=known or depth > 0)]
         setting, trials, before = _settled(replace(setting, substeps=rules.substeps), some, rivals[0])
         best = sharpened(setting, _best_of(setting, trials, before))

@@ -84,7 +84,8 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
             general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
             return [*general, *pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)]
 
-    (gram,) = gathered(footing, motions, setting.whitener, columns, (False,) * (len(ways) + len(waves)))
+    two_sided = (False,) * (len(ways) + len(waves))
+    (gram,) = gathered(footing, motions, setting.whitener, columns, two_sided, workers=setting.workers)
     reduced = gram.without(gram.knob_columns())
 
     def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:
