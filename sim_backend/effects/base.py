@@ -286,7 +286,7 @@ class Effect:
         return self
 
     def chosen(self) -> int:
-        """Return how many of its fields that are no parameters were fitted to data all the same."""
+        """Return how many phases, which are no parameters, were chosen by looking at the data all the same."""
         return 0
 
     def start(self) -> Array:

@@ -24,6 +24,9 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
 
 _PERIODS = 20.0
 
+_BANDS = 512
+"""Narrow surroundings: the noise of a band, or of a resonance that is shaken, is no background to a line elsewhere."""
+
 
 @dataclass(frozen=True)
 class VibrationLine(Effect):
@@ -67,7 +70,7 @@ class VibrationLine(Effect):
         """Return the strongest lines of the residual."""
         # fewer periods than this are drift: the noise down there is known from a handful of rows
         lowest = _PERIODS / view.duration_s
-        return [{"frequency_hz": f} for f in view.residual_lines_hz(5, lowest) if f > lowest]
+        return [{"frequency_hz": f} for f in view.residual_lines_hz(5, lowest, _BANDS) if f > lowest]
 
     @classmethod
     def given(cls, view: RecordView, shapes: dict[str, float]) -> dict[str, Any]:

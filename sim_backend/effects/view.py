@@ -13,6 +13,9 @@ from scipy.fft import next_fast_len, rfft
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_LINES = 32
+"""Lines of a spectrum to either side whose median is the level of the noise there."""
+
 _VISIBLE, _FINE, _MOST, _LOOKED_AT, _MOST_LOOKS = 4.0, 0.2, 60_000, 8_000_000, 600
 """Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
 that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely."""
@@ -194,9 +197,11 @@ class RecordView:
             coarse[max(0, i - 2) : i + 3] = -np.inf
         return [step for _, step in sorted(found, reverse=True)[:n]]
 
-    def residual_lines_hz(self, n: int, above_hz: float = 0.0) -> list[float]:
+    def residual_lines_hz(self, n: int, above_hz: float = 0.0, bands: int = 64) -> list[float]:
         """Return the `n` frequencies above a lowest at which the residual's spectrum is highest over its surroundings.
 
+        These reach to either side by one of so many `bands` that make the whole spectrum (the more, the narrower must
+        be what stands out), and by enough lines of a run to know their median.
         What goes on by itself has another phase in every run, so the spectra of runs are added without their phases,
         each in units of its own surroundings.
         """
@@ -204,9 +209,9 @@ class RecordView:
         excess = np.zeros(size // 2 + 1)
         if excess.size < 32:
             return []
-        width = max(excess.size // 64, 8)
         ends = self.ends or (size,)
         for start, stop in zip((0, *ends[:-1]), ends, strict=True):
+            width = max(excess.size // bands, min(_LINES * size // (stop - start), excess.size // 16), 8)
             power = np.abs(np.fft.rfft(self.residual[start:stop] * np.hanning(stop - start), size)) ** 2
             floor = np.array([np.median(power[max(0, i - width) : i + width]) for i in range(0, power.size, width)])
             excess += power / np.maximum(np.repeat(floor, width)[: power.size], np.finfo(float).tiny)

@@ -200,8 +200,7 @@ class Problem:
         covariance = factor @ inverse_of(precision) @ factor.T
         effects = self.effects(x)
         rows = at.stacked.size - x.size
-        chosen = sum(effect.chosen() for effect in effects)
-        occam = 0.5 * (float(np.linalg.slogdet(self._narrowed(x, seen))[1]) + chosen * math.log(rows))
+        occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, seen))[1]) + self._chosen(x, seen, effects)
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         own = zip(deviation[n_knobs:], values, self.scales, strict=True)
@@ -245,3 +244,18 @@ class Problem:
                 unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
         scaled = factor * (unit / sd)
         return np.asarray(scaled.T @ seen @ scaled + np.diag((unit / sd) ** 2 + more))
+
+    def _chosen(self, x: Array, seen: Array, effects: Sequence[Effect]) -> float:
+        """Return the price of phases that were chosen by looking at the data, `seen` being their precision (n, n).
+
+        A phase in radians is known to σ = 1/z by a run that holds z² of the effect's energy, and was anywhere on a
+        circle before: narrowed by 2π / (√(2π) σ) = √(2π) z. The energy is taken to be the same in every run.
+        """
+        n_knobs, price = len(self.setting.knobs), 0.0
+        for i, effect in enumerate(effects):
+            count = effect.chosen()
+            if count:
+                own = [n_knobs + k for k, s in enumerate(self.scales) if s.size and s.effect == i]
+                energy = float(x[own] @ seen[np.ix_(own, own)] @ x[own]) / (count + 1)
+                price += 0.5 * count * math.log1p(2.0 * math.pi * energy)
+        return price

@@ -13,7 +13,6 @@ once under one noise.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -149,9 +148,7 @@ def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[P
             whole[:, part.outputs] = own
         for (i, name), value, std in zip(fit.names, fit.values, fit.std, strict=True):
             found[part.candidates[i], name] = float(value), float(std)
-        # what was chosen by looking at the data is paid for by all rows
-        chosen = sum(effect.chosen() for effect in fit.effects)
-        occam += fit.occam + 0.5 * chosen * (math.log(rows) - math.log(fit.rows))
+        occam += fit.occam
     names = sorted(found, key=lambda key: key[0])
     return replace(
         fits[0],

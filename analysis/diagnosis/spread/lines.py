@@ -17,17 +17,15 @@ def without_lines(found: Found) -> Found:
     """Return the outcome without its vibration lines, where random vibration explains the data as well.
 
     Both are compared by the evidence of what does not repeat, the noise of either being free to have a band; a line
-    must be worth its parameters (each half the logarithm of the rows) and being sure.
+    must be worth what its parameters are narrowed by, and being sure.
     """
     best, setting = found.best, found.setting
     keep = [i for i, c in enumerate(best.candidates) if c.effect is not VibrationLine]
-    count = len(best.candidates) - len(keep)
-    if not count:
+    if len(keep) == len(best.candidates):
         return found
     candidates, sizes = best.held(keep)
     rest = refit(setting, candidates, sizes, best.change, exact=True)
-    numbers = len(VibrationLine.parameters()) * count + sum(effect.chosen() for effect in best.effects)
-    price = SURE_LEAD + 0.5 * numbers * math.log(best.rows)
+    price = SURE_LEAD + best.occam - rest.occam
     worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
     if worth > price or not math.isfinite(rest.misfit):
         return found

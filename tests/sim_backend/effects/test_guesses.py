@@ -60,6 +60,16 @@ def test_a_line_is_found_although_each_run_begins_elsewhere_in_it():
     assert all(f > 20.0 for f in seen.residual_lines_hz(5, 20.0))
 
 
+def test_a_line_is_found_beside_noise_in_a_band():
+    """The band holds a hundred thousand times as much, and its own strongest lines are nothing but noise."""
+    f_hz = 700.0
+    pole = 0.999 * np.exp(2j * np.pi * 123.0 / RATE_HZ)
+    shaken = lfilter([1.0], np.poly([pole, pole.conj()]).real, np.random.default_rng(5).standard_normal(N))
+    residual = 1e-5 * shaken / np.std(shaken) + 3e-8 * np.sin(2 * np.pi * f_hz * T_S)
+    starts = [start["frequency_hz"] for start in effect_class("vibration-line").guess(view(residual))]
+    assert min(abs(f - f_hz) for f in starts) <= 0.5 * RATE_HZ / N + 1e-9
+
+
 def test_what_stops_nothing_is_no_stop_and_what_is_mostly_loose_has_no_play():
     peak = view().position_peak
     stop, play = (effect_class(slug).limits(view())["gap"] for slug in ("end-stop-contact", "backlash"))
