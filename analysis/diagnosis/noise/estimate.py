@@ -78,7 +78,8 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     whole = [
         [(r[:, o], record.fitted()) for record, r in zip(data.records, residuals, strict=True)] for o in plain.outputs
     ]
-    edges, levels = levels_of_medians([_powers(plain, parts, o) for o, parts in enumerate(whole)], highest)
+    left = [_powers(plain, parts, o) for o, parts in enumerate(whole)]
+    edges, levels = levels_of_medians(left, highest)
     if not plain.repeats:
         return Whitener(plain.taps, False, edges, levels)
     repeated = [
@@ -89,7 +90,7 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
         ]
         for o in plain.outputs
     ]
-    more, upper = levels_of_means([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest)
+    more, upper = levels_of_means([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest, left)
     if edges.size < 2:
         edges, levels = np.array([highest]), np.ones((len(repeated), 0))
     # noise does not fall towards low frequencies, so what few rows show of it is no less than what is known above them

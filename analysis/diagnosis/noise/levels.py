@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import f
 
 from analysis.diagnosis.noise.whitener import Array, band_of
 
@@ -17,6 +18,12 @@ _GROWTH = 1.5
 
 _MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
+
+_EFFICIENCY = 0.37
+"""A median of squares knows their level as well as the mean of so many times fewer."""
+
+_BY_CHANCE = 1e-3
+"""Two levels are taken for one unless they differ by more than happens so seldom by chance."""
 
 
 def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
@@ -40,8 +47,14 @@ def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tup
     return edges, levels
 
 
-def levels_of_means(spectra: list[tuple[Array, Array]], lowest: float) -> tuple[Array, Array]:
-    """Return upper edges and levels of the bands above `lowest`, each wide enough for its mean."""
+def levels_of_means(
+    spectra: list[tuple[Array, Array]], lowest: float, left: list[tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Return upper edges and levels of the bands above `lowest`, each wide enough for its mean.
+
+    `spectra` are those of noise alone. In `left`, those of what a model leaves, there is as much noise and may be an
+    error of the model; where that is no more than the few rows of a band may err, its rows tell the level as well.
+    """
     frequency = np.sort(spectra[0][0][spectra[0][0] >= lowest])
     edges, at = [lowest], 0
     while frequency.size - at >= 2 * _KNOWN_ROWS:
@@ -51,10 +64,20 @@ def levels_of_means(spectra: list[tuple[Array, Array]], lowest: float) -> tuple[
         edges.append(float(frequency[at]))
     bounds = np.array([*edges, 0.5])
     levels = np.ones((len(spectra), bounds.size - 1))
-    for o, (f, power) in enumerate(spectra):
-        band = band_of(bounds, f)
+    for o, ((at_noise, power), (at_left, power_left)) in enumerate(zip(spectra, left, strict=True)):
+        band, band_left = band_of(bounds, at_noise), band_of(bounds, at_left)
         for b in range(bounds.size - 1):
             inside = power[band == b]
             if inside.size >= _KNOWN_ROWS:
-                levels[o, b] = float(inside.mean())
+                levels[o, b] = _pooled(inside, power_left[band_left == b])
     return bounds[1:], levels
+
+
+def _pooled(noise: Array, left: Array) -> float:
+    """Return the level that `noise` (n,) has, told by what is `left` (m,) too where both may be of one level."""
+    own, count = float(noise.mean()), _EFFICIENCY * left.size
+    other = float(np.median(left)) / _MEDIAN_OF_SQUARE if left.size else 0.0
+    ratio = other / max(own, np.finfo(float).tiny)
+    if not _BY_CHANCE < f.sf(ratio, count, noise.size) < 1.0 - _BY_CHANCE:
+        return own
+    return (noise.size * own + count * other) / (noise.size + count)

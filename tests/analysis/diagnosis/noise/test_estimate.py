@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from analysis.diagnosis.noise.autoregression import fit_ar
 from analysis.diagnosis.noise.estimate import whitener_from
+from analysis.diagnosis.noise.levels import levels_of_means
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from tests.analysis.diagnosis.two_modes import RATE_HZ
 
@@ -53,3 +54,37 @@ def test_any_number_of_records_of_one_length_has_bands_with_a_width(records: int
     # white noise is as loud down there as anywhere, as far as two periods know it
     white = np.concatenate([whitener.rows(r, m.fitted(), 0) for r, m in zip(residuals, made, strict=True)])
     assert 0.5 < np.mean(white**2) < 1.6
+
+
+def _spectra(rng: np.random.Generator, rows: int, level: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies and powers of so many rows of noise between 0.01 and 0.015 cycles per sample, and many above."""
+    frequency = np.concatenate([np.linspace(0.01, 0.0149, rows), np.linspace(0.0151, 0.5, 50 * rows)])
+    return frequency, level * rng.standard_normal(frequency.size) ** 2
+
+
+def test_a_level_that_few_rows_of_noise_tell_is_told_by_what_is_left_too() -> None:
+    """24 rows know it to 29 %, the median of 120 others to 21 %, both together to 17 %."""
+    rng = np.random.default_rng(6)
+    found = []
+    for _ in range(400):
+        edges, levels = levels_of_means([_spectra(rng, 24)], 0.01, [_spectra(rng, 120)])
+        found.append(levels[0, 0])
+    assert edges[0] == pytest.approx(0.015, rel=0.02)
+    # the deviation of 400 draws is itself known to 4 %
+    assert np.std(found) == pytest.approx(1.0 / np.sqrt(12.0 + 0.37 * 60.0), rel=0.15)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.05)
+
+
+def test_an_error_of_the_model_is_no_noise() -> None:
+    """Where more is left than the rows of noise may err by, they alone tell; lines in a few rows do not count."""
+    rng = np.random.default_rng(7)
+    alone, lines = [], []
+    for _ in range(100):
+        noise, left = _spectra(rng, 24), _spectra(rng, 120)
+        own = float(np.mean(noise[1][:24]))
+        alone.append(levels_of_means([noise], 0.01, [_spectra(rng, 120, 30.0)])[1][0, 0] == own)
+        spiked = left[1].copy()
+        spiked[:120:12] = 1e4
+        lines.append(levels_of_means([noise], 0.01, [(left[0], spiked)])[1][0, 0])
+    assert all(alone)
+    assert np.mean(lines) < 1.25

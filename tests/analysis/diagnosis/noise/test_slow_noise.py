@@ -22,13 +22,13 @@ _OPTIONS = Options(without=tuple(sorted({e.reported() for e in EFFECTS} - _SLOW)
 _NOISE = 1e-3
 
 
-def _data(seed: int, drift: float, plant: Callable[[Array], Array] = moved) -> Dataset:
+def _data(seed: int, drift: float, plant: Callable[[Array], Array] = moved, offset: float = 0.0) -> Dataset:
     """A force that repeats every second, and two records of steps."""
     rng = np.random.default_rng(seed)
     forces = [np.tile(rng.standard_normal(1000), 6), *(np.repeat(rng.uniform(-1.0, 1.0, 24), 500) for _ in range(2))]
     records = []
     for i, force in enumerate(forces):
-        reading = plant(force) + _NOISE * flicker(rng, force.size) + drift * np.arange(force.size) / RATE_HZ
+        reading = plant(force) + _NOISE * flicker(rng, force.size) + drift * np.arange(force.size) / RATE_HZ + offset
         window = Window("periods" if i == 0 else "steps", 0, force.size, period=0 if i else 1000)
         records.append(Record(f"run {i}", force[:, None], reading[:, None], (window,)))
     return Dataset(RATE_HZ, tuple(records))
@@ -50,6 +50,14 @@ def test_a_drift_is_found_however_large(drift: float) -> None:
     assert [e.name for e in found.best.effects] == ["sensor-drift"]
     # within four of its standard deviations, of which the noise's colour down there is the larger part
     assert found.best.values[0] == pytest.approx(drift, abs=4.0 * found.best.std[0])
+
+
+def test_what_slow_noise_hides_in_part_is_found() -> None:
+    """A constant torque, most of which passes for slow noise: what is left of it stands out, and by too little."""
+    found = search_causes(_data(4, 0.0, offset=1.1e-3), MODEL, _OPTIONS)
+    judgement = judge(found)
+    assert (judgement.verdict, [e.name for e in found.best.effects]) == ("named", ["constant-torque"])
+    assert found.best.values[0] == pytest.approx(1.1e-3, abs=4.0 * found.best.std[0])
 
 
 def test_slow_noise_is_no_drift() -> None:
