@@ -50,7 +50,10 @@ def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Ar
     here, _ = problem.raw(x)  # the starts may have been found anew since the fit
 
     def column(i: int) -> list[Array]:
-        found = problem.slope(x, i, here)
+        # the slope by a step of rounding is that of a gain as long as no number is rounded otherwise: beside it a gain
+        # would go anywhere
+        fixed = i >= change.size and held[scales[i - change.size].effect].effect.whole
+        found = None if fixed else problem.slope(x, i, here)
         return [np.zeros_like(r) for r in here] if found is None else [-slope for slope in found]
 
     with ThreadPoolExecutor(setting.workers) as pool:

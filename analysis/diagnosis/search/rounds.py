@@ -44,6 +44,9 @@ _COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD
 """So many trials of a round are refitted with care; where the noise is not known, also those that trail the best of the
 first round by less than this natural logarithm."""
 
+_LOST = 1.0
+"""A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
+
 _LONG = 25
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
@@ -101,7 +104,9 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         ahead = [(_lead(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             found = _unmasked(flat, best, beneath, last.price)
-            upheld = _upheld(flat, stage.trials(flat, found, _keys(trials)), best, last.price)
+            # what the slow noise has taken for its own may have stood out there as well, by too little
+            upheld = _upheld(flat, stage.trials(flat, found), best, last.price)
+            ahead = [(lead, f) for lead, f in ahead if not _keys([f]) & _keys(upheld)]
             ahead += [(score(best, True) - score(f, True), f) for f in upheld]
             if upheld and not depth:  # causes are compared where they stand out
                 first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
@@ -120,7 +125,7 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
         flat = _flat(setting, best)
         last, beneath = screen_both(setting, flat, best, rules, scales)
     whole = best
-    best, pruned = _pruned(setting, whole, first.price)
+    best, pruned = _pruned(setting, whole, tuned, first.price)
     if best is not whole:
         if not best.candidates:  # the noise was that beside a cause
             setting = settle(setting, best)
@@ -323,7 +328,7 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     return own[0][0], [fit for _, fit in own], before
 
 
-def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
+def _pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, list[Fit]]:
     """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
 
     The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
@@ -331,14 +336,27 @@ def _pruned(setting: Setting, best: Fit, price: float) -> tuple[Fit, list[Fit]]:
     """
     tried: list[Fit] = []
     known = setting.whitener.repeats
+    nominal = again(setting, tuned) if best.candidates else tuned
     while len(best.candidates) > (0 if known else 1):
-        smaller = []
-        for i in range(len(best.candidates)):
-            keep = [k for k in range(len(best.candidates)) if k != i]
-            smaller.append(again(setting, best, keep=keep))
+        numbers = range(len(best.candidates))
+        smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
         tried += smaller
         least = min(smaller, key=lambda f: score(f, known))
         if _lead(setting, best, least) > price:
             break
         best = least
     return best, tried
+
+
+def alone(setting: Setting, best: Fit, nominal: Fit, keep: Sequence[int]) -> Fit:
+    """Return `best` refitted with those effects only that are numbered in `keep`.
+
+    The knobs are where the others put them, and may find no way back from there: whatever is worse than the `nominal`
+    model, which it could be, begins there once more.
+    """
+    fit = again(setting, best, keep=keep)
+    if fit.objective < nominal.objective + _LOST:
+        return fit
+    candidates, sizes = best.held(keep)
+    other = refit(setting, candidates, sizes, nominal.change, exact=True)
+    return min(fit, other, key=lambda f: f.objective)

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
+from analysis.diagnosis.fitting.balance import again
 from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.sensitivity import exact_sensitivities
 from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.search.rounds import alone
 from analysis.diagnosis.verdict.judging import judge
-from sim_backend.effects import EFFECTS
+from sim_backend.assembly import places_of, transducers_of
+from sim_backend.effects import EFFECTS, make_effect
 from sim_backend.model import EffectEntry
+from sim_backend.replay import replay
 from tests.analysis.diagnosis.residuals import DECAY_1_S, MODEL, RATE_HZ, RESONANCE_HZ
 
 Array = NDArray[np.float64]
 
 PERIOD = 2000
+GAIN = (2.0 * np.pi * RESONANCE_HZ) ** 2
 STIFFER, WIDTH = 0.3, 0.02
 
 
@@ -50,9 +58,60 @@ def test_a_stiffness_far_off_is_found_beside_a_dead_zone() -> None:
     assert {e.name for e in found.best.effects} == {"dead-zone", "stiffness-shift"}
     judged = judge(found)
     assert judged.verdict == "named", judged.objection
+    assert judged.named == (0, 1)
     stiffness = [i for i, (_, name) in enumerate(found.best.names) if name == "relative"][0]
     # its frequency is known to the tolerance of the nominal one, which is that of half the stiffness
     assert abs(found.best.values[stiffness] - STIFFER) < 4.0 * found.best.std[stiffness] < 0.3
+
+
+def test_friction_is_found_beside_a_rounded_command() -> None:
+    """As long as no number is rounded otherwise, longer steps are more gain: no gain may be set against them."""
+    rng = np.random.default_rng(5)
+    drive = _drive(rng)
+    causes = [
+        make_effect("command-quantisation", "x", {"step_size": 0.0213}),
+        make_effect("coulomb-friction", "x", {"torque": 0.004, "breakaway_rate": 2.0}),
+    ]
+    played = replay(
+        MODEL.linear(), causes, places_of(MODEL), transducers_of(MODEL), drive[:, None], RATE_HZ, substeps=8
+    )
+    reading = played.reading + 2e-4 * rng.standard_normal((drive.size, 1))
+    whole = (Window("all", 0, drive.size, False, PERIOD),)
+    data = Dataset(RATE_HZ, (Record("run", drive[:, None], reading, whole),))
+    model = msgspec.structs.replace(
+        MODEL, modes=[msgspec.structs.replace(MODEL.modes[0], input={"force": GAIN * 1.02})]
+    )
+    among = {"command-quantisation", "coulomb-friction", "cubic-stiffness"}
+    options = Options(tolerance=0.0173, without=tuple({e.reported() for e in EFFECTS} - among), workers=1)
+    found = search_causes(data, model, options)
+    assert {e.name for e in found.best.effects} == {"command-quantisation", "coulomb-friction"}
+    assert judge(found).verdict == "named"
+    columns = exact_sensitivities(found.setting, found.best)[0][:, 0]
+    own = [name for _, name in found.best.names].index("step_size") - len(found.best.names)
+    gain = columns[:, 2]
+    assert not columns[:, own].any() and np.max(np.abs(gain)) > 0.1
+    # what is left out is that gain: a step that is longer by 1e-7 rounds none of these numbers otherwise
+    longer = [make_effect("command-quantisation", "x", {"step_size": 0.0213 * (1.0 + 1e-7)}), causes[1]]
+    other = replay(MODEL.linear(), longer, places_of(MODEL), transducers_of(MODEL), drive[:, None], RATE_HZ, substeps=8)
+    np.testing.assert_allclose((other.reading - played.reading)[:, 0] / 1e-7, gain, atol=0.05 * np.max(gain))
+
+
+def test_what_a_cause_is_worth_does_not_hang_on_where_it_left_the_knobs() -> None:
+    """Of two causes one is taken away. A frequency that is left e times too high finds no way back by itself."""
+    rng = np.random.default_rng(3)
+    drive = _drive(rng)
+    reading = _stiffer(drive) + 2e-3 + 3e-3 * rng.standard_normal(drive.size)
+    whole = (Window("all", 0, drive.size, False, PERIOD),)
+    data = Dataset(RATE_HZ, (Record("run", drive[:, None], reading[:, None], whole),))
+    among = {"constant-torque", "stiffness-shift"}
+    options = Options(tolerance=0.0173, without=tuple({e.reported() for e in EFFECTS} - among), workers=1)
+    found = search_causes(data, MODEL, options)
+    setting, best, nominal = found.setting, found.best, again(found.setting, found.tuned)
+    keep = [i for i, e in enumerate(best.effects) if e.name == "constant-torque"]
+    near = alone(setting, best, nominal, keep)
+    strayed = replace(best, change=best.change + np.eye(best.change.size)[0])
+    assert again(setting, strayed, keep=keep).objective > nominal.objective + 1e6
+    assert abs(alone(setting, strayed, nominal, keep).objective - near.objective) < 0.1
 
 
 def test_what_is_explained_in_one_reading_is_no_leeway_in_another() -> None:
