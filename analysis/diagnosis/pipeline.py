@@ -200,7 +200,7 @@ def diagnose(
     else:
         left = leftovers(spread.beside(found.setting, found.best), found.best)
         judgement = judge(found, spread.allowed, left, spread.share(found.best.rows))
-    short = "" if even else shortfall(found, judgement, spread.allowed)
+    short = "" if even else shortfall(found, judgement, spread.allowed, spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 from scipy.stats import chi2
 
 from analysis.diagnosis.candidates.signature import Candidate
@@ -141,10 +142,11 @@ def _explained(found: Found) -> float:
     return 1.0 - (best.misfit - best.rows) / excess if excess > 0.0 else 1.0
 
 
-def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0) -> str:
+def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: float = 0.0) -> str:
     """Return in words how far the best model of an *unknown* verdict gets, and what it lacks to be adequate.
 
-    Beside an objection that says enough, it is how far an explanation gets, where the size of the noise is known.
+    Beside an objection that says enough, it is how far an explanation gets, where the size of the noise is known. What
+    `allowed` and `random` are is told by `judge`.
     """
     if judgement.verdict != "unknown":
         return ""
@@ -152,7 +154,8 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0) -> str:
     if against and not (best.candidates and known):
         return ""
     if not best.candidates:
-        return "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
+        nothing = "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
+        return _odds(found, allowed, random) or nothing
     names = " and ".join(f"{e.reported()} at {e.where}" for e in best.effects)
     if not known:
         return f"beside the best explanation, {names}, something else still stands out that no effect explains"
@@ -178,21 +181,48 @@ def _uncertainty(found: Found) -> float:
 
 
 def _without_cause(found: Found, allowed: float, random: float) -> Verdict:
-    """Return consistent, or unknown when the data differ by more than noise and no candidate helps.
+    """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
+    return "unknown" if _loud(found, allowed) or _outstanding(found, random) else "consistent"
 
-    Of what a candidate promises `random` may be what causes of the spread have in a few columns.
+
+def _loud(found: Found, allowed: float) -> bool:
+    """Tell whether the model leaves more in all than what differs between periods."""
+    excess = found.tuned.misfit / found.tuned.rows - 1.0 - allowed
+    return bool(found.setting.whitener.repeats and excess > _uncertainty(found) + 0.01)
+
+
+def _outstanding(found: Found, random: float) -> list[Candidate]:
+    """Return the candidates that stand out where no cause was found, the strongest first.
+
+    Of what one promises `random` may be what causes of the spread have in a few columns.
     """
-    tuned, last = found.tuned, found.last
-    if found.setting.whitener.repeats:
-        excess = tuned.misfit / tuned.rows - 1.0 - allowed
-        if excess > _uncertainty(found) + 0.01:
-            return "unknown"
+    last = found.last
     trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
     gains = last.gains - random
-    for i in np.flatnonzero(trusted & (gains > last.threshold)):
-        if gains[i] > _OVERWHELMING * last.threshold[i] or _realised(found, last.candidates[i]) > 0.25 * gains[i]:
-            return "unknown"
-    return "consistent"
+    return [
+        last.candidates[i]
+        for i in np.argsort(-gains)
+        if trusted[i]
+        and gains[i] > last.threshold[i]
+        and (gains[i] > _OVERWHELMING * last.threshold[i] or _realised(found, last.candidates[i]) > 0.25 * gains[i])
+    ]
+
+
+def _odds(found: Found, allowed: float, random: float) -> str:
+    """Return which cause stands out by too little to be named, and how likely it is; nothing where none does."""
+    known, tuned = found.setting.whitener.repeats, found.tuned
+    for candidate in [] if _loud(found, allowed) else _outstanding(found, random):
+        fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
+        lead = max((score(tuned, known) - score(r, known) for r in fits), default=0.0)
+        # the lead that being sure takes is the first screening's price
+        chance = expit(0.5 * (lead - found.first.price) + SURE_LEAD)
+        if chance > 1.0 - SURE:
+            return (
+                f"{candidate.effect.reported()} at {candidate.where} stands out of the noise and may be it, with a "
+                f"chance of {100.0 * chance:.2g} %, where a name asks for {100.0 * SURE:.0f} %; longer or stronger "
+                "runs would tell"
+            )
+    return ""
 
 
 def _realised(found: Found, candidate: Candidate) -> float:
@@ -276,8 +306,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
         shown = found.explained if known else _worth(found.tuned, found.best)
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
-        # what the parameters of the best cost is known from its fit, those of the others are taken as well determined;
-        # what the knobs cost less beside it is part of what stands out
+        # what the knobs cost less beside the best is part of what stands out
         knobs = strain_of(found.setting.knobs, found.best.change)
         paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - knobs)
         for i in found.first.best_per_key():
@@ -285,12 +314,24 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
             label = (candidate.effect.reported(),)
             if candidate.key in refitted or label == own or found.first.gains[i] <= 0.0:
                 continue
-            extra = 0.5 * len(candidate.effect.parameters()) * np.log(found.best.rows) - paid
-            screened = max(0.5 * (top - float(found.first.gains[i])) / inflation + extra, 0.0)
+            gain = float(found.first.gains[i])
+            screened = max(0.5 * (top - gain) / inflation + _price(candidate, gain) - paid, 0.0)
             # what it was worth when it was fitted is known better than what it promised
             gap = found.passed[candidate.key] / inflation if candidate.key in found.passed else screened
             gaps[label] = min(gaps.get(label, np.inf), gap)
     return sorted(gaps.items(), key=lambda pair: pair[1])
+
+
+def _price(candidate: Candidate, gain: float) -> float:
+    """Return what the parameters of a candidate that was not refitted cost it, by what its `gain` determines them to.
+
+    A size is known to a part of 1/√gain of itself, a shape to as much of what a unit of its scale does; one that was
+    chosen by looking has paid already.
+    """
+    sizes = max(len(candidate.unit_sizes), 1)
+    free = [p for p in candidate.effect.parameters() if not (p.size or p.fixed or p.name in candidate.unit_sizes)]
+    shapes = sum(np.log1p(p.spread**2 * gain) for p in free) if candidate.choices == 1 else 0.0
+    return float(0.5 * (sizes * np.log1p(gain / sizes) + shapes))
 
 
 def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
