@@ -66,13 +66,6 @@ NULL_SEEDS = (340, 341, 342)
 OUTSIDE = {"coulomb-friction": 350, "periodic-torque": 351, "sensor-drift": 352}
 """Families whose cause is left out of the search; each shows itself in another way: by motion, position, time."""
 
-OUTSIDE_NOT_YET = {
-    "coulomb-friction": Miss(
-        "ambiguous", "friction is the hysteresis of one spring; a random torque is tied beside it", ("hysteresis",)
-    ),
-}
-"""Families for which something else is named when they are left out; docs/diagnosis-limits.md lists them."""
-
 
 @dataclass(frozen=True)
 class Said:
@@ -160,7 +153,4 @@ def test_nothing_hidden_is_consistent(seed: int, tmp_path: Path) -> None:
 def test_a_cause_that_is_left_out_of_the_search_is_unknown(slug: str, seed: int, tmp_path: Path) -> None:
     what = ("--family", slug, "--one", "0", "--none", "0", "--outside", "1", "--shape", "short")
     said = diagnosed(tmp_path, seed, *what)
-    if slug in OUTSIDE_NOT_YET:
-        assert said.judged.verdict != "unknown", f"unknown: take it out of OUTSIDE_NOT_YET; {said}"
-        missed_as_expected(said, OUTSIDE_NOT_YET[slug])
     assert said.judged.verdict == "unknown", str(said)
