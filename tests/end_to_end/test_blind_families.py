@@ -43,7 +43,6 @@ class Miss:
 
 NOT_YET = {
     "command-quantisation": Miss("consistent", "2.2 times a limit that knows the step, not worth the 20 000 tried"),
-    "fringe-jump": Miss("unknown", "its evidence stays 2 short of the price of a cause, at 2.6 times the limit"),
 }
 """Families that are not named in their case yet; docs/diagnosis-limits.md lists them."""
 
