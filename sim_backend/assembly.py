@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,9 @@ from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.compiled import WIRES, reads
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
-from sim_backend.linear import ModalModel, delay_taps, discretise
+from sim_backend.linear import ModalModel, delay_taps, discretise, pushed
 from sim_backend.model import Hardware, Model, number
+from sim_backend.modes import is_mode, mode_of, reach_of
 
 Array = NDArray[np.float64]
 
@@ -120,6 +121,7 @@ def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
         driven=np.searchsorted(mode, np.arange(linear.n_blocks + 1)),
         driven_by=np.ascontiguousarray(by),
         b=np.ascontiguousarray(fine.b[mode, :, by]),
+        push=pushed(linear, rate_hz * substeps),
         seen=np.searchsorted(output, np.arange(linear.n_outputs + 1)),
         seen_mode=np.ascontiguousarray(seen),
         c=np.ascontiguousarray(gains[output, seen]),
@@ -162,13 +164,17 @@ def current_from_command(hw: Hardware) -> Array:
     return dof_from_points(number(hw.actuators.radius_m)).T / number(hw.force_constant_n_a)
 
 
-def effects_of(effects: Sequence[Effect], places: Places) -> tuple[layout.Effects, list[Effect]]:
+def effects_of(
+    effects: Sequence[Effect], places: Places, linear: ModalModel | None = None
+) -> tuple[layout.Effects, list[Effect]]:
     """Return the effects that act on signals as arrays, and in the same order as objects (sorted by site).
 
-    Exogenous columns are numbered in that order. Raises ConfigError when a `where` names no channel of the bench.
+    Exogenous columns are numbered in that order. Raises ConfigError when a `where` names no channel of the bench, nor
+    a mode of its `linear` model.
     """
-    batches = _batches([(_wire(e, places), e) for e in effects if e.site <= Site.READING])
-    wires, ordered = [w for batch in batches for w, _ in batch], [e for batch in batches for _, e in batch]
+    batches = _batches([(_wire(e, places, linear), e) for e in effects if e.site <= Site.READING])
+    wires = _of_one_width([w for batch in batches for w, _ in batch])
+    ordered = [e for batch in batches for _, e in batch]
     sites = np.array([int(w.site) for w in wires], dtype=np.int64)
     ends = np.cumsum([0, *map(len, batches)])
     sizes = np.array([len(e.parameters()) for e in ordered], dtype=np.int64)
@@ -178,10 +184,12 @@ def effects_of(effects: Sequence[Effect], places: Places) -> tuple[layout.Effect
         int(drawn[i]) if e.aux is Aux.EXOGENOUS else w.column
         for i, (w, e) in enumerate(zip(wires, ordered, strict=True))
     ]
-    read = np.array([w.read for w in wires]).reshape(len(wires), len(places.outputs))
+    read = np.array([w.read for w in wires]).reshape(len(wires), wires[0].read.size if wires else len(places.outputs))
     coordinates, watched, fast = _coordinates(wires, ordered)
     levers, moved = _rows(
-        [w.write for w in wires if w.site is Site.STRUCTURE], [w.write for w in wires], len(places.inputs)
+        [w.write for w in wires if w.site is Site.STRUCTURE],
+        [w.write for w in wires],
+        wires[0].write.size if wires else len(places.inputs),
     )
     return layout.Effects(
         first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)),
@@ -283,7 +291,28 @@ def _addresses(array: Array, index: layout.Ints) -> layout.Ints:
     return np.asarray(array.ctypes.data + array.itemsize * index, dtype=np.int64)
 
 
-def _wire(effect: Effect, places: Places) -> _Wire:
+def _wire_to_mode(effect: Effect, linear: ModalModel) -> _Wire:
+    """Return the connection to a mode by itself, after the columns of the outputs and inputs."""
+    m = mode_of(linear, effect.where, effect.name)
+    reach = reach_of(linear, m)
+    read, write = np.zeros(linear.n_outputs + linear.n_blocks), np.zeros(linear.n_inputs + linear.n_blocks)
+    read[linear.n_outputs + m], write[linear.n_inputs + m] = reach, linear.omega_rad_s[m] ** 2 / reach
+    return _Wire(effect.site, 0, read, write, -1)
+
+
+def _of_one_width(wires: list[_Wire]) -> list[_Wire]:
+    """Return the wires with rows of one length: where one goes to a mode, those of the others go on with zeros."""
+    n_read, n_write = (
+        max((row.size for row in rows), default=0) for rows in ([w.read for w in wires], [w.write for w in wires])
+    )
+    return [replace(w, read=_longer(w.read, n_read), write=_longer(w.write, n_write)) for w in wires]
+
+
+def _longer(row: Array, size: int) -> Array:
+    return np.concatenate([row, np.zeros(size - row.size)])
+
+
+def _wire(effect: Effect, places: Places, linear: ModalModel | None) -> _Wire:
     source, arrow, target = effect.where.partition("->")
     target = target if arrow else source
     n_y, n_u = len(places.outputs), len(places.inputs)
@@ -302,6 +331,8 @@ def _wire(effect: Effect, places: Places) -> _Wire:
     if site in (Site.READING, Site.HEAD):
         i = places.find(places.outputs, target, effect.name)
         return _Wire(Site.READING, i, np.eye(n_y)[i], nowhere, column)
+    if linear is not None and site is Site.STRUCTURE and target not in places.inputs and is_mode(target):
+        return _wire_to_mode(effect, linear)
     i = places.find(places.inputs, target, effect.name)
     return _Wire(Site.COMMAND if site is Site.CURRENT else site, i, places.coordinates[i], np.eye(n_u)[i], column)
 

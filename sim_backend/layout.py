@@ -19,7 +19,8 @@ class Plant(NamedTuple):
 
     Most modes belong to one axis, so only what is not zero is kept: mode m is driven by the inputs `driven_by` with
     gains `b` (.., 2), both from `driven[m]` to `driven[m + 1]`; output i sees the modes `seen_mode` with `c` (.., 4),
-    the gains of (q, v) in the position and in the rate, from `seen[i]` to `seen[i + 1]`.
+    the gains of (q, v) in the position and in the rate, from `seen[i]` to `seen[i + 1]`. A force on mode m alone moves
+    it by `push` (m,2).
     `delay_first` (n_u,) and `delay_taps` (n_u, 4) are those of `sim_backend.linear.delay_taps`; `dt_s` the bench's
     sample time; `substeps` steps per sample;
     `feedthrough` is 1 when d is not zero: readings then wait for the torque of their own sample.
@@ -29,6 +30,7 @@ class Plant(NamedTuple):
     driven: Ints
     driven_by: Ints
     b: Array
+    push: Array
     seen: Ints
     seen_mode: Ints
     c: Array
@@ -64,8 +66,9 @@ class Effects(NamedTuple):
     and `s0` into `parameters` and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read`
     (n_e, n_y), the coordinate it watches. Of these rows, and of those of the inputs it acts on, `coordinates` and
     `levers` hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched` and
-    `moved` their numbers. `wires` (n_e, 7) are the addresses of its signals, filled by `sim_backend.assembly.wired`;
-    `cells` (5,) is memory for signals given one by one.
+    `moved` their numbers; where an effect acts on a mode, rows go on with a column for every mode. `wires` (n_e, 7) are
+    the addresses of its signals, filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one
+    by one.
     """
 
     first: Ints
@@ -131,10 +134,10 @@ class Waveform(NamedTuple):
 class Memory(NamedTuple):
     """What the bench remembers between two runs; changed in place.
 
-    `x` (m,2) modes; `past` (n_u,) last motion-dependent torque; `has_past` (1,); `queue` (n_u, depth) delayed commands;
-    `acting` (n_u,) last torque; `xf` and `xl` (n,m,2) filter states; `closed` (n,) feedback closed; `ring` and
-    `learned` (n, L) past learned inputs and filtered errors, L > period + p; `samples` (1,) samples played in all;
-    `temperature` (1,) K.
+    `x` (m,2) modes; `past` (n_u + m,) last torques that depend on motion, on inputs and modes; `has_past` (1,);
+    `queue` (n_u, depth) delayed commands; `acting` (n_u,) last torque; `xf` and `xl` (n,m,2) filter states;
+    `closed` (n,) feedback closed; `ring` and `learned` (n, L) past learned inputs and filtered errors, L > period + p;
+    `samples` (1,) samples played in all; `temperature` (1,) K.
     """
 
     x: Array

@@ -85,7 +85,7 @@ def fresh_memory(plant: layout.Plant, n_axes: int, temperature_k: float) -> layo
     depth = int(np.max(plant.delay_first)) + plant.delay_taps.shape[1] if late else NO_DELAY
     return layout.Memory(
         x=np.zeros((plant.a.shape[0], 2)),
-        past=np.zeros(n_u),
+        past=np.zeros(n_u + plant.a.shape[0]),
         has_past=np.zeros(1, dtype=np.int64),
         queue=np.zeros((n_u, depth)),
         acting=np.zeros(n_u),

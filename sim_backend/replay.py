@@ -52,8 +52,9 @@ def replay(
     Effects that only draw random numbers take part with none. Raises ConfigError when an effect has no place here.
     """
     n, n_u = u.shape
-    plant = plant_of(retuned(linear, effects, places), rate_hz, substeps)
-    fx, ordered = effects_of(effects, places)
+    linear = retuned(linear, effects, places)
+    plant = plant_of(linear, rate_hz, substeps)
+    fx, ordered = effects_of(effects, places, linear)
     columns: list[Array] = []
     for i, effect in enumerate(ordered):
         if effect.aux is Aux.TEMPERATURE and temperature_k is not None:

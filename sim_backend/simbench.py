@@ -88,9 +88,10 @@ class SimBench:
         self._rewriting = [e for e in effects if e.site is Site.RECORD]
         for effect in self._rewriting:
             self.places.find(self.places.outputs, effect.where, effect.name)
-        self._plant = plant_of(retuned(model.linear(), effects, self.places), model.sample_rate_hz, substeps)
+        linear = retuned(model.linear(), effects, self.places)
+        self._plant = plant_of(linear, model.sample_rate_hz, substeps)
         self._hw = transducers_of(model)
-        self._fx, self._effects = effects_of(effects, self.places)
+        self._fx, self._effects = effects_of(effects, self.places, linear)
         self._streams = streams_of(seed, [*self._effects, *self._rewriting])
         hw = model.hardware
         seen = (

@@ -42,6 +42,7 @@ from sim_backend.effects.sensor_noise import SensorNoise
 from sim_backend.effects.sensor_offset import SensorOffset
 from sim_backend.effects.sensor_quantisation import SensorQuantisation
 from sim_backend.effects.sensor_rotation import SensorRotation
+from sim_backend.effects.slow_softening import SlowSoftening
 from sim_backend.effects.soft_saturation import SoftSaturation
 from sim_backend.effects.stiffness_shift import StiffnessShift
 from sim_backend.effects.thermal_stiffness_drift import ThermalStiffnessDrift
@@ -94,8 +95,9 @@ EFFECTS: tuple[type[Effect], ...] = (
 NOISES: tuple[type[Effect], ...] = (AmplifierNoise, SensorNoise)
 """What every bench has and no diagnosis names: the noise floor."""
 
-BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial, SensorOffset)
-"""What a model can hold and no diagnosis searches: the paper's own description of an effect, a bench's own zero."""
+BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial, SensorOffset, SlowSoftening)
+"""What a model can hold and no diagnosis searches: the paper's own description of an effect, a bench's own zero, a
+softening that lies in modes."""
 
 _BY_NAME = {e.name: e for e in (*EFFECTS, *NOISES, *BENCH_ONLY)}
 

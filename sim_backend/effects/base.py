@@ -74,7 +74,10 @@ class Dimension:
 
     def unit(self, u: str, y: str) -> str:
         """Return the unit for input unit `u` and output unit `y`, e.g. 'N m/rad^3'; '1' when dimensionless."""
-        parts = [(n, p) for n, p in ((u, self.u), (y, self.y), ("s", self.s), ("K", self.k)) if n != "1"]
+        powers: dict[str, int] = {}
+        for name, power in ((u, self.u), (y, self.y), ("s", self.s), ("K", self.k)):
+            powers[name] = powers.get(name, 0) + power
+        parts = [(n, p) for n, p in powers.items() if n != "1"]
         above = [_power(name, p) for name, p in parts if p > 0]
         below = [_power(name, -p) for name, p in parts if p < 0]
         return "/".join([" ".join(above) or "1", *below])

@@ -15,7 +15,7 @@ RECORDED = ("command", "torque", "current", "position", "reading", "head", "temp
 """Signals that are kept, in tables of so many columns as there are samples."""
 
 _ARRAYS: dict[str, tuple[str, ...]] = {
-    "plant": ("a", "b", "c", "d", "rate_d", "delay_first", "delay_taps"),
+    "plant": ("a", "b", "push", "c", "d", "rate_d", "delay_first", "delay_taps"),
     "hw": ("to_current", "to_torque", "to_heads", "to_reading", "heating"),
     "fx": ("batch", "address", "coordinates", "levers", "parameters", "states", "wires"),
     "ctl": ("fa", "fb", "fc", "fd", "integrator", "period", "lead", "learning", "taps", "gain", "la", "lb", "lc", "ld"),

@@ -53,7 +53,7 @@ class Cells:
 
     def place(self, i: Any) -> Any:
         """Return the address of cell `i`."""
-        return self.at.gep(self.pointer, [ir.Constant(I64, i) if isinstance(i, int) else i])
+        return self.at.gep(self.pointer, [index(i) if isinstance(i, int) else i])
 
     def __getitem__(self, i: Any) -> Number:
         return Number(self.at, self.at.load(self.place(i)))
@@ -97,17 +97,22 @@ def added(parts: Sequence[Number | None]) -> Number | None:
     return terms[0] if terms else None
 
 
+def index(i: int) -> ir.Constant:
+    """Return a whole number of the emitted function."""
+    return ir.Constant(I64, i)
+
+
 @contextmanager
 def repeated(at: ir.IRBuilder, count: Any, name: str) -> Iterator[Any]:
     """Emit what stands inside `count` times; gives the number of the pass, an emitted whole number."""
     before = at.block
     body, after = at.append_basic_block(name), at.append_basic_block(f"{name}.done")
-    at.cbranch(at.icmp_signed(">", count, ir.Constant(I64, 0)), body, after)
+    at.cbranch(at.icmp_signed(">", count, index(0)), body, after)
     at.position_at_end(body)
     number = at.phi(I64, name)
-    number.add_incoming(ir.Constant(I64, 0), before)
+    number.add_incoming(index(0), before)
     yield number
-    following = at.add(number, ir.Constant(I64, 1))
+    following = at.add(number, index(1))
     number.add_incoming(following, at.block)
     at.cbranch(at.icmp_signed("<", following, count), body, after)
     at.position_at_end(after)

@@ -21,7 +21,8 @@ from llvmlite import ir
 from sim_backend.effects.base import Aux, Site
 from sim_backend.effects.compiled import WIRES
 from sim_backend.kernel.arguments import BUS, COPIED, TABLE
-from sim_backend.kernel.code import F64, I64, Cells, Number, Weights, added, repeated
+from sim_backend.kernel.code import F64, I64, Cells, Number, Weights, added, index, repeated
+from sim_backend.kernel.control import emit_commands
 from sim_backend.kernel.structure import Structure, step_symbol, whole
 from sim_backend.linear import TAPS
 
@@ -37,7 +38,7 @@ class Sample:
         function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [I64.as_pointer(), F64.as_pointer()]), NAME)
         self.at = ir.IRBuilder(function.append_basic_block("entry"))
         given = function.args[0]
-        self.whole = {name: self.at.load(self.at.gep(given, [_index(i)])) for i, name in enumerate(TABLE)}
+        self.whole = {name: self.at.load(self.at.gep(given, [index(i)])) for i, name in enumerate(TABLE)}
         self.dt_s, self.fine_s = (Cells(self.at, function.args[1])[i] for i in (0, 1))
         kinds = structure.weights()
         self.weights = {
@@ -46,15 +47,17 @@ class Sample:
         self.n_y, self.n_u = kinds["d"].shape
         self.n_a, self.n_s = kinds["to_current"].shape[0], kinds["to_heads"].shape[0]
         self.n_modes, self.n_blocks = kinds["a"].shape[0], kinds["fb"].shape[1]
+        n_at, n_levers = kinds["coordinates"].shape[0], kinds["levers"].shape[0]
+        # modes that effects may act on by themselves, beside the inputs
+        self.n_pushed = kinds["levers"].shape[1] - self.n_u if n_levers else 0
         self.sizes = {
             "x": 2 * self.n_modes,
-            "past": self.n_u,
+            "past": self.n_u + self.n_pushed,
             "acting": self.n_u,
             "xf": 2 * self.n_u * self.n_blocks,
             "parameters": structure.n_parameters,
             "states": structure.n_states,
         }
-        n_at, n_levers = kinds["coordinates"].shape[0], kinds["levers"].shape[0]
         self.bus_sizes = {
             "source": 2 + self.n_u + self.n_y + structure.n_columns,
             "driven": self.n_u,
@@ -104,7 +107,7 @@ class Sample:
         self.heating = (heating[0], heating[1] / heating[3], self.dt_s / heating[2])
         self._stretches()
         self.temperature[0] = self.bus["source"][1]
-        at.store(at.select(at.icmp_signed(">", self.whole["n"], _index(0)), _index(1), at.load(has_past)), has_past)
+        at.store(at.select(at.icmp_signed(">", self.whole["n"], index(0)), index(1), at.load(has_past)), has_past)
         for name in COPIED[1:]:
             self.copy(self.mine[name], self.cells(name), self.sizes[name])
         if inlined:
@@ -117,27 +120,27 @@ class Sample:
         at, whole = self.at, self.whole
         done, k, event = (at.alloca(I64, name=name) for name in ("done", "k", "event"))
         for counter in (done, k, event):
-            at.store(_index(0), counter)
+            at.store(index(0), counter)
         head, body, end = (at.append_basic_block(name) for name in ("stretch", "samples", "end"))
         at.branch(head)
         at.position_at_end(head)
         at.cbranch(at.icmp_signed("<", at.load(done), whole["n"]), body, end)
         at.position_at_end(body)
         now, until = at.load(k), self._least(at.sub(whole["n"], at.load(done)), at.sub(whole["period"], at.load(k)))
-        with at.if_then(at.icmp_signed(">", whole["n_events"], _index(0))):
+        with at.if_then(at.icmp_signed(">", whole["n_events"], index(0))):
             names = ("n_events", "n_blocks", "events", "ctl.integrator", "ctl.fc", "xf", "closed")
             at.store(self.call("gate", [now, at.load(event), *(whole[name] for name in names)], I64), event)
         self.copy(self.cells("xf"), self.mine["xf"], self.sizes["xf"])
         ahead = self.local(1, "ahead")
         ahead[0] = Number(at, at.sitofp(until, F64))
         with at.if_then(at.icmp_signed("<", at.load(event), whole["n_events"])):
-            next_event = self.cells("events")[at.mul(at.load(event), _index(4))]
+            next_event = self.cells("events")[at.mul(at.load(event), index(4))]
             gap = next_event - Number(at, at.sitofp(now, F64))
             with at.if_then(at.fcmp_ordered("<", gap.value, ahead[0].value)):
                 ahead[0] = gap
         until = at.fptosi(ahead[0].value, I64)
         closed = Cells(at, at.inttoptr(whole["closed"], I64.as_pointer()))
-        self.closed = [at.icmp_signed("==", closed[i].value, _index(1)) for i in range(self.n_u)]
+        self.closed = [at.icmp_signed("==", closed[i].value, index(1)) for i in range(self.n_u)]
         started = at.load(done)
         with repeated(at, until, "sample") as i:
             self._sample(at.add(started, i), at.add(now, i))
@@ -145,8 +148,8 @@ class Sample:
         at.store(at.add(started, until), done)
         following = at.add(now, until)
         over = at.icmp_signed("==", following, whole["period"])
-        at.store(at.select(over, _index(0), following), k)
-        at.store(at.select(over, _index(0), at.load(event)), event)
+        at.store(at.select(over, index(0), following), k)
+        at.store(at.select(over, index(0), at.load(event)), event)
         at.branch(head)
         at.position_at_end(end)
 
@@ -162,12 +165,12 @@ class Sample:
         """Emit one sample."""
         structure, exogenous = self.structure, self.cells("exogenous")
         for column in range(structure.n_columns):
-            at = self.at.add(self.at.mul(_index(column), self.whole["n_drawn"]), sample)
+            at = self.at.add(self.at.mul(index(column), self.whole["n_drawn"]), sample)
             self.bus["source"][2 + self.n_u + self.n_y + column] = exogenous[at]
         self._motion()
         if not structure.feedthrough:
             self._read()
-        self._control(sample, k)
+        emit_commands(self, sample, k)
         self._drive(sample)
         if structure.heated:
             self._heat()
@@ -178,7 +181,7 @@ class Sample:
         self._record(sample)
         self._advance()
         if structure.fine:
-            with repeated(self.at, self.at.sub(self.whole["substeps"], _index(1)), "substep"):
+            with repeated(self.at, self.at.sub(self.whole["substeps"], index(1)), "substep"):
                 self._motion()
                 self._torque()
                 self._advance()
@@ -195,9 +198,13 @@ class Sample:
             self.position.append(self.weights["d"].row(i, acting, at) or self.zero)
             rate.append(self.weights["rate_d"].row(i, acting, speed) or self.zero)
             self.bus["source"][2 + self.n_u + i] = self.position[i]
-        for n, values, name in ((self.bus_sizes["at"], self.position, "at"), (self.structure.n_rates, rate, "speed")):
+        coordinates = self.weights["coordinates"]
+        modes = range(coordinates.shape[1] - self.n_y)
+        where = (*self.position, *(x[2 * m] for m in modes))
+        speeds = (*rate, *(x[2 * m + 1] for m in modes))
+        for n, values, name in ((self.bus_sizes["at"], where, "at"), (self.structure.n_rates, speeds, "speed")):
             for i in range(n):
-                self.bus[name][i] = self.weights["coordinates"].row(i, values) or self.zero
+                self.bus[name][i] = coordinates.row(i, values) or self.zero
 
     def _product(self, name: str, values: Sequence[Number], to: Cells) -> None:
         """Emit the product of a matrix with `values`."""
@@ -210,48 +217,6 @@ class Sample:
         self._apply(Site.HEAD)
         self._product("to_reading", [self.bus["head"][i] for i in range(self.n_s)], self.bus["reading"])
         self._apply(Site.READING)
-
-    def _control(self, sample: Any, k: Any) -> None:
-        """Emit the commands: feed-forward, feedback where the loop is closed, and learning."""
-        reference, feedforward = self.cells("reference"), self.cells("feedforward")
-        row = self.at.mul(k, _index(self.n_u))
-        for i in range(self.n_u):
-            column, command = self.at.add(row, _index(i)), self.bus["source"].part(2 + i)
-            command[0] = feedforward[column]
-            if self.weights["fd"].kinds[i] or self.weights["fb"].kinds[i].any():
-                with self.at.if_then(self.closed[i], likely=True):
-                    command[0] = command[0] + self._feedback(i, reference[column] - self.bus["reading"][i])
-            if self.structure.learning[i]:
-                self._learn(i, sample, reference[column] - self.bus["reading"][i], command)
-
-    def _feedback(self, i: int, error: Number) -> Number:
-        """Emit one sample of the block filter of an axis; return its output."""
-        a, b, c, x = (
-            self.weights["fa"],
-            self.weights["fb"],
-            self.weights["fc"],
-            self.mine["xf"].part(2 * self.n_blocks * i),
-        )
-        parts = []
-        for m in range(self.n_blocks):
-            x0, x1 = x[2 * m], x[2 * m + 1]
-            parts.append(c.term((i, m, 1), x1, c.term((i, m, 0), x0, None)))
-            for state in (0, 1):
-                kept = a.term((i, m, state, 1), x1, a.term((i, m, state, 0), x0, None))
-                x[2 * m + state] = b.term((i, m, state), error, kept) or self.zero
-        return self.weights["fd"].term((i,), error, added(parts)) or self.zero
-
-    def _learn(self, i: int, sample: Any, error: Number, command: Cells) -> None:
-        """Emit the call that adds the repetitive input of an axis to its command."""
-        self.scratch[0], self.scratch[1] = error, command[0]
-        now = self.at.add(self.whole["samples"], sample)
-        of_controller = [
-            f"ctl.{name}" for name in ("period", "lead", "learning", "taps", "gain", "la", "lb", "lc", "ld")
-        ]
-        names = ["length", "n_taps", "n_blocks_l", *of_controller, "xl", "ring", "learned"]
-        given = [self.whole[name] for name in names]
-        self.call("learn", [_index(i), now, *given, self.scratch.place(0), self.scratch.place(1)])
-        command[0] = self.scratch[1]
 
     def _drive(self, sample: Any) -> None:
         """Emit currents and the torques that they hold during this sample."""
@@ -269,15 +234,15 @@ class Sample:
     def _delayed(self, j: int, sample: Any, value: Number) -> Number:
         """Emit the commands of an input's past that stand for the delayed one, weighted."""
         at, depth, weights = self.at, self.whole["depth"], self.cells("delay_taps").part(TAPS * j)
-        queue = self.cells("queue").part(at.mul(_index(j), depth))
+        queue = self.cells("queue").part(at.mul(index(j), depth))
         now = at.add(self.whole["samples"], sample)
         queue[at.srem(now, depth)] = value
-        first = at.load(at.gep(at.inttoptr(self.whole["delay_first"], I64.as_pointer()), [_index(j)]))
+        first = at.load(at.gep(at.inttoptr(self.whole["delay_first"], I64.as_pointer()), [index(j)]))
         # never below zero, for the queue is deeper than the delay
         newest = at.sub(at.add(now, depth), first)
         out = self.zero
         for i in range(TAPS):
-            out = weights[i].times_plus(queue[at.srem(at.sub(newest, _index(i)), depth)], out)
+            out = weights[i].times_plus(queue[at.srem(at.sub(newest, index(i)), depth)], out)
         return out
 
     def _heat(self) -> None:
@@ -304,26 +269,35 @@ class Sample:
             force[m] = self.zero
         self._apply(Site.STRUCTURE)
         along = [force[m] for m in forces]
+        pushed = [self._onward(along, j) for j in range(self.n_u + self.n_pushed)]
         for j in range(self.n_u):
-            moving: Number | None = None
-            for m in forces:
-                moving = self.weights["levers"].term((m, j), along[m], moving)
-            if moving is not None:
-                onward = self.half[0].times_plus(moving - self.mine["past"][j], moving)
+            if (onward := pushed[j]) is not None:
                 torque[j] = torque[j] + onward
-            self.mine["past"][j] = moving or self.zero
             self.mine["acting"][j] = torque[j]
+        self.pushed = pushed[self.n_u :]
         self.half[0] = Number(self.at, ir.Constant(F64, 0.5))
+
+    def _onward(self, forces: Sequence[Number], j: int) -> Number | None:
+        """Emit what forces that depend on the motion do to input or mode `j`, extrapolated to mid-step."""
+        moving: Number | None = None
+        for m, force in enumerate(forces):
+            moving = self.weights["levers"].term((m, j), force, moving)
+        past = self.mine["past"]
+        onward = None if moving is None else self.half[0].times_plus(moving - past[j], moving)
+        past[j] = moving or self.zero
+        return onward
 
     def _advance(self) -> None:
         """Emit the step of every mode under the held torque."""
-        a, b, x = self.weights["a"], self.weights["b"], self.mine["x"]
+        a, b, push, x = self.weights["a"], self.weights["b"], self.weights["push"], self.mine["x"]
         for m in range(self.n_modes):
             now = x[2 * m], x[2 * m + 1]
             for state in (0, 1):
                 on = a.term((m, state, 1), now[1], a.term((m, state, 0), now[0], None))
                 for d in range(self.driven[m], self.driven[m + 1]):
                     on = b.term((d, state), self.mine["acting"][self.driven_by[d]], on)
+                if m < self.n_pushed and (force := self.pushed[m]) is not None:
+                    on = push.term((m, state), force, on)
                 x[2 * m + state] = on or self.zero
 
     def _apply(self, site: Site) -> None:
@@ -336,8 +310,8 @@ class Sample:
             return
         batch, address = (self.at.inttoptr(self.whole[name], I64.as_pointer()) for name in ("batch", "address"))
         for b in range(*whole(self.structure.sites)[site : site + 2].tolist()):
-            first, end = (self.at.load(self.at.gep(batch, [_index(i)])) for i in (b, b + 1))
-            wires = self.at.add(self.whole["wires"], self.at.mul(first, _index(8 * WIRES)))
+            first, end = (self.at.load(self.at.gep(batch, [index(i)])) for i in (b, b + 1))
+            wires = self.at.add(self.whole["wires"], self.at.mul(first, index(8 * WIRES)))
             kind = ir.FunctionType(ir.VoidType(), [I64, I64.as_pointer(), F64])
             function = self.at.inttoptr(self.at.load(self.at.gep(address, [first])), kind.as_pointer())
             pointer = self.at.inttoptr(wires, I64.as_pointer())
@@ -388,10 +362,6 @@ class Sample:
         place = at.add(self.whole["first"], sample)
         for name, numbers in kept.items():
             columns = self.whole[f"columns.{name}"]
-            with at.if_then(at.icmp_signed(">", columns, _index(0)), likely=True):
+            with at.if_then(at.icmp_signed(">", columns, index(0)), likely=True):
                 for j, number in enumerate(numbers):
-                    self.cells(f"out.{name}")[at.add(at.mul(_index(j), columns), place)] = number
-
-
-def _index(i: int) -> ir.Constant:
-    return ir.Constant(I64, i)
+                    self.cells(f"out.{name}")[at.add(at.mul(index(j), columns), place)] = number

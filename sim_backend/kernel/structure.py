@@ -18,7 +18,7 @@ NO_DELAY = 0
 """Columns of a queue in which nothing waits."""
 
 _WEIGHTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("plant", ("a", "b", "c", "d", "rate_d")),
+    ("plant", ("a", "b", "push", "c", "d", "rate_d")),
     ("hw", ("to_current", "to_torque", "to_heads", "to_reading")),
     ("ctl", ("fa", "fb", "fc", "fd")),
     ("fx", ("coordinates", "levers")),

@@ -32,7 +32,7 @@ NO_GAIN_YET = {
 
 NOT_YET = {
     "200 mV": "the corrected model is no better there than the linear one",
-    "300 mV": "further kinds of cause beside the hysteresis gain nothing",
+    "300 mV": "modes soften with the level where no drive is (docs/decisions/0019-a-mode-is-a-place.md)",
 }
 """Levels at which the aim is missed; docs/diagnosis-limits.md has the errors."""
 

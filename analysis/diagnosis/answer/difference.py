@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sim_backend.effects import effect_class
 from sim_backend.model import EffectEntry, Mode, Model, Quantity, Value, number
+from sim_backend.modes import units_at
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,7 @@ def changes(nominal: Model, extended: Model) -> list[Change]:
 
 def unit_of(entry: EffectEntry, parameter: str, model: Model) -> str:
     """Return the unit of an effect's parameter at its place in `model`; empty for a parameter it has not."""
-    target = entry.where.rpartition("->")[2]
-    u = next((p.unit for p in model.inputs if p.dof == target), model.inputs[0].unit)
-    y = next((p.unit for p in model.outputs if p.dof == target), model.outputs[0].unit)
+    u, y = units_at(model, entry.where)
     for p in effect_class(entry.effect).parameters():
         if p.name == parameter:
             return p.dimension.unit(u, y)

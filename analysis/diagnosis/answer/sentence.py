@@ -13,6 +13,9 @@ from analysis.pages.quantities import chance, share
 SIGNIFICANT = 1e-3
 """Evidence with a larger p-value, counted over all curves of its domain, is not spoken of."""
 
+_MANY = 4
+"""Places of one kind of cause that are all told."""
+
 
 def sentence(
     verdict: Verdict,
@@ -53,7 +56,7 @@ def _verdict(
     if verdict == "unknown":
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
-    listed = " and ".join(f"{c.effect} at {c.where}" for c in causes)
+    listed = _listed(causes)
     sure = f" (probability {min((c.probability for c in causes), default=0.0):.1%})"
     if verdict == "ambiguous":
         choice = " or ".join(", ".join(group) for group in tied)
@@ -61,6 +64,20 @@ def _verdict(
         return f"{start} these data cannot tell which of {choice} it is{_gained(gain, 'the best of them')}."
     why = "; ".join(dict.fromkeys(c.why for c in causes))
     return f"The simulation lacks {listed}{sure}: {why}{_gained(gain, 'it' if len(causes) == 1 else 'them')}."
+
+
+def _listed(causes: Sequence[Cause]) -> str:
+    """Return what the causes are and where, each kind once; of many places the first and the last."""
+    places: dict[str, list[str]] = {}
+    for cause in causes:
+        places.setdefault(cause.effect, []).append(cause.where)
+    parts = []
+    for effect, where in places.items():
+        if len(where) > _MANY:
+            parts.append(f"{effect} at {len(where)} places from {where[0]} to {where[-1]}")
+        else:
+            parts.append(f"{effect} at {' and '.join(filter(None, (', '.join(where[:-1]), where[-1])))}")
+    return (", and " if len(parts) < len(causes) else " and ").join(parts)
 
 
 def _gained(gain: Gain | None, what: str) -> str:

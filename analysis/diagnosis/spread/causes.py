@@ -21,10 +21,11 @@ from analysis.diagnosis.spread.lattice import rounded_readings
 from analysis.diagnosis.spread.repeats import lost_samples
 from analysis.diagnosis.spread.shaking import shaking
 from analysis.diagnosis.spread.uneven_noise import uneven_noise
-from analysis.diagnosis.verdict.judging import Judgement, units_of
+from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.base import Effect
 from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.model import Model
+from sim_backend.modes import units_at
 
 KINDS = 4
 """What is asked of every output: lattice, repeats, uneven noise, and noise that came through the plant."""
@@ -108,7 +109,7 @@ class Spread:
 
 
 def _estimates(cause: Chance, model: Model) -> dict[str, Estimate]:
-    u, y = units_of(cause.effect, model)
+    u, y = units_at(model, cause.effect.where)
     dimensions = {p.name: p.dimension for p in cause.effect.parameters()}
     return {
         name: Estimate(float(getattr(cause.effect, name)), std, dimensions[name].unit(u, y))

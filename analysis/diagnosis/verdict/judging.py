@@ -20,8 +20,9 @@ from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
-from sim_backend.effects.base import UNLISTED, Effect, Site
+from sim_backend.effects.base import UNLISTED, Site
 from sim_backend.model import Model
+from sim_backend.modes import units_at
 
 _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
@@ -340,7 +341,7 @@ def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, 
     causes = []
     for i in judgement.named:
         effect = best.effects[i]
-        u, y = units_of(effect, model)
+        u, y = units_at(model, effect.where)
         spread = np.sqrt(judgement.inflation)
         estimates = {}
         for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True):
@@ -350,11 +351,3 @@ def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, 
         why = f"the residual {effect.symptom}"
         causes.append(Cause(effect.reported(), effect.where, judgement.probability, estimates, why))
     return tuple(causes)
-
-
-def units_of(effect: Effect, model: Model) -> tuple[str, str]:
-    """Return the units of input and output at the place of an effect."""
-    target = effect.where.rpartition("->")[2]
-    u = next((p.unit for p in model.inputs if p.dof == target), model.inputs[0].unit)
-    y = next((p.unit for p in model.outputs if p.dof == target), model.outputs[0].unit)
-    return u, y

@@ -46,7 +46,7 @@ def test_its_frequency_and_size_are_right_although_no_phase_serves_all() -> None
 
 
 def test_a_weak_line_pays_for_what_its_phases_are_known_to() -> None:
-    """Eight standard deviations in all: two phases cost 5 in the logarithm of the evidence, not 10, that of all rows."""
+    """Eight standard deviations in all: two phases cost 5 in the logarithm of the evidence, not 10 by all rows."""
     others = tuple(e.reported() for e in EFFECTS if e is not VibrationLine)
     answer = abs(1.0 / (1.0 - (FREQUENCY_HZ / RESONANCE_HZ) ** 2))  # above the resonance, where damping is little
     data = _data(size=8.0 * np.sqrt(2.0 / sum(ROWS)) * NOISE / answer)

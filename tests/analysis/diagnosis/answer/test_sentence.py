@@ -54,6 +54,18 @@ def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
     assert "adding them takes the held-out error from 25.0 % to 1.25 %" in text
 
 
+def test_a_kind_of_cause_at_several_places_is_told_once() -> None:
+    def at(effect: str, *places: str) -> list[Cause]:
+        return [Cause(effect, where, 0.999, {}, f"the residual is {effect}") for where in places]
+
+    three = sentence("named", at("hysteresis", "piezo_1", "piezo_2", "piezo_3"), (), GAIN, {})
+    assert three.startswith("The simulation lacks hysteresis at piezo_1, piezo_2 and piezo_3 (probability 99.9%):")
+    two = sentence("named", [*at("hysteresis", "x", "y"), *at("sensor-gain", "x")], (), GAIN, {})
+    assert two.startswith("The simulation lacks hysteresis at x and y, and sensor-gain at x (probability")
+    many = sentence("named", at("extra-resonance", *(f"axis_{i}" for i in range(7))), (), GAIN, {})
+    assert many.startswith("The simulation lacks extra-resonance at 7 places from axis_0 to axis_6 (probability")
+
+
 def test_a_gain_that_noise_may_be_is_said_to_be_none() -> None:
     gain = Gain(("run#a",), 0.0717, 0.0719, 0.0686, -0.003, (-0.01, 0.013))
     text = sentence("named", (cause("hysteresis", "the residual is a loop"),), (), gain, {})
