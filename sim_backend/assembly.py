@@ -13,7 +13,7 @@ from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.compiled import WIRES, reads
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
-from sim_backend.linear import ModalModel, delay_taps, discretise, pushed
+from sim_backend.linear import ModalModel, delay_taps, discretise
 from sim_backend.model import Hardware, Model, number
 from sim_backend.modes import is_mode, mode_of, reach_of
 
@@ -121,7 +121,7 @@ def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
         driven=np.searchsorted(mode, np.arange(linear.n_blocks + 1)),
         driven_by=np.ascontiguousarray(by),
         b=np.ascontiguousarray(fine.b[mode, :, by]),
-        push=pushed(linear, rate_hz * substeps),
+        push=_pushed(linear, fine.a),
         seen=np.searchsorted(output, np.arange(linear.n_outputs + 1)),
         seen_mode=np.ascontiguousarray(seen),
         c=np.ascontiguousarray(gains[output, seen]),
@@ -133,6 +133,17 @@ def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
         substeps=substeps,
         feedthrough=int(np.any(linear.d != 0.0)),
     )
+
+
+def _pushed(linear: ModalModel, step: Array) -> Array:
+    """Return what a unit force on each mode alone, held for one `step` (m, 2, 2), adds to its states, shape (m, 2).
+
+    It moves the rest to 1/omega², and the way there is that of a mode let go: (1 - step) of that deflection. A rigid
+    body, which has no such rest, is no place for a force.
+    """
+    omega_2 = linear.omega_rad_s**2
+    rest = np.divide(1.0, omega_2, out=np.zeros_like(omega_2), where=omega_2 > 0.0)
+    return np.ascontiguousarray((np.array([1.0, 0.0]) - step[:, :, 0]) * rest[:, None])
 
 
 def transducers_of(model: Model) -> layout.Transducers:

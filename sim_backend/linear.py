@@ -220,14 +220,6 @@ def delay_taps(delay_samples: float) -> Taps:
     return Taps(first, weights, slopes)
 
 
-def pushed(model: ModalModel, rate_hz: float) -> Array:
-    """Return what a unit force on each block alone, held for one sample, adds to its two states, shape (m, 2)."""
-    joint = np.zeros((model.n_blocks, 3, 3))
-    joint[:, 0, 1] = joint[:, 1, 2] = 1.0
-    joint[:, 1, 0], joint[:, 1, 1] = -(model.omega_rad_s**2), -2.0 * model.sigma_1_s
-    return np.ascontiguousarray(expm(joint / rate_hz)[:, :2, 2])
-
-
 def discretise(model: ModalModel, rate_hz: float) -> DiscreteModel:
     """Return the exact zero-order-hold equivalent of `model` at `rate_hz`, block by block.
 
