@@ -20,7 +20,7 @@ from analysis.diagnosis.fitting.starts import without_starts
 from analysis.diagnosis.noise.whitener import Bands
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.spread.chance import Chance
-from analysis.diagnosis.spread.whittle import Band, Start, Whittle, series_of, spectrum_of
+from analysis.diagnosis.spread.whittle import Band, Series, Start, Whittle, series_of, spectrum_of
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.broadband_vibration import BroadbandVibration
 from sim_backend.effects.command_quantisation import CommandQuantisation
@@ -47,16 +47,21 @@ _THERE = 0.1
 """Part of the filtered noise from which a band makes it louder."""
 
 _CHUNK = 2048
-_STEADY = 0.5
-"""Whether the band is there as well when little moves, at least to this part, is seen on chunks of so many rows."""
+"""Whether the band is there as well when little moves is seen on chunks of so many rows."""
+
+_AS_STRONG = 0.5
+"""A band is the same noise in two places where it has at least this part of its power in either."""
 
 
 def shaking(setting: Setting, fit: Fit) -> list[Chance]:
     """Return the broadband vibration that the noise shows, if there is one."""
     series = _series(setting, fit)
-    whittle = _whittle(setting, fit, [x for x, _ in series])
+    whittle = _whittle(setting, fit, [one.rows for one in series])
     found = None if whittle is None else _best(whittle, _resolution(setting, series))
-    if whittle is None or found is None or not _steady(setting, linear_of(setting, fit), series, found.band):
+    if whittle is None or found is None:
+        return []
+    linear = linear_of(setting, fit)
+    if not (_steady(setting, linear, series, found.band) and _random(setting, linear, series, found.band)):
         return []
     place = setting.places.inputs[found.band.input]
     known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
@@ -67,7 +72,7 @@ def shaking(setting: Setting, fit: Fit) -> list[Chance]:
 def noise_evidence(setting: Setting, fit: Fit) -> float:
     """Return the logarithm of the evidence of what does not repeat under the best floor, with or without a torque."""
     series = _series(setting, fit)
-    whittle = _whittle(setting, fit, [x for x, _ in series])
+    whittle = _whittle(setting, fit, [one.rows for one in series])
     if whittle is None:
         return 0.0
     found = _best(whittle, _resolution(setting, series))
@@ -75,7 +80,7 @@ def noise_evidence(setting: Setting, fit: Fit) -> float:
     return _nothing(whittle)[0] + (max(found.evidence + max(-found.lead, 0.0), 0.0) if found else 0.0)
 
 
-def _series(setting: Setting, fit: Fit) -> list[tuple[Array, Array]]:
+def _series(setting: Setting, fit: Fit) -> list[Series]:
     # a start rings in the modes, as a random torque does, but once
     linear = linear_of(setting, fit)
     rest = without_starts(setting.data, linear, setting.whitener, fit.residuals)
@@ -91,8 +96,8 @@ def _whittle(setting: Setting, fit: Fit, series: Sequence[Array]) -> Whittle | N
     return None if spectrum is None else Whittle.of(spectrum, linear_of(setting, fit), setting.data.rate_hz)
 
 
-def _resolution(setting: Setting, series: Sequence[tuple[Array, Array]]) -> float:
-    return setting.data.rate_hz / max(x.shape[0] for x, _ in series)
+def _resolution(setting: Setting, series: Sequence[Series]) -> float:
+    return setting.data.rate_hz / max(one.rows.shape[0] for one in series)
 
 
 def _white(setting: Setting, residual: Array) -> Array:
@@ -211,23 +216,34 @@ def _starts(whittle: Whittle, floor: Array, terms: int) -> tuple[list[Start], in
     return starts, 2 * centres.size * whittle.gain.shape[1]
 
 
-def _steady(setting: Setting, linear: ModalModel, series: Sequence[tuple[Array, Array]], band: Band) -> bool:
+def _steady(setting: Setting, linear: ModalModel, series: Sequence[Series], band: Band) -> bool:
     """Tell whether the band is there as well in the half of the rows in which less is played."""
     chunks = [
-        (x[a : a + _CHUNK], float(motion[a : a + _CHUNK].mean()))
-        for x, motion in series
-        for a in range(0, max(x.shape[0] - _CHUNK // 2, 1), _CHUNK)
+        (one.rows[a : a + _CHUNK], float(one.motion[a : a + _CHUNK].mean()))
+        for one in series
+        for a in range(0, max(one.rows.shape[0] - _CHUNK // 2, 1), _CHUNK)
     ]
     middle = float(np.median([size for _, size in chunks]))
-    halves = [[x for x, size in chunks if (size > middle) is loud] for loud in (False, True)]
+    quiet, loud = ([x for x, size in chunks if (size > middle) is much] for much in (False, True))
+    return _as_strong(setting, linear, quiet, loud, band)
+
+
+def _random(setting: Setting, linear: ModalModel, series: Sequence[Series], band: Band) -> bool:
+    """Tell whether the band is there as well in what is noise alone: an error of the model would repeat there."""
+    alone, rest = ([one.rows for one in series if one.alone is noise] for noise in (True, False))
+    return _as_strong(setting, linear, alone, rest, band)
+
+
+def _as_strong(setting: Setting, linear: ModalModel, here: Sequence[Array], there: Sequence[Array], band: Band) -> bool:
+    """Tell whether a band may be as strong in some series as in others; it may be where there are too few rows."""
     seen = []
-    for half in halves:
-        spectrum = spectrum_of(setting, half)
+    for part in (here, there):
+        spectrum = spectrum_of(setting, part)
         if spectrum is None:
             return True
         seen.append(Whittle.of(spectrum, linear, setting.data.rate_hz).strength(band))
-    (quiet, first), (loud, second) = seen
-    return quiet > _STEADY * loud - 4.0 * math.hypot(first, _STEADY * second)
+    (one, first), (other, second) = seen
+    return one > _AS_STRONG * other - 4.0 * math.hypot(first, _AS_STRONG * second)
 
 
 def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Chance:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,11 +91,20 @@ def resonator(frequency_hz: Array, centre_hz: float, width_hz: float, steep: boo
     return np.asarray(half / np.pi * (1.0 / below + 1.0 / above))
 
 
-def series_of(setting: Setting, record: Record, white: Array) -> list[tuple[Array, Array]]:
-    """Return what does not repeat in the fitted rows of `white` (n, n_y): series (m, n_y) and the motion's size.
+class Series(NamedTuple):
+    """Rows that hold noise, whitened (m, n_y), and how much was played: `motion` (m,).
 
-    The second of each pair is (m,), the squared input in units of its mean square, summed over the inputs.
+    That is the squared input in units of its mean square, summed over the inputs. Where periods repeat the rows are
+    noise `alone`; elsewhere they are what a model leaves.
     """
+
+    rows: Array
+    motion: Array
+    alone: bool
+
+
+def series_of(setting: Setting, record: Record, white: Array) -> list[Series]:
+    """Return what does not repeat in the fitted rows of `white` (n, n_y)."""
     size = np.maximum(setting.data.u_scale(), np.finfo(float).tiny)
     motion = np.sum((record.u / size) ** 2, axis=1)
     out = []
@@ -107,12 +117,12 @@ def series_of(setting: Setting, record: Record, white: Array) -> list[tuple[Arra
         if whole - first < 2:
             mask = np.zeros(record.n, dtype=bool)
             mask[start : w.stop] = True
-            out += [(white[a:b], motion[a:b]) for a, b in runs_of(mask)]
+            out += [Series(white[a:b], motion[a:b], False) for a, b in runs_of(mask)]
             continue
         begin = w.start + first * w.period
         periods = white[begin : w.start + whole * w.period].reshape(whole - first, w.period, -1)
         played = motion[begin : begin + w.period]
-        out += [(np.tensordot(row, periods, axes=1), played) for row in helmert(whole - first)]
+        out += [Series(np.tensordot(row, periods, axes=1), played, True) for row in helmert(whole - first)]
     return out
 
 

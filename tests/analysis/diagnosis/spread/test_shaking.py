@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.spread.shaking import shaking
 from analysis.diagnosis.spread.whittle import resonator
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
@@ -104,6 +106,23 @@ def test_what_shakes_only_while_much_is_played_is_no_vibration() -> None:
     force = np.repeat(np.where(np.arange(N // 4000) % 2 == 0, 0.02, 1.0), 4000)
     residual = _noise(rng) + moved(force * 0.03 * _band(rng, 30.0, 6.0))
     assert shaking(*setting_of(force, moved(force) + residual, residual, 0.01)) == []
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+def test_what_repeats_with_what_is_played_is_no_vibration(repeats: bool) -> None:
+    """It is an error of the model then, which looks like a band of noise where nothing is played twice."""
+    rng = np.random.default_rng(12)
+    half, period = N // 2, N // 8
+    force = np.concatenate([np.tile(rng.uniform(-1.0, 1.0, period), 4), rng.uniform(-1.0, 1.0, half)])
+    shake = 0.02 * _band(rng, 30.0, 6.0)
+    if repeats:
+        shake[:half] = np.tile(shake[:period], 4)
+    residual = _noise(rng) + moved(shake)
+    setting, fit = setting_of(force, moved(force) + residual, residual, 0.01, period)
+    (record,) = setting.data.records
+    windows = (Window("multisine", 0, half, period=period), Window("loops", half, N))
+    setting = replace(setting, data=replace(setting.data, records=(replace(record, windows=windows),)))
+    assert len(shaking(setting, fit)) == (0 if repeats else 1)
 
 
 @pytest.mark.parametrize("steep", [True, False])
