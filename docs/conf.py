@@ -58,7 +58,7 @@ def contradictions_page() -> str:
 
 def effects_page() -> str:
     """Return the library of effects: what each looks like, its parameters, and what it is called."""
-    from sim_backend.effects import EFFECTS
+    from sim_backend.effects import NAMED
 
     parts = [
         "# The library of effects",
@@ -66,7 +66,7 @@ def effects_page() -> str:
         "are those of a bench driven in N m and read in rad. A *size* makes the effect grow, a *shape* forms it, a "
         "*constant* is stated and not searched. `mccd model effects` prints the same.",
     ]
-    for effect in EFFECTS:
+    for effect in NAMED:
         named = "" if effect.name == effect.reported() else f" It is named **{effect.reported()}**."
         parts += [
             f"## {effect.name}",

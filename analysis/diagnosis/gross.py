@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from analysis.diagnosis.fitting.balance import settled_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.inside import in_modes
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
 from analysis.diagnosis.nominal.tuning import REACH
 from analysis.diagnosis.search.gram import Gram
@@ -26,6 +28,7 @@ from analysis.diagnosis.search.rounds import Found, Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
+from sim_backend.modes import is_mode
 
 Array = NDArray[np.float64]
 
@@ -42,8 +45,17 @@ _STEPS, _ROUNDS = 6, 5
 _SETTLED = 0.05
 """A fit that gained less than this part in its last steps goes on no more."""
 
+_MATERIAL = 0.1
+"""Part of all that the model misses that has to be taken by what happens in the modes and by what is beside it."""
+
+_NEAR = 3.0
+"""A cause without the modes that leaves so many times more, after as many steps as all, will not come near."""
+
 _GROSS = 5.0
 """Ratio of a residual to repeating noise beyond which what is left is an error of the model and next to no noise."""
+
+_COARSER = 4
+"""So many times longer steps than a small torque would ask for: the error of the model is many times the noise."""
 
 _LEAST_SHARE = 0.5
 """The main cause explains at least so much of the squared error."""
@@ -85,8 +97,11 @@ def _left(setting: Setting) -> tuple[Array, ...]:
 
 def _noises(found: Found) -> float:
     """Return how many times the noise the best fit leaves."""
-    best = found.best
-    return float(np.sqrt(best.misfit / best.rows) / found.setting.whitener.even)
+    return _above(found.setting, found.best)
+
+
+def _above(setting: Setting, fit: Fit) -> float:
+    return float(np.sqrt(fit.misfit / fit.rows) / setting.whitener.even)
 
 
 def still_gross(found: Found) -> bool:
@@ -100,31 +115,73 @@ def still_gross(found: Found) -> bool:
 def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
 
-    The rivals begin with the best fit itself and with where it stood after as many steps as the other kinds have had.
+    What happens in the modes may be beside it, or in its place. The rivals begin with the best fit itself and with
+    where it stood after as many steps as the other kinds have had.
     """
-    progress("screening the kinds of causes", 0.05)
+    setting = replace(setting, substeps=-(-setting.substeps // _COARSER))
+    progress("looking into the modes", 0.02)
+    rows = _independent_rows(setting, tuned)
+    inside = in_modes(setting, tuned, partial(_cost, rows=rows), rules.without)
+    beside = inside or tuned
+    progress("screening the kinds of causes", 0.2)
     everything = replace(rules, effects=(*rules.effects, UnlistedForce))
-    (gram,), candidates = gram_beside(setting, tuned, everything, scales)
+    (gram,), candidates = gram_beside(setting, beside, everything, scales)
     first = evidence_of(gram, candidates, rules)
-    kinds = _kinds(gram, candidates, first)
-    if not kinds:
-        return Found(setting, tuned, tuned, (tuned,), first, first, 0.0, Leeway((), (0.0,)))
-    fits = []
-    for k, kind in enumerate(kinds):
-        progress(f"fitting {_told(kind.candidates)}", 0.2 + 0.3 * k / len(kinds))
-        start = np.clip(tuned.change + kind.knobs[: tuned.change.size], -REACH, REACH)
-        fits.append(refit(setting, kind.candidates, kind.sizes, start, steps=_STEPS, strong=True))
-    rows = _independent_rows(setting, min(fits, key=lambda fit: fit.misfit))
-    fits.sort(key=lambda fit: _cost(fit, rows))
-    best = _settled(setting, fits[0], progress)
+    more = inside is None or _above(setting, inside) > 1.0  # there is nothing to explain in noise
+    kinds = _kinds(gram, candidates, first) if more else []
+    fits = [_fitted(setting, beside, kind, 0.3 + 0.3 * k / len(kinds), progress) for k, kind in enumerate(kinds)]
+    rows = _independent_rows(setting, min([beside, *fits], key=_misfit))
+    fits.sort(key=partial(_cost, rows=rows))
+    best = _settled(setting, fits[0], progress) if fits else beside
+    if inside and fits:
+        best = _needed(setting, tuned, inside, best, progress)
+    if not fits or all(is_mode(c.where) for c in best.candidates):
+        fits = [best]
     worth = tuned.misfit - best.misfit
     return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, Leeway((), (worth,)))
+
+
+def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: Progress) -> Fit:
+    """Return the fit of a kind of cause beside what is there already, from where screening has it begin.
+
+    Where that is no better than nothing, it begins with nothing: screening is right to first order only.
+    """
+    progress(f"fitting {_told(kind.candidates)}", part)
+    held, sizes = beside.held()
+    start = np.clip(beside.change + kind.knobs[: beside.change.size], -REACH, REACH)
+    both = [*kind.candidates, *held]
+    fit = refit(setting, both, np.append(kind.sizes, sizes), start, steps=_STEPS, strong=True)
+    if fit.misfit < beside.misfit or not held:
+        return fit
+    return refit(setting, both, np.append(0.0 * kind.sizes, sizes), beside.change, steps=_STEPS, strong=True)
+
+
+def _needed(setting: Setting, tuned: Fit, inside: Fit, both: Fit, progress: Progress) -> Fit:
+    """Return a cause beside what happens in the modes where both are needed, else the one that is.
+
+    Each has to be worth being sure of beside the other, and to matter: where every row counts, a small error of the one
+    is evidence for the other. What happens in the modes matters by what it takes beside the cause, the cause by what it
+    takes by itself, of all that the model misses.
+    """
+    within = [i for i, c in enumerate(both.candidates) if is_mode(c.where)]
+    alone, rest = (
+        refit(setting, *both.held(keep), both.change, steps=_STEPS, strong=True)
+        for keep in ([i for i in range(len(both.candidates)) if i not in within], within)
+    )
+    inside = min(inside, rest, key=_misfit)
+    if alone.misfit < _NEAR * both.misfit:
+        alone = _settled(setting, alone, progress)
+    cost = partial(_cost, rows=_independent_rows(setting, min(alone, inside, both, key=_misfit)))
+    lead, material = 2.0 * SURE_LEAD, _MATERIAL * tuned.misfit
+    if alone.misfit < both.misfit + material or cost(alone) < cost(both) + lead:
+        return alone
+    return both if alone.misfit < tuned.misfit - material and cost(both) < cost(inside) - lead else inside
 
 
 def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
     """Return a fit gone on with until a few more steps gain little."""
     for again in range(_ROUNDS):
-        progress(f"going on with {_told(fit.candidates)}", 0.5 + 0.3 * again / _ROUNDS)
+        progress(f"going on with {_told(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
         (held, sizes), before = fit.held(), fit.misfit
         fit = refit(setting, held, sizes, fit.change, steps=_STEPS, strong=True)
         if fit.misfit > (1.0 - _SETTLED) * before:
@@ -132,8 +189,15 @@ def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
     return fit
 
 
+def _misfit(fit: Fit) -> float:
+    return fit.misfit
+
+
 def _told(candidates: Sequence[Candidate]) -> str:
-    return f"{candidates[0].effect.name} at {', '.join(c.where for c in candidates)}"
+    places: dict[str, list[str]] = {}
+    for c in candidates:
+        places.setdefault(c.effect.name, []).append(c.where)
+    return " and ".join(f"{name} at {', '.join(where)}" for name, where in places.items())
 
 
 def _cost(fit: Fit, rows: float) -> float:

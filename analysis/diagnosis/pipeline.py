@@ -34,7 +34,7 @@ from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
-from sim_backend.effects import EFFECTS, make_effect
+from sim_backend.effects import EFFECTS, NAMED, make_effect
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError, did_you_mean
@@ -68,7 +68,7 @@ class Options:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        reported = {e.reported() for e in EFFECTS} | {e.name for e in EFFECTS}
+        reported = {e.reported() for e in NAMED} | {e.name for e in NAMED}
         unknown = sorted(set(self.without) - reported)
         if unknown:
             near = did_you_mean(unknown[0], reported)
@@ -111,7 +111,7 @@ def search_causes(
     transducers = transducers_of(model)
     workers = options.workers
     setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, still, first, workers, added)
-    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed)
+    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, options.without)
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
         found = main_cause(*gross, rules, scales, progress)

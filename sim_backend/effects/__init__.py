@@ -95,11 +95,16 @@ EFFECTS: tuple[type[Effect], ...] = (
 NOISES: tuple[type[Effect], ...] = (AmplifierNoise, SensorNoise)
 """What every bench has and no diagnosis names: the noise floor."""
 
-BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial, SensorOffset, SlowSoftening)
-"""What a model can hold and no diagnosis searches: the paper's own description of an effect, a bench's own zero, a
-softening that lies in modes."""
+BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial, SensorOffset)
+"""What a model can hold and no diagnosis searches: the paper's own description of an effect, a bench's own zero."""
 
-_BY_NAME = {e.name: e for e in (*EFFECTS, *NOISES, *BENCH_ONLY)}
+INSIDE: tuple[type[Effect], ...] = (SlowSoftening,)
+"""What a diagnosis can name in the modes themselves, beside a main cause (see `analysis.diagnosis.inside`)."""
+
+NAMED: tuple[type[Effect], ...] = (*EFFECTS, *INSIDE)
+"""Everything that a diagnosis can name."""
+
+_BY_NAME = {e.name: e for e in (*NAMED, *NOISES, *BENCH_ONLY)}
 
 
 def effect_class(name: str) -> type[Effect]:
@@ -128,6 +133,8 @@ def make_effect(name: str, where: str, parameters: Mapping[str, float]) -> Effec
 __all__ = [
     "BENCH_ONLY",
     "EFFECTS",
+    "INSIDE",
+    "NAMED",
     "NOISES",
     "Aux",
     "Dimension",

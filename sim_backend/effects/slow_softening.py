@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.effects.base import Effect, Site, constant, size
+from sim_backend.effects.base import Effect, Site, constant, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
@@ -41,7 +41,7 @@ class SlowSoftening(Effect):
 
     softening: float = size("stiffness lost at the level", u=1, y=-1, low=0.0)
     level: float = constant("rms deflection at which so much is lost", 1e-3, y=1, low=1e-15)
-    memory: float = constant("time over which the deflection is averaged", 1.0, s=1, low=1e-6)
+    memory: float = shape("time over which the deflection is averaged", 1.0, s=1, low=1e-6)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim_backend.bench import Segment
-from sim_backend.effects import BENCH_ONLY, EFFECTS, NOISES, Aux, Dimension, Site, effect_class, make_effect
+from sim_backend.effects import BENCH_ONLY, EFFECTS, INSIDE, NOISES, Aux, Dimension, Site, effect_class, make_effect
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
@@ -18,7 +18,7 @@ from sim_backend.model import EffectEntry, Hardware, Mode, Model, Port, Ring
 from sim_backend.simbench import SimBench
 from tests.sim_backend.effects.along import along
 
-ALL = (*EFFECTS, *NOISES, *BENCH_ONLY)
+ALL = (*EFFECTS, *INSIDE, *NOISES, *BENCH_ONLY)
 STEPPED = [cls for cls in ALL if cls.step is not None]
 RATE_HZ = 10_000.0
 N = 2000

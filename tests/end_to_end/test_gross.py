@@ -1,5 +1,7 @@
 """Two drives that lag behind themselves, two sensors beside neither: the gross cause is named, at both drives.
 
+So is what happens in the modes beside it, where neither a drive nor a sensor stands.
+
 The bench is simulated here by a scheme of its own: midpoint steps, twenty to a sample, with plays of Prandtl and
 Ishlinskii in the drives. The linear model is fitted to its records.
 """
@@ -9,12 +11,14 @@ from __future__ import annotations
 import tomllib
 
 import numpy as np
+import pytest
 from numba import njit
 
 from tests.end_to_end.unknown_bench import diagnosis, identified, imported
 
 RATE_HZ, PERIOD, FINER = 1000.0, 2048, 20
 LEVELS_V = (0.5, 1.0, 2.0)
+SOFTENING = 0.006  # of a mode's stiffness per unit of its rms
 OMEGA = 2.0 * np.pi * np.array([61.0, 88.0])
 SHAPES = np.array([[0.8, 0.6], [-0.5, 0.9]])  # of each mode at the two drives
 AT_DRIVE = np.ascontiguousarray(SHAPES.T)
@@ -42,15 +46,20 @@ settings = {{ level_v = {level} }}
 
 
 @njit
-def played(u, hysteresis, y):
-    """Fill `y` (n, 2) with what the sensors see of drives `u` (n, 2), starting at rest."""
+def played(u, hysteresis, softening, y):
+    """Fill `y` (n, 2) with what the sensors see of drives `u` (n, 2), starting at rest.
+
+    A mode loses the part `softening` of its stiffness per unit of its rms, which it remembers for 0.4 s.
+    """
     q, v, h = np.zeros(2), np.zeros(2), 1.0 / RATE_HZ / FINER
     reaches, weights = np.array([0.3, 0.9, 2.0, 4.0]), np.array([0.10, 0.07, 0.05, 0.05])
-    slid = np.zeros((2, 4))
+    slid, square, since = np.zeros((2, 4)), np.zeros(2), 0.0
     for k in range(u.shape[0]):
         y[k] = SEEN @ q
         for _ in range(FINER):
             middle, rate = q + 0.5 * h * v, v
+            since += h
+            square += h / min(since, 0.4) * (middle**2 - square)
             force = u[k].copy()
             for j in range(2):
                 x = AT_DRIVE[j] @ middle
@@ -58,11 +67,12 @@ def played(u, hysteresis, y):
                     slid[j, i] = min(max(slid[j, i], x - reaches[i]), x + reaches[i])
                     force[j] -= hysteresis * weights[i] * (x - slid[j, i])
             for m in range(2):
-                a = OMEGA[m] ** 2 * (SHAPES[m] @ force - middle[m]) - 2.0 * 0.02 * OMEGA[m] * rate[m]
+                held = 1.0 - softening * np.sqrt(square[m])
+                a = OMEGA[m] ** 2 * (SHAPES[m] @ force - held * middle[m]) - 2.0 * 0.02 * OMEGA[m] * rate[m]
                 q[m], v[m] = q[m] + h * (v[m] + 0.5 * h * a), v[m] + h * a
 
 
-def recorded(folder, hysteresis: float) -> dict:
+def recorded(folder, hysteresis: float, softening: float = 0.0) -> dict:
     """Write four multisines per level, the last of them held out, and return their diagnosis."""
     rng = np.random.default_rng(5)
     lines = np.arange(4, 400)
@@ -84,7 +94,7 @@ def recorded(folder, hysteresis: float) -> dict:
             for r in range(count):
                 whole = np.concatenate([u[:, :, r, 0]] * 4)
                 out = np.zeros_like(whole)
-                played(np.ascontiguousarray(whole), hysteresis, out)
+                played(np.ascontiguousarray(whole), hysteresis, softening, out)
                 y[:, :, r, :] = out[2 * PERIOD :].reshape(2, PERIOD, 2).transpose(1, 2, 0)
             y += 1e-9 * rng.standard_normal(y.shape)
             name = f"{label.strip()}{level:g}"
@@ -107,3 +117,31 @@ def test_hysteresis_at_both_drives_is_named_and_pays(tmp_path):
     assert found["gain"]["rms_after"] < 0.5 * found["gain"]["rms_before"]
     extended = tomllib.loads((tmp_path / "out" / "extended.toml").read_text())
     assert set(extended["coordinates"]) == {"piezo_1", "piezo_2"}
+
+
+def test_slow_softening_in_the_modes_is_named_beside_hysteresis_at_the_drives(tmp_path):
+    found = recorded(tmp_path, hysteresis=0.5, softening=SOFTENING)
+    assert found["verdict"] == "named", found["sentence"]
+    causes = {(c["effect"], c["where"]): c for c in found["causes"]}
+    assert set(causes) == {
+        ("hysteresis", "piezo_1"),
+        ("hysteresis", "piezo_2"),
+        ("slow-softening", "mode 1"),
+        ("slow-softening", "mode 2"),
+    }
+    model = tomllib.loads((tmp_path / "out" / "extended.toml").read_text())
+    constants = {e["where"]: e["parameters"]["level"] for e in model["effects"] if e["effect"] == "slow-softening"}
+    for m, sizes in enumerate(np.linalg.norm(SEEN, axis=0)):
+        lost = causes["slow-softening", f"mode {m + 1}"]["parameters"]["softening"]["value"]
+        per_deflection = lost / constants[f"mode {m + 1}"]["value"]
+        assert per_deflection == pytest.approx(SOFTENING / sizes, rel=0.15)
+    assert found["gain"]["rms_after"] < 0.2 * found["gain"]["rms_before"]
+
+
+def test_slow_softening_alone_is_no_hysteresis(tmp_path):
+    found = recorded(tmp_path, hysteresis=0.0, softening=SOFTENING)
+    assert found["verdict"] == "named", found["sentence"]
+    assert {(c["effect"], c["where"]) for c in found["causes"]} == {
+        ("slow-softening", "mode 1"),
+        ("slow-softening", "mode 2"),
+    }

@@ -27,7 +27,7 @@ from analysis.pages.formats import shown
 from analysis.pages.quantities import chance, quantity, share
 from analysis.pages.svg import inlined
 from campaigns.version import tool_commit, tool_version
-from sim_backend.effects import EFFECTS
+from sim_backend.effects import NAMED
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def render(
             drawings=drawn.svg,
             explorers=drawn.explorers,
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
-            symptoms={e.reported(): e.symptom for e in reversed(EFFECTS)},
+            symptoms={e.reported(): e.symptom for e in reversed(NAMED)},
             held_out=_held_out(diagnosis, files),
             chops=chops,
             version=f"{tool_version()} ({tool_commit()})",

@@ -41,6 +41,12 @@ def measured_motion(record: Record, simulated: Array, residual: Array, whitener:
     )
 
 
+def moved_as(record: Record, position: Array, rate_hz: float) -> Motion:
+    """Return the motion of a record along a `position` (n, n_y) that was simulated."""
+    rate = np.gradient(position, 1.0 / rate_hz, axis=0)
+    return Motion(record.u, position, position, rate, np.zeros_like(position), record.temperature_k)
+
+
 def as_simulated(motion: Motion, rate_hz: float) -> Motion:
     """Return a motion without what its residual may hold of it."""
     return replace(motion, position=motion.sensed, rate=np.gradient(motion.sensed, 1.0 / rate_hz, axis=0))

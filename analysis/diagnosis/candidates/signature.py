@@ -161,14 +161,37 @@ def signature(
 
 
 def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
-    n, n_y = motion.position.shape
+    added = added_along(effect, places, motion, rate_hz)
+    site, channel = _site_of(effect, places)
+    if site in (Site.READING, Site.HEAD):
+        out = np.zeros(motion.position.shape)
+        out[:, channel] = added
+        return out
+    model = discretise(linear, rate_hz)
+    return response(model, added, channel, through_delay=site is Site.COMMAND)
+
+
+def _site_of(effect: Effect, places: Places) -> tuple[Site, int]:
     fx, _ = effects_of([effect], places)
-    site = Site(int(np.searchsorted(fx.first, 1)) - 1)
-    channel = int(fx.channel[0])
-    added = np.empty(n)
+    return Site(int(np.searchsorted(fx.first, 1)) - 1), int(fx.channel[0])
+
+
+def read_by(effect: Effect, places: Places) -> tuple[Array, Array]:
+    """Return the weights of the outputs (n_y,) in what an effect answers to, and of its force on the inputs (n_u,)."""
+    fx, _ = effects_of([effect], places)
+    read = np.eye(len(places.outputs))[fx.column[0]] if effect.aux is Aux.SOURCE_POSITION else fx.read[0]
+    onto = np.eye(len(places.inputs))[fx.channel[0]]
+    return read, fx.levers[fx.moved[0]] if effect.site is Site.STRUCTURE else onto
+
+
+def added_along(effect: Effect, places: Places, motion: Motion, rate_hz: float) -> Array:
+    """Return what an effect adds at its place along a motion, (n,): its signature before the plant."""
+    fx, _ = effects_of([effect], places)
+    site, channel = _site_of(effect, places)
     seen = motion.sensed if site in (Site.READING, Site.HEAD) else motion.position
     signal = seen[:, channel] if site in (Site.READING, Site.HEAD) else motion.u[:, channel]
     position, speed = seen @ fx.read[0], motion.rate @ fx.read[0]
+    added = np.empty(motion.position.shape[0])
     kernel.contribution_along(
         fx,
         0,
@@ -179,12 +202,7 @@ def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motio
         1.0 / rate_hz,
         added,
     )
-    if site in (Site.READING, Site.HEAD):
-        out = np.zeros((n, n_y))
-        out[:, channel] = added
-        return out
-    model = discretise(linear, rate_hz)
-    return response(model, added, channel, through_delay=site is Site.COMMAND)
+    return added
 
 
 def _of_record(candidate: Candidate, places: Places, motion: Motion, rate_hz: float) -> Array:

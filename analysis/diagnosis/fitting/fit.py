@@ -162,15 +162,21 @@ def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Ar
 
 
 def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
-    """Return a fit's residuals (n, n_y) on all records of `data`; one that no fit has seen is simulated from rest."""
+    """Return a fit's residuals (n, n_y) on all records of `data`.
+
+    One that no fit has seen is simulated from rest, and where it repeats, as if it had been played before: what hangs
+    on the level of the motion is then as it is in the steady state.
+    """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
     others = [r for r in data.records if id(r.y) not in known]
     if others:
+        led = [r.led_in() for r in others]
         rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in others)
-        there = replace(setting, data=replace(data, records=tuple(others)), states=rest)
+        there = replace(setting, data=replace(data, records=tuple(led)), states=rest)
         unseen = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
         moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), unseen)
-        known |= {id(r.y): left for r, left in zip(others, residuals_of(others, moved), strict=True)}
+        left = residuals_of(led, moved)
+        known |= {id(r.y): np.ascontiguousarray(e[-r.n :]) for r, e in zip(others, left, strict=True)}
     return tuple(known[id(r.y)] for r in data.records)
 
 

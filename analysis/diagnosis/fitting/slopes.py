@@ -3,7 +3,7 @@
 Most of the cost is that with respect to the knobs. With the torques of a simulation held it is linear and cheap; that
 leaves out only how a moved mode changes what an effect does in turn. Such slopes decide nothing but the speed of a
 descent, because every step is judged by the full simulation; so they are also kept for as long as they lead to where
-they say.
+they say. Where something strong acts in the modes themselves, that the effects answer is put in to first order.
 """
 
 from __future__ import annotations
@@ -14,10 +14,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.candidates.motions import moved_as
+from analysis.diagnosis.fitting.feedback import answering
 from analysis.diagnosis.fitting.problem import Point, Problem
 from analysis.diagnosis.nominal.tuning import Knob, sensitivities, turned
+from analysis.diagnosis.records.dataset import Record
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Site
+from sim_backend.modes import is_mode
 
 Array = NDArray[np.float64]
 
@@ -32,12 +36,14 @@ class Slopes:
     """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
 
     `approximate` tells whether it makes a difference. Exact knob columns are computed once and kept for the small steps
-    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step.
+    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step. Many modes
+    that something strong acts in would make that slow: the columns then are those of effects that answer, every time.
     """
 
     def __init__(self, problem: Problem, *, exact: bool, strong: bool = False) -> None:
         # columns are computed side by side already; each simulation need not be
         self._problem = replace(problem, setting=replace(problem.setting, workers=1)) if exact else problem
+        self._answering = strong and any(is_mode(c.where) for c in problem.candidates)
         self._workers, self._exact, self._strong, self._age = problem.setting.workers, exact, strong, 0
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
         self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
@@ -71,7 +77,7 @@ class Slopes:
             return None
         before, there, jacobian = self._last
         if self._exact:
-            outworn = self._strong and self._age % _STRONG_STEPS == 0
+            outworn = self._answering or (self._strong and self._age % _STRONG_STEPS == 0)
         else:
             told = jacobian @ (x - before)
             outworn = bool(np.sum((at.stacked - there - told) ** 2) > _STRAIGHT**2 * np.sum(told**2))
@@ -82,17 +88,11 @@ class Slopes:
         problem, s = self._problem, self._problem.setting
         n_knobs = len(s.knobs)
         columns = np.zeros((n_knobs, at.stacked.size)).T
-        hard = [i for i in range(n_knobs) if self._exact and self.approximate and self._touched(s.knobs[i])]
+        exact = self._exact and self.approximate and not self._answering
+        hard = [i for i in range(n_knobs) if exact and self._touched(s.knobs[i])]
         easy = [i for i in range(n_knobs) if i not in hard]
         if easy:
-            acting = [*s.known, *problem.effects(x)]
-            linear = retuned(turned(s.nominal, s.knobs, x[:n_knobs]), acting, s.places)
-            knobs = [s.knobs[i] for i in easy]
-
-            def moving(torque: Array, start: Array) -> Array:
-                return sensitivities(linear, knobs, torque, s.data.rate_hz, start, through_delay=False)
-
-            moved = s.each(moving, at.torques, s.states)
+            moved = self._moved(x, at, [s.knobs[i] for i in easy])
             rows = at.stacked.size - x.size
             for i, column in zip(easy, problem.whiten(moved).reshape(rows, -1).T, strict=True):
                 columns[:rows, i] = -column
@@ -101,6 +101,24 @@ class Slopes:
             for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):
                 columns[:, i] = column
         return columns
+
+    def _moved(self, x: Array, at: Point, knobs: list[Knob]) -> list[Array]:
+        """Return the outputs' changes per unit of `knobs`, (n, n_y, k) per record, without simulating the effects."""
+        s = self._problem.setting
+        rate_hz, acting = s.data.rate_hz, [*s.known, *self._problem.effects(x)]
+        linear = retuned(turned(s.nominal, s.knobs, x[: len(s.knobs)]), acting, s.places)
+
+        def held(torque: Array, start: Array) -> Array:
+            return sensitivities(linear, knobs, torque, rate_hz, start, through_delay=False)
+
+        def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:
+            motion = moved_as(record, record.y - left, rate_hz)
+            own = answering(linear, acting, s.places, motion, torque, start, rate_hz)
+            return own.closed(sensitivities(own.linear, knobs, own.torque, rate_hz, start, through_delay=False))
+
+        if self._answering:
+            return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
+        return s.each(held, at.torques, s.states)
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
         """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""

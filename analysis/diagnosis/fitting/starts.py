@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 _NEGLIGIBLE = 1e-9
 """A direction this much weaker than the strongest cannot be told from rounding and is left alone."""
 
+_FORGOTTEN = 1e-6
+"""A start of which less is left when the fitted rows begin is not found from them: it would have to be enormous."""
+
 
 @dataclass(frozen=True)
 class Start:
@@ -47,7 +50,10 @@ def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
 
 def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:
     """Return the start basis of one record under `linear`."""
-    white = stack_white(whitener, record, free_responses(discretise(linear, rate_hz), record.n))
+    free = free_responses(discretise(linear, rate_hz), record.n)
+    white = stack_white(whitener, record, free)
+    seen, whole = (np.linalg.norm(part, axis=(0, 1)) for part in (free[record.fitted()], free))
+    white[:, seen < _FORGOTTEN * whole] = 0.0
     scale = np.linalg.norm(white, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     left, size, right = np.linalg.svd(white / scale, full_matrices=False)

@@ -58,6 +58,20 @@ class Record:
         """Number of rows."""
         return int(self.u.shape[0])
 
+    def led_in(self) -> Record:
+        """Return a record of whole periods with one more before it, of which no row is fitted; any other as it is."""
+        period = self.windows[0].period if len(self.windows) == 1 else 0
+        if period == 0 or self.n % period:
+            return self
+        warm = self.temperature_k
+        return replace(
+            self,
+            u=np.concatenate([self.u[:period], self.u]),
+            y=np.concatenate([self.y[:period], self.y]),
+            windows=tuple(replace(w, start=w.start + period, stop=w.stop + period) for w in self.windows),
+            temperature_k=None if warm is None else np.concatenate([warm[:period], warm]),
+        )
+
     def fitted(self) -> Mask:
         """Return which rows may be used for fitting, shape (n,): inside a window that is not held out."""
         mask = np.zeros(self.n, dtype=bool)
@@ -92,12 +106,13 @@ class Dataset:
     def evenly(self) -> Dataset:
         """Return the data for a fit in which every record counts alike: weights are inverse to its output's size.
 
-        Of a periodic record the last period is enough: it differs from the others by noise, which is not looked at.
+        Of a periodic record the last period is enough: it differs from the others by noise, which is not looked at. It
+        begins where the one before it ends, which is played as well.
         """
         size = [float(np.sqrt(np.mean(np.var(r.y[r.fitted()], axis=0)))) for r in self.records]
         usual = float(np.median(size))
         weights = (usual / own if own > 0.0 else 1.0 for own in size)
-        records = (_last_period(r, weight) for r, weight in zip(self.records, weights, strict=True))
+        records = (_end(r, weight) for r, weight in zip(self.records, weights, strict=True))
         return replace(self, records=tuple(records))
 
     def seen_by(self, model: Model) -> Dataset:
@@ -122,17 +137,23 @@ class Dataset:
         return np.asarray(np.sqrt(np.mean(u**2, axis=0)), dtype=float)
 
 
-def _last_period(record: Record, weight: float) -> Record:
-    """Return the last period of a record that is one periodic window, and any other record whole, with a weight."""
+def _end(record: Record, weight: float) -> Record:
+    """Return the last two periods of a record that is one periodic window, the last to fit, or any other record whole.
+
+    A start from rest would be wrong by the whole motion. A linear model's start can be projected out; where a mode's
+    frequency hangs on the level, what is left of it is as large as what is sought.
+    """
     period = record.windows[0].period if len(record.windows) == 1 else 0
     if not 0 < period < record.n:
         return replace(record, weight=weight)
+    first = max(record.n - 2 * period, 0)
+    stop = record.n - first
     warm = record.temperature_k
     return replace(
         record,
-        u=np.ascontiguousarray(record.u[-period:]),
-        y=np.ascontiguousarray(record.y[-period:]),
-        windows=(replace(record.windows[0], start=0, stop=period),),
-        temperature_k=None if warm is None else warm[-period:],
+        u=np.ascontiguousarray(record.u[first:]),
+        y=np.ascontiguousarray(record.y[first:]),
+        windows=(replace(record.windows[0], start=stop - period, stop=stop),),
+        temperature_k=None if warm is None else warm[first:],
         weight=weight,
     )

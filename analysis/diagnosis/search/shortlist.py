@@ -50,6 +50,7 @@ class Rules:
 
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
     `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
+    `without` are those that are left out by name, of which `effects` has none.
     """
 
     effects: tuple[type[Effect], ...]
@@ -57,6 +58,7 @@ class Rules:
     max_effects: int
     substeps: int
     seed: int
+    without: tuple[str, ...] = ()
 
     def beside(self, found: Sequence[type[Effect]]) -> tuple[type[Effect], ...]:
         """Return the effects that may be added to those `found`."""

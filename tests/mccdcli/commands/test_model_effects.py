@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from mccdcli.main import cli
-from sim_backend.effects import EFFECTS, make_effect
+from sim_backend.effects import NAMED, make_effect
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def listed() -> list[dict[str, object]]:
 
 
 def test_it_lists_all_effects_with_the_parameters_that_make_them(listed: list[dict[str, object]]) -> None:
-    assert [one["effect"] for one in listed] == [effect.name for effect in EFFECTS]
+    assert [one["effect"] for one in listed] == [effect.name for effect in NAMED]
     for one in listed:
         values = {p["name"]: np.inf if p["without"] is None else p["without"] for p in one["parameters"]}
         # made with the names as listed, the values that are told to stand for none make none

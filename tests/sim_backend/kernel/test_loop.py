@@ -11,14 +11,14 @@ from sim_backend.assembly import places_of
 from sim_backend.bench import Gate, Learning, Segment
 from sim_backend.control.blocks import filter_from_zpk
 from sim_backend.control.feedback import theta_controller, z_controller
-from sim_backend.effects import BENCH_ONLY, EFFECTS, NOISES
+from sim_backend.effects import BENCH_ONLY, NAMED, NOISES
 from sim_backend.kernel import machine
 from sim_backend.model import EffectEntry, load_model
 from sim_backend.replay import replay
 from sim_backend.simbench import SimBench
 from tests.sim_backend.test_kernel import RATE_HZ, held_torque, one_axis, play
 
-STEPPED = [cls for cls in (*EFFECTS, *NOISES, *BENCH_ONLY) if cls.step is not None]
+STEPPED = [cls for cls in (*NAMED, *NOISES, *BENCH_ONLY) if cls.step is not None]
 SIZES = {"jiles-atherton": 0.01, "hysteresis": 1e-4, "magnetic-polynomial": 1e-3, "thermal-stiffness-drift": 1e-3}
 N = 3000
 

@@ -31,3 +31,14 @@ def test_start_states_are_recovered_and_projected_out() -> None:
     white = stack_white(whitener, record, y[:, :, None])[:, 0]
     np.testing.assert_allclose(start.states(white), states, rtol=1e-6)
     assert np.linalg.norm(start.project(white)) < 1e-9 * np.linalg.norm(white)
+
+
+def test_a_start_that_is_forgotten_before_the_fitted_rows_is_not_made_of_their_rounding() -> None:
+    linear, u = linear_model(), drive(8000)
+    y = 1e-3 * np.random.default_rng(1).standard_normal((8000, 1))
+    whitener = Whitener(np.array([[1e6]]), True)
+    late = Record("r", u, y, (Window("late", 7000, 8000),))  # after 17 times the memory of the slowest mode
+    start = start_of(late, linear, whitener, RATE_HZ)
+    white = stack_white(whitener, late, y[:, :, None])[:, 0]
+    assert np.all(start.states(white) == 0.0)
+    np.testing.assert_array_equal(start.project(white), white)

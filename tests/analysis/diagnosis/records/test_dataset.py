@@ -1,0 +1,48 @@
+"""Records of whole periods: what is played before what is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+
+PERIOD = 50
+WAVE = np.random.default_rng(0).standard_normal((PERIOD, 2))
+
+
+def periodic(n_periods: int, size: float = 1.0) -> Record:
+    u = np.concatenate([size * WAVE] * n_periods)
+    y = size * np.arange(u.shape[0], dtype=float)[:, None]
+    warm = 80.0 + np.arange(u.shape[0])
+    return Record("run", u, y, (Window("w", 0, u.shape[0], period=PERIOD),), warm)
+
+
+@pytest.mark.parametrize("n_periods", [2, 3, 5])
+def test_an_even_fit_is_to_the_last_period_after_the_one_before_it(n_periods: int) -> None:
+    record = periodic(n_periods)
+    (even,) = Dataset(100.0, (record,)).evenly().records
+    assert even.n == 2 * PERIOD
+    np.testing.assert_array_equal(even.fitted(), np.repeat([False, True], PERIOD))
+    np.testing.assert_array_equal(even.u, record.u[-2 * PERIOD :])
+    np.testing.assert_array_equal(even.y, record.y[-2 * PERIOD :])
+    np.testing.assert_array_equal(even.temperature_k, record.temperature_k[-2 * PERIOD :])
+
+
+def test_an_even_fit_leaves_other_records_whole_and_weighs_them_by_their_size() -> None:
+    quiet, loud = periodic(1), periodic(1, 4.0)
+    even = Dataset(100.0, (quiet, loud)).evenly().records
+    assert [r.n for r in even] == [PERIOD, PERIOD]
+    assert even[0].weight / even[1].weight == pytest.approx(4.0)
+
+
+def test_a_record_of_whole_periods_is_led_in_by_one_of_which_no_row_counts() -> None:
+    record = periodic(2)
+    led = record.led_in()
+    assert led.n == 3 * PERIOD
+    np.testing.assert_array_equal(led.fitted(), np.repeat([False, True, True], PERIOD))
+    np.testing.assert_array_equal(led.u[PERIOD:], record.u)
+    np.testing.assert_array_equal(led.u[:PERIOD], WAVE)
+    np.testing.assert_array_equal(led.temperature_k[PERIOD:], record.temperature_k)
+    broken = Record("r", record.u[:70], record.y[:70], (Window("w", 0, 70, period=PERIOD),))
+    assert broken.led_in() is broken
