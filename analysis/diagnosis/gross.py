@@ -46,7 +46,7 @@ _SETTLED = 0.05
 """A fit that gained less than this part in its last steps goes on no more."""
 
 _MATERIAL = 0.1
-"""Part of all that the model misses that has to be taken by what happens in the modes and by what is beside it."""
+"""Part of all that the model misses that a cause beside what happens in the modes takes by itself."""
 
 _NEAR = 3.0
 """A cause without the modes that leaves so many times more, after as many steps as all, will not come near."""
@@ -58,7 +58,7 @@ _COARSER = 4
 """So many times longer steps than a small torque would ask for: the error of the model is many times the noise."""
 
 _LEAST_SHARE = 0.5
-"""The main cause explains at least so much of the squared error."""
+"""The main cause explains at least so much of the squared error, and what is in the modes of what that leaves."""
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,8 @@ def _needed(setting: Setting, tuned: Fit, inside: Fit, both: Fit, progress: Prog
     """Return a cause beside what happens in the modes where both are needed, else the one that is.
 
     Each has to be worth being sure of beside the other, and to matter: where every row counts, a small error of the one
-    is evidence for the other. What happens in the modes matters by what it takes beside the cause, the cause by what it
-    takes by itself, of all that the model misses.
+    is evidence for the other. What happens in the modes has to take most of what the cause by itself leaves; the cause,
+    a part by itself of all that the model misses.
     """
     within = [i for i, c in enumerate(both.candidates) if is_mode(c.where)]
     alone, rest = (
@@ -172,10 +172,11 @@ def _needed(setting: Setting, tuned: Fit, inside: Fit, both: Fit, progress: Prog
     if alone.misfit < _NEAR * both.misfit:
         alone = _settled(setting, alone, progress)
     cost = partial(_cost, rows=_independent_rows(setting, min(alone, inside, both, key=_misfit)))
-    lead, material = 2.0 * SURE_LEAD, _MATERIAL * tuned.misfit
-    if alone.misfit < both.misfit + material or cost(alone) < cost(both) + lead:
+    lead = 2.0 * SURE_LEAD
+    if both.misfit > (1.0 - _LEAST_SHARE) * alone.misfit or cost(alone) < cost(both) + lead:
         return alone
-    return both if alone.misfit < tuned.misfit - material and cost(both) < cost(inside) - lead else inside
+    matters = alone.misfit < (1.0 - _MATERIAL) * tuned.misfit
+    return both if matters and cost(both) < cost(inside) - lead else inside
 
 
 def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:

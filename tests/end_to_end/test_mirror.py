@@ -25,16 +25,8 @@ ONE_LINEAR_MODEL = {"100 mV": 0.186, "200 mV": 0.066, "300 mV": 0.163}
 AIMED_AT = {"100 mV": 0.10, "200 mV": 0.06, "300 mV": 0.07}
 """What correcting the model by a physical cause is to reach there; a neural model has 6.4, 4.8 and 4.2 %."""
 
-NO_GAIN_YET = {
-    "200 mV": "the linear model follows the middle level best, and hysteresis takes nothing of what it leaves"
-}
-"""Levels at which the corrected model is no better than the linear one; docs/diagnosis-limits.md has the errors."""
-
-NOT_YET = {
-    "200 mV": "the corrected model is no better there than the linear one",
-    "300 mV": "modes soften with the level where no drive is (docs/decisions/0019-a-mode-is-a-place.md)",
-}
-"""Levels at which the aim is missed; docs/diagnosis-limits.md has the errors."""
+ON_THE_EDGE = {"300 mV": (0.075, "it is reached by less than the last digits of a fit differ between processors")}
+"""Levels at which the aim may be missed, by how much at most, and why; docs/diagnosis-limits.md has the errors."""
 
 
 def mccd(folder: Path, *arguments: str, expected: int = 0) -> str:
@@ -92,11 +84,14 @@ def test_map_import_and_identification_of_one_level(tmp_path):
     assert all(0.0 < float(row["std"]) < np.inf for row in rows)
 
 
-def test_hysteresis_is_named_and_takes_two_fifths_of_the_error(found: dict[str, Any]) -> None:
+def test_hysteresis_is_named_and_that_modes_soften_and_both_take_half_of_the_error(found: dict[str, Any]) -> None:
     assert found["verdict"] == "named"
-    assert {(c["effect"], c["where"]) for c in found["causes"]} == {("hysteresis", f"piezo_{i}") for i in (1, 2, 3)}
+    named = {(c["effect"], c["where"]) for c in found["causes"]}
+    inside = {where for effect, where in named if effect == "slow-softening"}
+    assert named - {("slow-softening", where) for where in inside} == {("hysteresis", f"piezo_{i}") for i in (1, 2, 3)}
+    assert len(inside) > 8 and all(where.startswith("mode ") for where in inside)
     # a linear model of all three levels misses them by far more than noise; far less needs the cause
-    assert found["gain"]["rms_after"] < 0.6 * found["gain"]["rms_before"]
+    assert found["gain"]["rms_after"] < 0.5 * found["gain"]["rms_before"]
 
 
 @pytest.mark.parametrize("level", ONE_LINEAR_MODEL)
@@ -108,16 +103,13 @@ def test_no_level_is_worse_than_the_published_linear_model_of_all(level: str, fo
 @pytest.mark.parametrize("level", ONE_LINEAR_MODEL)
 def test_every_level_gains(level: str, found: dict[str, Any]) -> None:
     before, after = errors(found, level)
-    if level in NO_GAIN_YET:
-        assert after >= before, f"{before:.2%} to {after:.2%}: take it out of NO_GAIN_YET"
-        pytest.xfail(f"{before:.2%} to {after:.2%}: {NO_GAIN_YET[level]}")
     assert after < before
 
 
 @pytest.mark.parametrize("level", AIMED_AT)
 def test_every_level_is_predicted_as_well_as_was_aimed_at(level: str, found: dict[str, Any]) -> None:
     _, after = errors(found, level)
-    if level in NOT_YET:
-        assert after > AIMED_AT[level], f"reached with {after:.2%}: take it out of NOT_YET"
-        pytest.xfail(f"{after:.1%}, not {AIMED_AT[level]:.0%}: {NOT_YET[level]}")
-    assert after <= AIMED_AT[level]
+    most, why = ON_THE_EDGE.get(level, (AIMED_AT[level], ""))
+    assert after <= most
+    if after > AIMED_AT[level]:
+        pytest.xfail(f"{after:.2%}, not {AIMED_AT[level]:.0%}: {why}")
