@@ -4,6 +4,7 @@ A model fitted to a bench that is far from linear misses it by more than any ref
 noise says nothing of what is worth explaining. All rows are weighed alike instead, and one kind of cause is looked for,
 at all places at once where it stands out: drives and axes are built alike, and with one of three alike in the model the
 other two are still in the way. It is held against the other kinds and against a force that is no listed cause at all.
+What happens in the modes themselves is looked for first, and kinds are compared beside it.
 """
 
 from __future__ import annotations
@@ -232,7 +233,7 @@ def remainder(found: Found) -> str:
     """Return what a reader has to know of a main cause: how much it explains, and whether the rest is noise."""
     part = 1.0 - found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
     return (
-        f"the model misses the data it was fitted to by far more than noise; the best single kind of cause takes "
+        f"the model misses the data it was fitted to by far more than noise; the best explanation takes "
         f"{part:.1%} of the squared error, every record counting alike, and leaves {_noises(found):.2g} times the noise"
     )
 

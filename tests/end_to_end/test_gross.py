@@ -19,6 +19,7 @@ from tests.end_to_end.unknown_bench import diagnosis, identified, imported
 RATE_HZ, PERIOD, FINER = 1000.0, 2048, 20
 LEVELS_V = (0.5, 1.0, 2.0)
 SOFTENING = 0.006  # of a mode's stiffness per unit of its rms
+MEMORY_S = 0.4
 OMEGA = 2.0 * np.pi * np.array([61.0, 88.0])
 SHAPES = np.array([[0.8, 0.6], [-0.5, 0.9]])  # of each mode at the two drives
 AT_DRIVE = np.ascontiguousarray(SHAPES.T)
@@ -49,7 +50,7 @@ settings = {{ level_v = {level} }}
 def played(u, hysteresis, softening, y):
     """Fill `y` (n, 2) with what the sensors see of drives `u` (n, 2), starting at rest.
 
-    A mode loses the part `softening` of its stiffness per unit of its rms, which it remembers for 0.4 s.
+    A mode loses the part `softening` of its stiffness per unit of its rms, which it remembers for MEMORY_S.
     """
     q, v, h = np.zeros(2), np.zeros(2), 1.0 / RATE_HZ / FINER
     reaches, weights = np.array([0.3, 0.9, 2.0, 4.0]), np.array([0.10, 0.07, 0.05, 0.05])
@@ -59,7 +60,7 @@ def played(u, hysteresis, softening, y):
         for _ in range(FINER):
             middle, rate = q + 0.5 * h * v, v
             since += h
-            square += h / min(since, 0.4) * (middle**2 - square)
+            square += h / min(since, MEMORY_S) * (middle**2 - square)
             force = u[k].copy()
             for j in range(2):
                 x = AT_DRIVE[j] @ middle
@@ -119,6 +120,14 @@ def test_hysteresis_at_both_drives_is_named_and_pays(tmp_path):
     assert set(extended["coordinates"]) == {"piezo_1", "piezo_2"}
 
 
+def lost_per_deflection(folder, found: dict) -> list[float]:
+    """Return by what part of its stiffness each mode softens per unit of what it adds to the outputs."""
+    model = tomllib.loads((folder / "out" / "extended.toml").read_text())
+    levels = {e["where"]: e["parameters"]["level"] for e in model["effects"] if e["effect"] == "slow-softening"}
+    lost = {c["where"]: c["parameters"]["softening"]["value"] for c in found["causes"] if c["where"] in levels}
+    return [lost[where] / levels[where]["value"] for where in ("mode 1", "mode 2")]
+
+
 def test_slow_softening_in_the_modes_is_named_beside_hysteresis_at_the_drives(tmp_path):
     found = recorded(tmp_path, hysteresis=0.5, softening=SOFTENING)
     assert found["verdict"] == "named", found["sentence"]
@@ -129,12 +138,7 @@ def test_slow_softening_in_the_modes_is_named_beside_hysteresis_at_the_drives(tm
         ("slow-softening", "mode 1"),
         ("slow-softening", "mode 2"),
     }
-    model = tomllib.loads((tmp_path / "out" / "extended.toml").read_text())
-    constants = {e["where"]: e["parameters"]["level"] for e in model["effects"] if e["effect"] == "slow-softening"}
-    for m, sizes in enumerate(np.linalg.norm(SEEN, axis=0)):
-        lost = causes["slow-softening", f"mode {m + 1}"]["parameters"]["softening"]["value"]
-        per_deflection = lost / constants[f"mode {m + 1}"]["value"]
-        assert per_deflection == pytest.approx(SOFTENING / sizes, rel=0.15)
+    assert lost_per_deflection(tmp_path, found) == pytest.approx(SOFTENING / np.linalg.norm(SEEN, axis=0), rel=0.15)
     assert found["gain"]["rms_after"] < 0.2 * found["gain"]["rms_before"]
 
 
@@ -145,3 +149,5 @@ def test_slow_softening_alone_is_no_hysteresis(tmp_path):
         ("slow-softening", "mode 1"),
         ("slow-softening", "mode 2"),
     }
+    assert lost_per_deflection(tmp_path, found) == pytest.approx(SOFTENING / np.linalg.norm(SEEN, axis=0), rel=0.15)
+    assert [c["parameters"]["memory"]["value"] for c in found["causes"]] == pytest.approx([MEMORY_S] * 2, rel=0.1)
