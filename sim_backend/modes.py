@@ -41,6 +41,13 @@ def reach_of(linear: ModalModel, m: int) -> float:
     return float(np.hypot(np.linalg.norm(linear.c[:, m]), rate)) or 1.0
 
 
+def mode_alone(linear: ModalModel, m: int) -> ModalModel:
+    """Return mode `m` by itself, with its deflection and the rate of that as outputs."""
+    reach, none = np.array([[reach_of(linear, m)]]), np.zeros((1, 1))
+    seen = {"c": np.vstack([reach, none]), "c_rate": np.vstack([none, reach]), "d": np.zeros((2, linear.n_inputs))}
+    return linear.only(np.arange(linear.n_blocks) == m).with_(**seen)
+
+
 def units_at(model: Model, where: str) -> tuple[str, str]:
     """Return the units of force and deflection at a place; in a mode both are that of the outputs."""
     target = where.rpartition("->")[2]

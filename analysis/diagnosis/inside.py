@@ -22,7 +22,7 @@ from sim_backend.effects.base import Effect
 from sim_backend.effects.cubic_stiffness import CubicStiffness
 from sim_backend.effects.view import RecordView
 from sim_backend.linear import ModalModel, discretise
-from sim_backend.modes import is_mode, reach_of
+from sim_backend.modes import is_mode, mode_alone
 
 Array = NDArray[np.float64]
 Cost = Callable[[Fit], float]
@@ -70,7 +70,8 @@ def _taking_part(setting: Setting, fit: Fit) -> Fit:
     """Return a fit without what is no larger in a mode than it is uncertain."""
     told = zip(fit.names, fit.values, fit.std, strict=True)
     spread = _SURE * float(np.sqrt(fit.misfit / fit.rows))
-    large = {i for (i, _), value, std in told if abs(value) > spread * std}
+    sizes = ((i, value, std) for (i, name), value, std in told if name in fit.candidates[i].unit_sizes)
+    large = {i for i, value, std in sizes if abs(value) > spread * std}
     keep = [i for i, c in enumerate(fit.candidates) if i in large or not is_mode(c.where)]
     return fit if len(keep) == len(fit.candidates) else _refit(setting, *fit.held(keep), fit.change)
 
@@ -94,9 +95,6 @@ def _candidate(setting: Setting, kind: type[Effect], m: int) -> Candidate:
 
 def _view(linear: ModalModel, m: int, u: Array, rate_hz: float) -> RecordView:
     """Return what a mode sees of a record that is played on the linear model."""
-    reach, none = np.array([[reach_of(linear, m)]]), np.zeros((1, 1))
-    seen = {"c": np.vstack([reach, none]), "c_rate": np.vstack([none, reach]), "d": np.zeros((2, u.shape[1]))}
-    alone = linear.only(np.arange(linear.n_blocks) == m).with_(**seen)
-    deflection, rate = simulate(discretise(alone, rate_hz), u).T
+    deflection, rate = simulate(discretise(mode_alone(linear, m), rate_hz), u).T
     still = np.zeros(u.shape[0])
     return RecordView(rate_hz, still, deflection, rate, still, None, float(linear.omega_rad_s[m] / (2.0 * np.pi)))

@@ -25,7 +25,7 @@ from sim_backend.assembly import Places, effects_of
 from sim_backend.effects.base import Effect, Site
 from sim_backend.intersample import steps_for
 from sim_backend.linear import ModalModel, discretise
-from sim_backend.modes import is_mode, mode_of, reach_of
+from sim_backend.modes import is_mode, mode_alone, mode_of
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -98,9 +98,7 @@ def _mode_with(
 
     A force on a mode is measured by the deflection it holds at rest, so its gain in phase is a part of the stiffness.
     """
-    none, reach = np.zeros((1, 1)), np.array([[reach_of(linear, m)]])
-    seen = {"c": np.vstack([reach, none]), "c_rate": np.vstack([none, reach]), "d": np.zeros((2, linear.n_inputs))}
-    alone = linear.only(np.arange(linear.n_blocks) == m).with_(**seen)
+    alone = mode_alone(linear, m)
     fx, _ = effects_of([effect], places, linear)
     still, force = np.zeros((2, torque.shape[0]))
     omega, sigma = float(linear.omega_rad_s[m]), float(linear.sigma_1_s[m])
