@@ -122,7 +122,7 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
     setting = replace(setting, substeps=-(-setting.substeps // _COARSER))
     progress("looking into the modes", 0.02)
     rows = _independent_rows(setting, tuned)
-    inside = in_modes(setting, tuned, partial(_cost, rows=rows), rules.without)
+    inside = in_modes(setting, tuned, partial(_cost, rows=rows), rules.inside)
     beside = inside or tuned
     progress("screening the kinds of causes", 0.2)
     everything = replace(rules, effects=(*rules.effects, UnlistedForce))

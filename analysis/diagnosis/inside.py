@@ -17,7 +17,6 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.search.shortlist import SURE_LEAD
-from sim_backend.effects import INSIDE
 from sim_backend.effects.base import Effect
 from sim_backend.effects.cubic_stiffness import CubicStiffness
 from sim_backend.effects.view import RecordView
@@ -45,13 +44,12 @@ _SURE = 3.0
 """A mode takes part where its size is so many standard deviations of what the residual leaves it uncertain by."""
 
 
-def in_modes(setting: Setting, tuned: Fit, cost: Cost, without: Sequence[str]) -> Fit | None:
-    """Return the best fit of one kind of effect in the modes; nothing where none pays, or another kind pays as well.
+def in_modes(setting: Setting, tuned: Fit, cost: Cost, kinds: Sequence[type[Effect]]) -> Fit | None:
+    """Return the best fit of one of `kinds` in the modes; nothing where none pays, or another kind pays as well.
 
     It has to pay what being sure takes. Where one mode is all there is, a drive acts on nothing else, and what happens
     in it happens at the drive.
     """
-    kinds = [kind for kind in INSIDE if kind.reported() not in without]
     modes = _swinging(setting)
     if len(modes) < 2 or not kinds:
         return None

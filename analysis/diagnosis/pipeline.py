@@ -34,7 +34,7 @@ from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
-from sim_backend.effects import EFFECTS, NAMED, make_effect
+from sim_backend.effects import EFFECTS, INSIDE, NAMED, make_effect
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError, did_you_mean
@@ -81,9 +81,9 @@ def _silent(what: str, part: float) -> None:
     """Take no notice."""
 
 
-def searched_effects(options: Options) -> tuple[type[Effect], ...]:
+def searched_effects(options: Options, among: Sequence[type[Effect]] = EFFECTS) -> tuple[type[Effect], ...]:
     """Return the effects that are not left out."""
-    return tuple(e for e in EFFECTS if not {e.reported(), e.name} & set(options.without))
+    return tuple(e for e in among if not {e.reported(), e.name} & set(options.without))
 
 
 def search_causes(
@@ -111,7 +111,8 @@ def search_causes(
     transducers = transducers_of(model)
     workers = options.workers
     setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, still, first, workers, added)
-    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, options.without)
+    inside = searched_effects(options, INSIDE)
+    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside)
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
         found = main_cause(*gross, rules, scales, progress)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.responses import coasting, response, simulate, stacked
-from sim_backend import kernel
+from sim_backend import kernel, layout
 from sim_backend.assembly import Places, effects_of
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.view import RecordView
@@ -161,8 +161,9 @@ def signature(
 
 
 def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
-    added = added_along(effect, places, motion, rate_hz)
-    site, channel = _site_of(effect, places)
+    fx, _ = effects_of([effect], places)
+    added = _added(effect, fx, motion, rate_hz)
+    site, channel = _site_of(fx), int(fx.channel[0])
     if site in (Site.READING, Site.HEAD):
         out = np.zeros(motion.position.shape)
         out[:, channel] = added
@@ -171,25 +172,24 @@ def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motio
     return response(model, added, channel, through_delay=site is Site.COMMAND)
 
 
-def _site_of(effect: Effect, places: Places) -> tuple[Site, int]:
-    fx, _ = effects_of([effect], places)
-    return Site(int(np.searchsorted(fx.first, 1)) - 1), int(fx.channel[0])
+def _site_of(fx: layout.Effects) -> Site:
+    """Return where the one effect of `fx` acts on this bench."""
+    return Site(int(np.searchsorted(fx.first, 1)) - 1)
 
 
-def read_by(effect: Effect, places: Places) -> tuple[Array, Array]:
-    """Return the weights of the outputs (n_y,) in what an effect answers to, and of its force on the inputs (n_u,)."""
+def force_along(effect: Effect, places: Places, motion: Motion, rate_hz: float) -> tuple[Array, Array, Array]:
+    """Return an effect's force (n,) along a motion, the weights of what it answers to (n_y,) and acts on (n_u,)."""
     fx, _ = effects_of([effect], places)
     read = np.eye(len(places.outputs))[fx.column[0]] if effect.aux is Aux.SOURCE_POSITION else fx.read[0]
-    onto = np.eye(len(places.inputs))[fx.channel[0]]
-    return read, fx.levers[fx.moved[0]] if effect.site is Site.STRUCTURE else onto
+    onto = fx.levers[fx.moved[0]] if effect.site is Site.STRUCTURE else np.eye(len(places.inputs))[fx.channel[0]]
+    return _added(effect, fx, motion, rate_hz), read, onto
 
 
-def added_along(effect: Effect, places: Places, motion: Motion, rate_hz: float) -> Array:
-    """Return what an effect adds at its place along a motion, (n,): its signature before the plant."""
-    fx, _ = effects_of([effect], places)
-    site, channel = _site_of(effect, places)
-    seen = motion.sensed if site in (Site.READING, Site.HEAD) else motion.position
-    signal = seen[:, channel] if site in (Site.READING, Site.HEAD) else motion.u[:, channel]
+def _added(effect: Effect, fx: layout.Effects, motion: Motion, rate_hz: float) -> Array:
+    """Return what an effect, alone in `fx`, adds at its place along a motion, (n,): its signature before the plant."""
+    reading = _site_of(fx) in (Site.READING, Site.HEAD)
+    seen = motion.sensed if reading else motion.position
+    signal = (seen if reading else motion.u)[:, int(fx.channel[0])]
     position, speed = seen @ fx.read[0], motion.rate @ fx.read[0]
     added = np.empty(motion.position.shape[0])
     kernel.contribution_along(

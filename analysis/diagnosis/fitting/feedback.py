@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from analysis.diagnosis.candidates.signature import Motion, added_along, read_by
+from analysis.diagnosis.candidates.signature import Motion, force_along
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from sim_backend import kernel
 from sim_backend.assembly import Places, effects_of
@@ -76,9 +76,10 @@ def answering(
     """Return `linear` in one record, moved from states `start` (m, 2) by `torque` (n, n_u) as it is at the samples."""
     acting = [e for e in effects if e.site in (Site.DRIVE, Site.STRUCTURE)]
     inside, outside = ([e for e in acting if is_mode(e.where) is so] for so in (True, False))
+    told = [force_along(effect, places, motion, rate_hz) for effect in outside]
     forces = np.zeros_like(torque)
-    for effect in outside:
-        forces += np.outer(added_along(effect, places, motion, rate_hz), read_by(effect, places)[1])
+    for force, _, onto in told:
+        forces += np.outer(force, onto)
     smooth = torque - forces + steps_for(forces)  # what depends on the motion changes between the samples, too
     omega, sigma = linear.omega_rad_s.copy(), linear.sigma_1_s.copy()
     for effect in inside:
@@ -87,8 +88,14 @@ def answering(
     own = linear.with_(omega_rad_s=omega, sigma_1_s=sigma)
     length = int(next_fast_len(2 * motion.u.shape[0], real=True))
     fading = bool(np.all(linear.omega_rad_s * linear.sigma_1_s > 0.0))
-    closing = _closing(own, outside, places, motion, length, rate_hz) if outside and fading else None
-    return Answering(own, smooth, closing, length)
+    if not (outside and fading):
+        return Answering(own, smooth, None, length)
+    frequency_hz = rfftfreq(length, 1.0 / rate_hz)
+    back = np.zeros((frequency_hz.size, linear.n_inputs, linear.n_outputs), complex)
+    for effect, (force, read, onto) in zip(outside, told, strict=True):
+        gain = _gain(effect, places, motion, force, read, frequency_hz, rate_hz)
+        back += np.outer(onto, read) * gain[:, None, None]
+    return Answering(own, smooth, _closing(own, back, frequency_hz), length)
 
 
 def _mode_with(
@@ -114,24 +121,17 @@ def _mode_with(
     return own
 
 
-def _closing(
-    linear: ModalModel, acting: Sequence[Effect], places: Places, motion: Motion, length: int, rate_hz: float
-) -> ComplexArray:
-    """Return (1 - P F)⁻¹ at every frequency: effects turn changes of the outputs into forces F, the plant back by P."""
-    frequency_hz = rfftfreq(length, 1.0 / rate_hz)
-    forces = np.zeros((frequency_hz.size, linear.n_inputs, linear.n_outputs), complex)
-    for effect in acting:
-        row, onto = read_by(effect, places)
-        forces += np.outer(onto, row) * _gain(effect, places, motion, row, frequency_hz, rate_hz)[:, None, None]
+def _closing(linear: ModalModel, forces: ComplexArray, frequency_hz: Array) -> ComplexArray:
+    """Return (1 - P F)⁻¹ at every frequency: the outputs make `forces` F (n_f, n_u, n_y), which the plant P answers."""
     plant = linear.with_(delay_s=np.zeros(linear.n_inputs)).frequency_response(frequency_hz)
     closing = np.linalg.inv(np.eye(linear.n_outputs) - plant @ forces)
     return np.ascontiguousarray(closing.transpose(1, 2, 0))
 
 
 def _gain(
-    effect: Effect, places: Places, motion: Motion, row: Array, frequency_hz: Array, rate_hz: float
+    effect: Effect, places: Places, motion: Motion, force: Array, row: Array, frequency_hz: Array, rate_hz: float
 ) -> ComplexArray:
-    """Return the gain (n_f,) from a small change of the motion along `row` (n_y,) to that of an effect's force.
+    """Return the gain (n_f,) from a small change of the motion along `row` (n_y,) to that of an effect's `force` (n,).
 
     The change has the spectrum of the motion and phases of its own.
     """
@@ -146,7 +146,7 @@ def _gain(
         position=motion.position + np.outer(columns[:, 0], along),
         rate=motion.rate + np.outer(columns[:, 2], along),
     )
-    change = added_along(effect, places, nearby, rate_hz) - added_along(effect, places, motion, rate_hz)
+    change = force_along(effect, places, nearby, rate_hz)[0] - force
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     in_phase, behind, along_rate = np.linalg.lstsq(columns / scale, change / _SMALL, rcond=None)[0] / scale
     lag = np.where(frequency_hz > 0.0, -1j, 0.0)

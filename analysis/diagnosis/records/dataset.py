@@ -58,9 +58,14 @@ class Record:
         """Number of rows."""
         return int(self.u.shape[0])
 
+    @property
+    def period(self) -> int:
+        """Samples after which a record that is one window repeats; 0 where it does not, or has several windows."""
+        return self.windows[0].period if len(self.windows) == 1 else 0
+
     def led_in(self) -> Record:
         """Return a record of whole periods with one more before it, of which no row is fitted; any other as it is."""
-        period = self.windows[0].period if len(self.windows) == 1 else 0
+        period = self.period
         if period == 0 or self.n % period:
             return self
         warm = self.temperature_k
@@ -122,8 +127,7 @@ class Dataset:
         """
         if model.intersample == "held":
             return self
-        periods = (r.windows[0].period if len(r.windows) == 1 else 0 for r in self.records)
-        records = (replace(r, u=steps_for(r.u, period=p)) for r, p in zip(self.records, periods, strict=True))
+        records = (replace(r, u=steps_for(r.u, period=r.period)) for r in self.records)
         return replace(self, records=tuple(records))
 
     def y_scale(self) -> Array:
@@ -143,7 +147,7 @@ def _end(record: Record, weight: float) -> Record:
     A start from rest would be wrong by the whole motion. A linear model's start can be projected out; where a mode's
     frequency hangs on the level, what is left of it is as large as what is sought.
     """
-    period = record.windows[0].period if len(record.windows) == 1 else 0
+    period = record.period
     if not 0 < period < record.n:
         return replace(record, weight=weight)
     first = max(record.n - 2 * period, 0)

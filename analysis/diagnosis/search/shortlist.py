@@ -50,7 +50,7 @@ class Rules:
 
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
     `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
-    `without` are those that are left out by name, of which `effects` has none.
+    `inside` are those that are looked for in the modes themselves, where a model misses by many noises.
     """
 
     effects: tuple[type[Effect], ...]
@@ -58,7 +58,7 @@ class Rules:
     max_effects: int
     substeps: int
     seed: int
-    without: tuple[str, ...] = ()
+    inside: tuple[type[Effect], ...] = ()
 
     def beside(self, found: Sequence[type[Effect]]) -> tuple[type[Effect], ...]:
         """Return the effects that may be added to those `found`."""
