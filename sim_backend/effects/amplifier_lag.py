@@ -46,6 +46,7 @@ class AmplifierLag(Effect):
     family = "drive"
     site = Site.COMMAND
     symptom = "is proportional to the rate of change of the command"
+    linear_form = True
     n_state = 4
     step = _step
 

@@ -189,9 +189,9 @@ def _declare(
 class Effect:
     """One physical effect at one place, with its parameters as fields.
 
-    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `several`, `beyond`, `aux`,
-    `n_state`, `step`, `guess`, `limits`, `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not finite
-    or outside its bounds.
+    Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `linear_form`, `several`, `beyond`,
+    `aux`, `n_state`, `step`, `guess`, `limits`, `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not
+    finite or outside its bounds.
     """
 
     where: str
@@ -210,6 +210,7 @@ class Effect:
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled
     exact: ClassVar[bool] = False  # nature leaves its form no freedom: a gain is a gain, a friction only as good a law
+    linear_form: ClassVar[bool] = False  # where nature's form of it is another, that one is linear too, and as steady
 
     def __post_init__(self) -> None:
         for p in self.parameters():

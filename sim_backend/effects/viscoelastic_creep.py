@@ -28,6 +28,7 @@ class ViscoelasticCreep(Effect):
     family = "structure"
     site = Site.STRUCTURE
     symptom = "creeps on in the direction of the last step and fades over a fixed time"
+    linear_form = True
     n_state = 1
     step = _step
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import squares_of
-from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.coherence import following_of
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated
 from analysis.diagnosis.nominal.tuning import turned
 from sim_backend.effects.base import Effect
 
@@ -18,18 +19,21 @@ Array = NDArray[np.float64]
 _LAW, _EXACT = 3e-3, 1e-4
 """Parts of what an effect explains that may be the difference between our form of it and nature's, or what a simulation
 in steps cannot do better: what explains less than that beside it is not looked for. A gain or a delay has no other form
-(`exact`), but is only so linear and so steady: to 1 %."""
+(`exact`), but is only so linear and so steady: to 1 %. A lag may have another form, but no less linear a one
+(`linear_form`): what does not follow the drive by a linear law has to explain no more beside it than beside a gain."""
 
 
 @dataclass(frozen=True)
 class Leeway:
     """What may be wrong, as a sum of squares in units of the noise, in each of the readings at `outputs`.
 
-    What an effect explains in one reading says nothing of how well another is understood.
+    What an effect explains in one reading says nothing of how well another is understood. So much of `parts` as
+    `linear` says is a wrong form of linear effects.
     """
 
     outputs: tuple[str, ...]
     parts: tuple[float, ...]
+    linear: tuple[float, ...] = ()
 
     @property
     def total(self) -> float:
@@ -45,6 +49,13 @@ class Leeway:
             return self.total
         return float(np.dot(self.parts, shares))
 
+    def along(self, following: Sequence[float] | Array) -> Leeway:
+        """Return it for what follows the drive by a linear law in these parts of its energy, one for each reading."""
+        if not any(self.linear):
+            return self
+        rest = np.array(self.parts) - np.array(self.linear) * (1.0 - np.asarray(following))
+        return Leeway(self.outputs, tuple(rest.tolist()))
+
     def at(self, where: str) -> float:
         """Return it in the reading of a place, in all of them where the place has none of its own."""
         target = target_of(where)
@@ -56,9 +67,14 @@ def target_of(where: str) -> str:
     return where.rpartition("->")[2]
 
 
-def form_error(effect: Effect) -> float:
-    """Return the part of what an effect explains that its form may be wrong by."""
-    return _EXACT if effect.exact else _LAW
+def form_error(effect: Effect, following: float = 1.0) -> float:
+    """Return the part of what an effect explains that its form may be wrong by.
+
+    Along what follows the drive by a linear law in so large a part of its energy.
+    """
+    if effect.exact:
+        return _EXACT
+    return _EXACT + (_LAW - _EXACT) * following if effect.linear_form else _LAW
 
 
 def explained_by(setting: Setting, tuned: Fit, best: Fit) -> float:
@@ -68,6 +84,32 @@ def explained_by(setting: Setting, tuned: Fit, best: Fit) -> float:
     return max(float(np.sum(squares_of(setting, tuned.residuals))) - best.misfit, 0.0)
 
 
+def beyond_form(setting: Setting, before: Fit, after: Fit, least: Leeway) -> bool:
+    """Tell whether `after` explains more beside `before` than `least` allows the form of the effects there.
+
+    Where these are linear, by what of the difference follows the drive by a linear law.
+    """
+    change = _change(before, after)
+    parts = following_of(setting, linear_of(setting, before), change)
+    gained = float(np.sum(squares_of(setting, before.residuals))) + before.penalty - after.objective
+    moved = squares_of(setting, change)
+    return gained >= least.along(parts).of(moved / max(float(np.sum(moved)), np.finfo(float).tiny))
+
+
+def following(setting: Setting, before: Fit, after: Fit, place: str) -> float:
+    """Return the part of what `after` changes in the reading of a place that follows the drive by a linear law.
+
+    The largest in any reading where the place has none of its own.
+    """
+    parts = following_of(setting, linear_of(setting, before), _change(before, after))
+    outputs = setting.places.outputs
+    return float(parts[outputs.index(place)] if place in outputs else np.max(parts))
+
+
+def _change(before: Fit, after: Fit) -> list[Array]:
+    return [a - b for a, b in zip(before.residuals, after.residuals, strict=True)]
+
+
 def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
     """Return how much of what `best` explains its effects' forms may be wrong by."""
     outputs = setting.places.outputs
@@ -75,10 +117,16 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
         return Leeway(tuple(outputs), (0.0,) * len(outputs))
     left = squares_of(setting, best.residuals)
     explained = np.maximum(squares_of(setting, tuned.residuals) - left, 0.0)
-    exact = [e for e in best.effects if e.exact]
-    by_law = explained if len(exact) < len(best.effects) else np.zeros_like(explained)
-    if exact and len(exact) < len(best.effects):
-        moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), exact)
-        without = squares_of(setting, residuals_of(setting.data.records, moved))
-        by_law = np.clip(without - left, 0.0, explained)
-    return Leeway(tuple(outputs), tuple((_LAW * by_law + _EXACT * (explained - by_law)).tolist()))
+
+    def beside(kept: Sequence[Effect]) -> Array:
+        """Return what the other effects explain beside those that are `kept`."""
+        if not kept or len(kept) == len(best.effects):
+            return np.zeros_like(explained) if kept else explained
+        moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), kept)
+        return np.clip(squares_of(setting, residuals_of(setting.data.records, moved)) - left, 0.0, explained)
+
+    by_law = beside([e for e in best.effects if e.exact])
+    by_bent_law = np.minimum(beside([e for e in best.effects if e.exact or e.linear_form]), by_law)
+    parts = _LAW * by_law + _EXACT * (explained - by_law)
+    linear = (_LAW - _EXACT) * (by_law - by_bent_law)
+    return Leeway(tuple(outputs), tuple(parts.tolist()), tuple(linear.tolist()))

@@ -21,7 +21,7 @@ from analysis.diagnosis.fitting.balance import (
     squares_of,
 )
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
-from analysis.diagnosis.fitting.leeway import Leeway, explained_by, leeway_of
+from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
@@ -258,8 +258,10 @@ class _Stage:
         return fits
 
     def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
-        if not any(self._telling(setting, found, i) for i in picks):
-            return []
+        telling = any(self._telling(setting, found, i) for i in picks)
+        if not telling:  # a linear effect's wrong form follows the drive: what does not may be told from it by a fit
+            least = self.least.along(np.zeros(setting.data.n_outputs))
+            picks = [i for i in picks if found.drops[i] >= least.of(found.shares[i])] if any(self.least.linear) else []
 
         def trial(k: int) -> Fit:
             candidate = found.candidates[picks[k]]
@@ -274,7 +276,7 @@ class _Stage:
                 self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
                 fits.append(next(trials))
         self.progress("refitting the best", self.done + self.share)
-        return fits
+        return fits if telling else [f for f in fits if beyond_form(setting, self.best, f, self.least)]
 
     def _telling(self, setting: Setting, found: Screen, i: int) -> bool:
         """Tell whether a candidate explains more than the form of other effects may be wrong by.

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.fit import Fit
-from analysis.diagnosis.fitting.leeway import form_error, target_of
+from analysis.diagnosis.fitting.leeway import following, form_error, target_of
 from analysis.diagnosis.noise.estimate import rows_of_noise
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.result import Cause, Estimate, Verdict
@@ -247,21 +247,31 @@ def _material(found: Found) -> tuple[int, ...]:
     if len(best.candidates) == 1:
         return (0,)
     whole = {c.key for c in best.candidates}
-    costs, spared = [], []
+    costs, spared, nearest = [], [], []
     for c in best.candidates:
         without = [r for r in found.rivals if {x.key for x in r.candidates} == whole - {c.key}]
         # where nothing repeats each fit has a noise of its own, and only their evidence can be compared
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
+        nearest.append(without[int(np.argmin(worth))] if worth else best)
         # what spares the knobs more than it explains has no form that could be another's error
         eased = (strain_of(knobs, r.change) - strain_of(knobs, best.change) for r in without)
         spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
-    leeway = {place: 0.0 for place in places}
-    for effect, place, cost in zip(best.effects, places, costs, strict=True):
-        if np.isfinite(cost):
-            leeway[place] = max(leeway[place], form_error(effect) * cost)
-    return tuple(i for i, cost in enumerate(costs) if spared[i] or not cost < leeway[places[i]])
+
+    def least(i: int, following: float) -> float:
+        """Return what the form of an effect at the same place may be wrong by, along what follows the drive so far."""
+        others = zip(best.effects, places, costs, strict=True)
+        return max(
+            (form_error(e, following) * c for e, p, c in others if p == places[i] and np.isfinite(c)), default=0.0
+        )
+
+    def named(i: int) -> bool:
+        if spared[i] or not costs[i] < least(i, 1.0):
+            return True
+        return costs[i] >= least(i, 0.0) and costs[i] >= least(i, following(found.setting, nearest[i], best, places[i]))
+
+    return tuple(i for i in range(len(costs)) if named(i))
 
 
 def _on_border(found: Found, named: tuple[int, ...]) -> dict[int, tuple[str, ...]]:
