@@ -24,6 +24,7 @@ from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis
+from analysis.diagnosis.search.exchange import exchanged
 from analysis.diagnosis.search.rounds import Found, Progress, search
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
@@ -120,7 +121,8 @@ def search_causes(
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    return beside_strangers(search(setting, tuned, rules, scales, progress), rules, scales, progress)
+    found = exchanged(search(setting, tuned, rules, scales, progress), rules, scales, progress)
+    return beside_strangers(found, rules, scales, progress)
 
 
 def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:

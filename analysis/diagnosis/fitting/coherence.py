@@ -87,18 +87,20 @@ def _part(frequency: Array, lines: Spectrum, numbers: int) -> float:
 
 
 def _bands(frequency: Array, powers: Array, lines: float) -> list[tuple[int, int]]:
-    """Return bands of lines (first, last), each with as many as `lines` of equal power would make, or all there are."""
+    """Return bands of lines (first, last), each with as many as `lines` of equal power would make, or all there are.
+
+    Power is compared within a stripe only: it falls by orders of magnitude beyond a resonance, where lines count too.
+    """
     edges = np.geomspace(frequency[0], frequency[-1] * (1.0 + 1e-9), _STRIPES + 1)
     stops = np.unique(np.searchsorted(frequency, edges[1:]))
     bands: list[tuple[int, int]] = []
-    first, sums, squares = 0, 0.0, 0.0
-    before = 0
-    for stop in stops[stops > 0]:
+    first, before, found = 0, 0, 0.0
+    for stop in stops[stops > 0].tolist():
         own = powers[before:stop]
-        sums, squares, before = sums + float(own.sum()), squares + float(own @ own), int(stop)
-        if sums**2 >= lines * squares > 0.0:
-            bands.append((first, before))
-            first, sums, squares = before, 0.0, 0.0
+        found, before = found + float(own.sum()) ** 2 / max(float(own @ own), np.finfo(float).tiny), stop
+        if found >= lines:
+            bands.append((first, stop))
+            first, found = stop, 0.0
     if first < frequency.size:
         # too few lines are left for a band of their own
         bands = [*bands[:-1], (bands[-1][0] if bands else 0, frequency.size)]

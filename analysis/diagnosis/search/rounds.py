@@ -79,12 +79,18 @@ class Found:
         return max(1.0, self.best.misfit / self.best.rows) if self.setting.whitener.repeats else 1.0
 
 
-def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
-    """Return the best set of effects, by alternating screening and refitting, and all that came near it."""
-    best, rivals = tuned, [tuned]
+def search(
+    setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress, start: Fit | None = None
+) -> Found:
+    """Return the best set of effects, by alternating screening and refitting, and all that came near it.
+
+    The effects of `start` are there to begin with.
+    """
+    best = tuned if start is None else start
+    rivals = [best]
     known = setting.whitener.repeats
-    flat = _flat(setting, tuned)
-    last, beneath = screen_both(setting, flat, tuned, rules, scales)
+    flat = _flat(setting, best)
+    last, beneath = screen_both(setting, flat, best, rules, scales)
     first = last
     passed: dict[tuple[str, str], float] = {}
     for depth in range(MOST):
@@ -108,17 +114,17 @@ def search(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress:
             upheld = _upheld(flat, stage.trials(flat, found), best, last.price)
             ahead = [(lead, f) for lead, f in ahead if not _keys([f]) & _keys(upheld)]
             ahead += [(score(best, True) - score(f, True), f) for f in upheld]
-            if upheld and not depth:  # causes are compared where they stand out
+            if upheld and not best.candidates:  # causes are compared where they stand out
                 first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
         trials = [f for _, f in ahead]
         if _top(ahead) <= last.price:
             rivals += trials
             break
-        if not depth:
+        if not best.candidates:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
-        some = trials[: n_compared([lead for lead, _ in ahead], known=known or depth > 0)]
+        some = trials[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]
         setting, trials, before = _settled(replace(setting, substeps=rules.substeps), some, rivals[0])
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]

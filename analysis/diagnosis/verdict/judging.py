@@ -13,9 +13,9 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.fitting.leeway import following, form_error, target_of
-from analysis.diagnosis.noise.estimate import rows_of_noise
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.result import Cause, Estimate, Verdict
+from analysis.diagnosis.search.adequacy import EXPLAINED, adequate, explained_part, uncertainty
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
@@ -27,11 +27,6 @@ from sim_backend.modes import units_at
 _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
 the threshold."""
-
-_EXPLAINED = 0.997
-"""An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
-leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
-friction's)."""
 
 _NEAR = 0.05
 """So near the limit of a shape, as a part of it, both names that meet there hold."""
@@ -125,24 +120,6 @@ def _stand_in(found: Found) -> str:
     return ""
 
 
-def adequate(found: Found, allowed: float = 0.0) -> bool:
-    """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
-    best = found.best
-    if not found.setting.whitener.repeats:
-        fresh = found.last.freshness > IMITATED
-        significant = fresh & (found.last.gains > found.last.threshold)
-        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - _EXPLAINED) * found.explained)
-    spread = _uncertainty(found) + 0.002
-    excess = best.misfit / best.rows - 1.0 - allowed
-    return bool(excess <= spread or _explained(found) >= _EXPLAINED)
-
-
-def _explained(found: Found) -> float:
-    """Return the part of what was more than noise that the best model explains, all where nothing was."""
-    best, excess = found.best, found.tuned.misfit - found.tuned.rows
-    return 1.0 - (best.misfit - best.rows) / excess if excess > 0.0 else 1.0
-
-
 def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: float = 0.0) -> str:
     """Return in words how far the best model of an *unknown* verdict gets, and what it lacks to be adequate.
 
@@ -160,25 +137,16 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: 
     names = " and ".join(f"{e.reported()} at {e.where}" for e in best.effects)
     if not known:
         return f"beside the best explanation, {names}, something else still stands out that no effect explains"
-    explains = f"explains {100.0 * _explained(found):.4g} % of what was more than noise"
-    if against and found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= _uncertainty(found):
+    explains = f"explains {100.0 * explained_part(found):.4g} % of what was more than noise"
+    if against and found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
         explains = "explains what stands out of a total that may be noise"
     if against:
         return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
     left = best.misfit / best.rows - allowed
     return (
         f"the best explanation, {names}, leaves {left:.3g} times the mean square of the noise, where at most "
-        f"{1.002 + _uncertainty(found):.3g} may be noise, and {explains} ({100.0 * _EXPLAINED:g} % are asked for)"
+        f"{1.002 + uncertainty(found):.3g} may be noise, and {explains} ({100.0 * EXPLAINED:g} % are asked for)"
     )
-
-
-def _uncertainty(found: Found) -> float:
-    """Return by how much noise alone may miss its own level, a mean square of one: four standard deviations.
-
-    Both are known from so many numbers: what is left from all rows, the level from what differs between periods.
-    """
-    seen = max(rows_of_noise(found.setting.data), 1)
-    return float(4.0 * np.sqrt(2.0 / found.tuned.rows + 2.0 / seen))
 
 
 def _without_cause(found: Found, allowed: float, random: float) -> Verdict:
@@ -189,7 +157,7 @@ def _without_cause(found: Found, allowed: float, random: float) -> Verdict:
 def _loud(found: Found, allowed: float) -> bool:
     """Tell whether the model leaves more in all than what differs between periods."""
     excess = found.tuned.misfit / found.tuned.rows - 1.0 - allowed
-    return bool(found.setting.whitener.repeats and excess > _uncertainty(found) + 0.01)
+    return bool(found.setting.whitener.repeats and excess > uncertainty(found) + 0.01)
 
 
 def _outstanding(found: Found, random: float) -> list[Candidate]:

@@ -122,6 +122,12 @@ def test_what_is_explained_in_one_reading_is_no_leeway_in_another() -> None:
     assert abs(leeway.of((0.01, 0.99)) - 0.399) < 1e-12  # a torque of theta_y, a tenth of which moves theta_x
 
 
+def test_what_does_not_follow_the_drive_is_no_leeway_of_a_linear_form() -> None:
+    leeway = Leeway(("theta_x", "theta_y"), (30.0, 10.0), linear=(28.0, 0.0))
+    assert leeway.along((1.0, 0.0)).parts == (30.0, 10.0)
+    assert leeway.along((0.25, 0.25)).parts == (9.0, 10.0)  # of theta_y the form is no linear one
+
+
 def test_a_model_that_has_a_shift_of_its_own_has_it_once() -> None:
     """An extended model with a stiffer spring explains the bench that has it: nothing is left to be found."""
     rng = np.random.default_rng(4)

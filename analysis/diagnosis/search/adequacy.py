@@ -1,0 +1,41 @@
+"""When a set of effects is enough: what it leaves is noise, or next to nothing of what it set out to explain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.noise.estimate import rows_of_noise
+from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.rounds import Found
+
+EXPLAINED = 0.997
+"""An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
+leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
+friction's)."""
+
+
+def adequate(found: Found, allowed: float = 0.0) -> bool:
+    """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
+    best = found.best
+    if not found.setting.whitener.repeats:
+        fresh = found.last.freshness > IMITATED
+        significant = fresh & (found.last.gains > found.last.threshold)
+        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - EXPLAINED) * found.explained)
+    spread = uncertainty(found) + 0.002
+    excess = best.misfit / best.rows - 1.0 - allowed
+    return bool(excess <= spread or explained_part(found) >= EXPLAINED)
+
+
+def explained_part(found: Found) -> float:
+    """Return the part of what was more than noise that the best model explains, all where nothing was."""
+    best, excess = found.best, found.tuned.misfit - found.tuned.rows
+    return 1.0 - (best.misfit - best.rows) / excess if excess > 0.0 else 1.0
+
+
+def uncertainty(found: Found) -> float:
+    """Return by how much noise alone may miss its own level, a mean square of one: four standard deviations.
+
+    Both are known from so many numbers: what is left from all rows, the level from what differs between periods.
+    """
+    seen = max(rows_of_noise(found.setting.data), 1)
+    return float(4.0 * np.sqrt(2.0 / found.tuned.rows + 2.0 / seen))

@@ -1,0 +1,45 @@
+"""A first cause is found alone, and may be the stand-in of another: beside the later ones it is looked for again.
+
+Of two effects of one size a flexible one explains most by itself, a loop that stiffens where there are a lag and a
+cubic spring. The second is then found beside it all the same, and beside the second the search finds what the first
+stood for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from analysis.diagnosis.candidates.signature import Scales
+from analysis.diagnosis.fitting.balance import again, lined_up, score
+from analysis.diagnosis.search.adequacy import adequate
+from analysis.diagnosis.search.rounds import Found, Progress, alone, search
+from analysis.diagnosis.search.shortlist import Rules
+
+_AT = 0.85
+"""Share of the whole diagnosis that is done when this begins."""
+
+
+def exchanged(found: Found, rules: Rules, scales: Scales, progress: Progress) -> Found:
+    """Return the best of `found` and what searches find that begin without one of its effects, each in turn.
+
+    Only where there are several and they are not enough: those that are leave nothing to look for.
+    """
+    if len(found.best.candidates) < 2 or adequate(found):
+        return found
+    best, nominal, numbers = found, again(found.setting, found.tuned), range(len(found.best.candidates))
+    for i in numbers:
+        progress(f"looking again for what {found.best.effects[i].reported()} is", _AT)
+        start = alone(found.setting, found.best, nominal, [k for k in numbers if k != i])
+        other = search(found.setting, found.tuned, rules, scales, lambda _, __: None, start)
+        # what single effects were worth by themselves was told by the first search, and is not asked again
+        best = _better(best, replace(other, first=found.first, passed=found.passed))
+    return best
+
+
+def _better(one: Found, other: Found) -> Found:
+    """Return the one of two that has more evidence, the best of the other among its rivals."""
+    known = one.setting.whitener.repeats
+    best, rest = (one, other) if score(one.best, known) <= score(other.best, known) else (other, one)
+    setting = best.setting
+    rival = again(setting, rest.best) if known else lined_up(setting, rest.best)[1]
+    return replace(best, rivals=(*best.rivals, rival))
