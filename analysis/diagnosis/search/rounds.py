@@ -101,12 +101,7 @@ def search(
         stage = _Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:
-            # a coloured noise takes what is slow for its own, a force that stays or turns with the motion among it;
-            # white noise cannot, so the shapes that stand out against white noise are tried as well
-            plain = settle(setting, best, order=0)
-            found = screen(plain, best, rules, scales)
-            lowest = min((score(f, False) for f in trials), default=np.inf)
-            trials += [lined_up(plain, f, lowest)[1] for f in stage.trials(plain, found, _keys(trials))]
+            trials += _against_white_noise(setting, stage, trials, rules, scales)
         ahead = [(_lead(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             found = _unmasked(flat, best, beneath, last.price)
@@ -141,6 +136,19 @@ def search(
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
+
+
+def _against_white_noise(
+    setting: Setting, stage: _Stage, trials: Sequence[Fit], rules: Rules, scales: Scales
+) -> list[Fit]:
+    """Return the fits beside `trials` with shapes that stand out against white noise.
+
+    A coloured noise takes what is slow for its own, a force that stays or turns with the motion among it.
+    """
+    plain = settle(setting, stage.best, order=0)
+    found = screen(plain, stage.best, rules, scales)
+    lowest = min((score(f, False) for f in trials), default=np.inf)
+    return [lined_up(plain, f, lowest)[1] for f in stage.trials(plain, found, _keys(trials))]
 
 
 def n_compared(leads: Sequence[float], *, known: bool) -> int:
