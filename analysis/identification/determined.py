@@ -34,12 +34,14 @@ def without_undetermined(
 def _determinedness(fit: TimeFit | RationalFit) -> Array:
     """Return by how many standard deviations each block's frequency and decay rate differ from zero, the lesser (m,).
 
-    A rigid body has neither, and is there or not by the criterion.
+    A rigid body has neither, and is there or not by the criterion. One that is braked has a decay rate alone: a block
+    that is overdamped for certain has two poles apart, of which the slow one may be at rest.
     """
     model = fit.model
     frequency = _ratio(model.omega_rad_s, fit.omega_std_rad_s)
     decay = _ratio(model.sigma_1_s, fit.sigma_std_1_s)
-    return np.where(model.omega_rad_s > 0.0, np.minimum(frequency, decay), np.inf)
+    braked = model.omega_rad_s + SIGNIFICANT * fit.omega_std_rad_s < model.sigma_1_s
+    return np.where(model.omega_rad_s > 0.0, np.where(braked, decay, np.minimum(frequency, decay)), np.inf)
 
 
 def _ratio(value: Array, std: Array) -> Array:

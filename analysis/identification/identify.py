@@ -23,12 +23,13 @@ from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
 from analysis.identification.input_delay import with_delay
 from analysis.identification.inverse_dynamics import Balance, balance_of
+from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.timefit import fit_records
+from analysis.identification.timefit import TimeFit, fit_records
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
 from campaigns.log import LogSegment, Run
@@ -267,14 +268,12 @@ def _from_records(
     balance = balance_of(inputs, outputs, rate)
     if balance is not None:
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
-    fit = fit_records(inputs, outputs, rate, orders, rigid_bodies=None, report=part_of(report, 0.0, 0.8))
-    report(0.8, 1.0, "giving up modes that are not there")
-    fit = without_undetermined(
-        fit, orders, lambda n, first: fit_records(inputs, outputs, rate, n, rigid_bodies=None, start=first)
-    )
-    if fitting[0][0].header.bench.get("kind") == "imported":  # our own bench has no delay
-        report(0.9, 1.0, "fitting a delay")
-        fit = with_delay(fit, inputs, outputs, rate)
+    late = fitting[0][0].header.bench.get("kind") == "imported"  # our own bench has no delay
+    first = fit_records(inputs, outputs, rate, orders[:1], rigid_bodies=None)
+    structure = Structure(feedthrough=not answers_at_once(first, inputs, outputs))
+    fit = _fit_in_time(inputs, outputs, rate, orders, structure, late, report)
+    if np.any(fit.model.d) and answers_at_once(fit, inputs, outputs):  # a first fit may miss too much to tell
+        fit = _fit_in_time(inputs, outputs, rate, orders, Structure(feedthrough=False), late, report)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(
@@ -285,6 +284,28 @@ def _from_records(
         name=name,
         held_out=tried(fit.model, parts, rate, offsets.mean(axis=0)),
     )
+
+
+def _fit_in_time(
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate: float,
+    orders: tuple[int, ...],
+    structure: Structure,
+    late: bool,
+    report: Report,
+) -> TimeFit:
+    def again(n: int, first: ModalModel | None) -> TimeFit:
+        return fit_records(inputs, outputs, rate, n, structure=structure, rigid_bodies=None, start=first)
+
+    told = part_of(report, 0.0, 0.8)
+    fit = fit_records(inputs, outputs, rate, orders, structure=structure, rigid_bodies=None, report=told)
+    report(0.8, 1.0, "giving up modes that are not there")
+    fit = without_undetermined(fit, orders, again)
+    if not late:
+        return fit
+    report(0.9, 1.0, "fitting a delay")
+    return with_delay(fit, inputs, outputs, rate, structure)
 
 
 def _from_spectra(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,15 +15,17 @@ _CLEARLY = 2.0 * float(np.log(99.0))
 """By how much the criterion (twice a logarithm of evidence) must fall: a hundred to one."""
 
 
-def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
+def with_delay(
+    fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, structure: Structure
+) -> TimeFit:
     """Return `fit`, or one of as many modes whose inputs act late where that explains the records clearly better.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y). Without a delay its modes imitate it as well as they can;
-    what they cannot would be found later as a delay that the bench has and the model lacks. With several inputs only
-    the neighbourhood of `fit` is searched, as whole samples of delay at each take too long to try.
+    Shapes: every record's input (n, n_u) and output (n, n_y); `structure` is that of `fit`. Without a delay its modes
+    imitate it as well as they can; what they cannot would be found later as a delay that the bench has and the model
+    lacks. With several inputs only the neighbourhood of `fit` is searched, as whole samples of delay at each take too
+    long to try.
     """
     start = None if inputs[0].shape[1] == 1 else fit.model
-    late = fit_records(
-        inputs, outputs, rate_hz, fit.model.n_blocks, structure=Structure(delay=True), rigid_bodies=None, start=start
-    )
+    delayed = replace(structure, delay=True)
+    late = fit_records(inputs, outputs, rate_hz, fit.model.n_blocks, structure=delayed, rigid_bodies=None, start=start)
     return late if late.criterion + _CLEARLY < fit.criterion else fit

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 WINDOWS = (7, 11, 17, 27, 43, 67, 107)
 """Samples over which a cubic is laid; the best balance decides."""
 
+_ROWS = 20
+"""Rows of motion for each of a window's samples: five numbers are fitted, and what a window lays is one."""
+
 SHARE = 0.5
 """Friction counts when it takes this part of what the linear terms leave of the torque, in squares."""
 
@@ -51,8 +54,8 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
     if inputs[0].shape[1] != 1 or outputs[0].shape[1] != 1:
         return None
     longest = max(y.shape[0] for y in outputs)
-    tried = [_fitted(inputs, outputs, rate_hz, window) for window in WINDOWS if 20 * window < longest]
-    best = max(tried, key=lambda t: t.explained, default=None)
+    tried = [_fitted(inputs, outputs, rate_hz, window) for window in WINDOWS if _ROWS * window < longest]
+    best = max((t for t in tried if t is not None), key=lambda t: t.explained, default=None)
     if best is None or best.explained < BALANCED or best.by_friction < SHARE:
         return None
     mass, damping, spring, friction = best.numbers[:4]
@@ -80,7 +83,8 @@ class _Fitted:
     by_friction: float
 
 
-def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted:
+def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted | None:
+    """Return the balance over the rows in which the axis moves; None where these are few."""
     taps = [savgol_coeffs(window, 3, deriv=d, delta=1.0 / rate_hz, use="conv") for d in range(3)]
     rows, torques = [], []
     for u, y in zip(inputs, outputs, strict=True):
@@ -90,9 +94,14 @@ def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, w
         # a hold gives each torque from its sample on: over the smoothing it acts half a sample late
         held = 0.5 * (u[:-1, 0] + u[1:, 0])
         torque = np.convolve(np.concatenate([u[:1, 0], held]), taps[0], mode="valid")
-        rows.append(np.stack([acceleration, rate, position, np.tanh(rate / _still(rate)), np.ones_like(rate)], axis=1))
-        torques.append(torque)
+        terms = [acceleration, rate, position, np.tanh(rate / _still(rate)), np.ones_like(rate)]
+        # at rest friction is whatever holds the axis, and no balance tells it from the drive
+        moves = np.abs(rate) > _still(rate)
+        rows.append(np.stack(terms, axis=1)[moves])
+        torques.append(torque[moves])
     x, u_smooth = np.concatenate(rows), np.concatenate(torques)
+    if u_smooth.size < _ROWS * window:
+        return None
     with_all, numbers, deviations = _least_squares(x, u_smooth, window)
     without, _, _ = _least_squares(np.delete(x, 3, axis=1), u_smooth, window)
     total = float(np.sum((u_smooth - u_smooth.mean()) ** 2))

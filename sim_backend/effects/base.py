@@ -289,6 +289,10 @@ class Effect:
         """
         return self
 
+    def braking(self) -> float:
+        """Return by how much its torque against the motion rises with the rate near rest, in input units per rate."""
+        return 0.0
+
     def chosen(self) -> int:
         """Return how many phases, which are no parameters, were chosen by looking at the data all the same."""
         return 0

@@ -32,3 +32,7 @@ class CoulombFriction(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return breakaway rates from nearly sharp to a tenth of the fastest motion."""
         return [{"breakaway_rate": max(view.rate_peak * part, 1e-12)} for part in (1e-3, 1e-2, 1e-1)]
+
+    def braking(self) -> float:
+        """Return the slope of the torque at rest."""
+        return self.torque / self.breakaway_rate

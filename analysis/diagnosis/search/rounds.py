@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.signature import Candidate, Scales
+from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import (
     again,
     guessed_squares,
@@ -24,12 +23,12 @@ from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
-from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
-from analysis.diagnosis.nominal.prior import spreads_of, strain_of
-from analysis.diagnosis.nominal.tuning import REACH
+from analysis.diagnosis.fitting.steps import steps_for
+from analysis.diagnosis.nominal.prior import strain_of
+from analysis.diagnosis.search.extension import extended
+from analysis.diagnosis.search.rubbing import rubbing
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
-from sim_backend.effects.base import Effect, Site
-from sim_backend.errors import ConfigError
+from sim_backend.effects.base import Effect
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -47,9 +46,10 @@ first round by less than this natural logarithm."""
 _LOST = 1.0
 """A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
 
+_FINER = 2
+"""A fit that asks for so many times the steps is done again in them."""
+
 _LONG = 25
-_TRUSTED = 3.0
-"""Refits start with knobs within this many standard deviations of the nominal model."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,8 @@ def search(
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
         some = trials[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]
-        setting, trials, before = _settled(replace(setting, substeps=rules.substeps), some, rivals[0])
+        careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
+        setting, trials, before = _settled(careful, some, rivals[0])
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
         flat = _flat(setting, best)
@@ -143,12 +144,18 @@ def _against_white_noise(
 ) -> list[Fit]:
     """Return the fits beside `trials` with shapes that stand out against white noise.
 
-    A coloured noise takes what is slow for its own, a force that stays or turns with the motion among it.
+    A coloured noise takes what is slow for its own, a force that stays or turns with the motion among it. What gained
+    nothing beside that noise may gain here.
     """
     plain = settle(setting, stage.best, order=0)
     found = screen(plain, stage.best, rules, scales)
+    before = score(stage.best, False)
+    seen = _keys([f for f in trials if score(f, False) + found.price < before])
     lowest = min((score(f, False) for f in trials), default=np.inf)
-    return [lined_up(plain, f, lowest)[1] for f in stage.trials(plain, found, _keys(trials))]
+    some = stage.trials(plain, found, seen)
+    if not stage.best.candidates:
+        some += rubbing(plain, stage.best, found)
+    return [lined_up(plain, f, lowest)[1] for f in some]
 
 
 def n_compared(leads: Sequence[float], *, known: bool) -> int:
@@ -307,23 +314,21 @@ def _under(setting: Setting, fit: Fit) -> Fit:
     return replace(fit, misfit=float(np.sum(squares_of(setting, fit.residuals))), log_variance=setting.log_variance)
 
 
-def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
-    """Return `fit` with one more effect, refitted from its screened `sizes` and the `knobs`' change beside it."""
-    before, held = fit.held()
-    sd = spreads_of(setting.knobs)
-    # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
-    start = np.clip(fit.change + knobs[: fit.change.size], -_TRUSTED * sd, _TRUSTED * sd)
-    if candidate.effect.site is Site.MODEL:
-        # the effect takes over what the knobs did in its place, at any size; one that cannot be (a delay below zero)
-        # is left to the fit
-        with suppress(ConfigError):
-            sizes = sizes * part_to_take(setting, fit, candidate, sizes)
-            start = np.clip(taken_over(setting, fit, candidate, sizes)[0], -REACH, REACH)
-    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
-
-
 def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
+
+    In steps as fine as that asks for; it may ask for finer ones once it is fitted.
+    """
+    setting = replace(setting, substeps=steps_for(setting, trials))
+    setting, trials, before = _brought_into_line(setting, trials, before)
+    best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
+    if steps_for(setting, [best]) < _FINER * setting.substeps:
+        return setting, trials, before
+    return _settled(setting, trials, before)
+
+
+def _brought_into_line(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+    """Return `trials` and the fit `before` them under the noise that they are compared in, and the best one's setting.
 
     Where periods repeat, all are compared under one noise. Without repetition the noise is what a fit itself leaves,
     so each is brought into line with its own.

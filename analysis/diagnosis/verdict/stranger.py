@@ -14,7 +14,8 @@ import numpy as np
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import again, lined_up, score
 from analysis.diagnosis.fitting.fit import Fit
-from analysis.diagnosis.search.rounds import Found, Progress, extended
+from analysis.diagnosis.search.extension import extended
+from analysis.diagnosis.search.rounds import Found, Progress
 from analysis.diagnosis.search.shortlist import Rules, screen
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.unlisted_force import UnlistedForce

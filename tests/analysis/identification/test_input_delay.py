@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from analysis.identification.input_delay import with_delay
+from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.linear.simulate import simulate_linear
 from sim_backend.linear import ModalModel, discretise
@@ -37,7 +38,7 @@ def played(late_samples: float, seed: int) -> tuple[np.ndarray, np.ndarray, floa
 
 def fits(u: np.ndarray, y: np.ndarray) -> tuple[TimeFit, TimeFit]:
     fit = fit_records([u], [y], RATE_HZ, 1)
-    return fit, with_delay(fit, [u], [y], RATE_HZ)
+    return fit, with_delay(fit, [u], [y], RATE_HZ, Structure())
 
 
 def test_without_a_delay_the_fit_is_left_alone() -> None:

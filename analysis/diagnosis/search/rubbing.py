@@ -1,0 +1,36 @@
+"""An axis that drifts and rubs: how large the friction is, from the balance of torques.
+
+What nothing holds adds up every error of its torque. Beside the friction that the model lacks its residual is then
+drift, and along the measured motion no friction explains that: at rest it is whatever holds the axis, which the motion
+does not show. A balance of torques over the rows in which the axis moves knows its size all the same, and a simulation
+that has it from the start stays near the record.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.search.extension import extended
+from analysis.diagnosis.search.shortlist import Screen
+from analysis.identification.inverse_dynamics import balance_of
+from sim_backend.effects.coulomb_friction import CoulombFriction
+
+
+def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
+    """Return `fit` with a friction of the size that the balance of torques tells, one fit for each of its forms.
+
+    None where the balance tells of none, and where the axis is not one of one drive and one reading. The knobs begin at
+    the nominal model: what stands in for a friction has moved them.
+    """
+    rows = [(r.u[r.fitted()], r.y[r.fitted()]) for r in setting.data.records]
+    balance = balance_of([u for u, _ in rows], [y for _, y in rows], setting.data.rate_hz)
+    if balance is None:
+        return []
+    fits = []
+    for i in found.best_per_key():
+        candidate = found.candidates[i]
+        if candidate.effect.reported() == CoulombFriction.name:
+            sizes = np.array([balance.friction / unit for unit in candidate.unit_sizes.values()])
+            fits.append(extended(setting, fit, candidate, sizes, -fit.change))
+    return fits

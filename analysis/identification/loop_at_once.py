@@ -1,0 +1,60 @@
+"""Whether a controller answers a reading within its own sample: then no feedthrough can be told from it.
+
+A reading's noise is then in the input of the same sample, times the controller's gain, and a model whose input acts at
+once foretells the noise by it: the likelihood rises by thousands, and the model simulates worse. A plant that acts from
+the next sample on has no such way out, and the direct method is consistent for it, whatever the loop.
+
+Source: L. Ljung, System Identification, 2nd edition, 1999, sections 13.4 and 13.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from analysis.identification.timefit import TimeFit, whitening_filters
+from sim_backend.linear import Array
+
+_LAGS = 10
+_CHANCE = 1e-6
+_RATIO = 3.0
+"""By how much more the inputs to come must hold of the residual than those that went before.
+
+Of what a model misses of its inputs these hold as much or more, and where an excitation repeats both hold it.
+"""
+
+
+def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
+    """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each.
+
+    What is new in each sample of an input is compared with what is new in the residual a few samples earlier and later.
+    """
+    before, after, tests = 0.0, 0.0, _LAGS * inputs[0].shape[1] * outputs[0].shape[1]
+    errors = [y - m for y, m in zip(outputs, fit.outputs, strict=True)]
+    for o in range(errors[0].shape[1]):
+        rest = [np.convolve(e[:, o], fit.whitening[o])[: e.shape[0]] for e in errors]
+        for j in range(inputs[0].shape[1]):
+            own = [u[:, [j]] - u[:, j].mean() for u in inputs]
+            if not any(np.any(u) for u in own):
+                continue
+            taps = whitening_filters(own, None)[0]
+            fresh = [np.convolve(u[:, 0], taps)[: u.shape[0]] for u in own]
+            after += _held(rest, fresh, range(1, _LAGS + 1))
+            before += _held(rest, fresh, range(-_LAGS, 0))
+    return bool(after > chi2.isf(_CHANCE, tests) and after > _RATIO * before)
+
+
+def _held(rest: Sequence[Array], fresh: Sequence[Array], lags: range) -> float:
+    """Return the sum of squared correlations of `rest` with `fresh` so many samples later, in units of chance."""
+    total = 0.0
+    for lag in lags:
+        pairs = [
+            (r[max(-lag, 0) : r.size - max(lag, 0)], f[max(lag, 0) : f.size - max(-lag, 0)])
+            for r, f in zip(rest, fresh, strict=True)
+        ]
+        product = sum(float(r @ f) for r, f in pairs)
+        powers = sum(float(r @ r) for r, _ in pairs) * sum(float(f @ f) for _, f in pairs)
+        total += sum(r.size for r, _ in pairs) * product**2 / max(powers, np.finfo(float).tiny)
+    return total
