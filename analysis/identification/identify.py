@@ -25,6 +25,7 @@ from analysis.identification.input_delay import with_delay
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
+from analysis.identification.pushed import pushed
 from analysis.identification.rational import fit_rational
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
@@ -266,6 +267,8 @@ def _from_records(
     rate = fitting[0][0].sample_rate_hz
     inputs, outputs = ([channels_of(run, s, role) for run, s in fitting] for role in ROLES)
     balance = balance_of(inputs, outputs, rate)
+    if balance is not None and balance.friction == 0.0:
+        balance = pushed(balance, inputs, outputs, rate)
     if balance is not None:
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
     late = fitting[0][0].header.bench.get("kind") == "imported"  # our own bench has no delay
@@ -338,7 +341,8 @@ def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], 
     """Return the linear part of a balance of torques; the torque that is always there goes with it."""
     inputs, outputs = _ports(parts[0][0])
     whole = Fitted(balance.linear, balance.std, None, rows)
-    found = identification(whole, _runs_of(parts), inputs, outputs, method="free, beside friction", name=name)
+    method = f"free, beside {'friction' if balance.friction > 0.0 else 'a constant torque'}"
+    found = identification(whole, _runs_of(parts), inputs, outputs, method=method, name=name)
     source = f"{found.method} fit to run {', '.join(run.run_uid for run in _runs_of(parts))}"
     torque = Quantity(value=balance.constant, origin="fitted", source=source, std=balance.constant_std)
     point = EffectEntry(

@@ -28,7 +28,8 @@ _ROWS = 20
 """Rows of motion for each of a window's samples: five numbers are fitted, and what a window lays is one."""
 
 SHARE = 0.5
-"""Friction counts when it takes this part of what the linear terms leave of the torque, in squares."""
+"""Friction, or a constant torque, counts when it takes this part of what the other terms leave of the torque, in
+squares."""
 
 BALANCED = 0.9
 """All terms together have to explain this part of the torque, in squares."""
@@ -38,8 +39,8 @@ BALANCED = 0.9
 class Balance:
     """The balance of one axis: its linear model, its standard deviations in the same shapes, the friction beside it.
 
-    `friction` and `constant`, the torque that is always there (its standard deviation `constant_std`), are in units of
-    the input.
+    `friction`, zero where there is none, and `constant`, the torque that is always there (its standard deviation
+    `constant_std`), are in units of the input.
     """
 
     linear: ModalModel
@@ -50,37 +51,51 @@ class Balance:
 
 
 def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance | None:
-    """Return the balance of torques of one axis, records (n, 1) each; None where friction does not bend its model."""
+    """Return the balance of torques of one axis, records (n, 1) each; None where a linear fit is not bent.
+
+    Friction bends it, and a constant torque on what nothing holds: beside a spring that is an offset of the reading.
+    """
     if inputs[0].shape[1] != 1 or outputs[0].shape[1] != 1:
         return None
     longest = max(y.shape[0] for y in outputs)
     tried = [_fitted(inputs, outputs, rate_hz, window) for window in WINDOWS if _ROWS * window < longest]
     best = max((t for t in tried if t is not None), key=lambda t: t.explained, default=None)
-    if best is None or best.explained < BALANCED or best.by_friction < SHARE:
+    if best is None or best.explained < BALANCED:
         return None
     mass, damping, spring, friction = best.numbers[:4]
-    if not (mass > 0.0 and damping > 0.0 and friction > 0.0):
-        return None
     # nothing, or less, holds the axis: a period of ten records stands for none
     slowest = 2.0 * np.pi * rate_hz / (10.0 * longest)
+    rubs = best.by_friction >= SHARE and friction > 0.0
+    # a spring that takes longer than the record to swing back holds nothing in it
+    pushed = best.by_constant >= SHARE and spring < mass * (10.0 * slowest) ** 2
+    if not (mass > 0.0 and damping > 0.0 and (rubs or pushed)):
+        return None
     omega = float(np.sqrt(max(spring / mass, slowest**2)))
     relative = best.deviations[:3] / np.abs(best.numbers[:3])
     linear = _axis(omega, 0.5 * damping / mass, 1.0 / mass)
     spread = float(0.5 * omega * min(relative[2] + relative[0], 1.0))
     std = _axis(spread, 0.5 * damping / mass * (relative[0] + relative[1]), relative[0] / mass)
     return Balance(
-        linear, std.with_(c=np.zeros((1, 1))), float(friction), -float(best.numbers[4]), float(best.deviations[4])
+        linear,
+        std.with_(c=np.zeros((1, 1))),
+        float(friction) if rubs else 0.0,
+        -float(best.numbers[4]),
+        float(best.deviations[4]),
     )
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """M, D, K, F and offset with their deviations, and the parts of the torque that all and that friction explains."""
+    """M, D, K, F and offset with their deviations, and the part of the torque that all of them explain.
+
+    `by_friction` and `by_constant` are the parts that friction and offset take of what is left without them.
+    """
 
     numbers: Array
     deviations: Array
     explained: float
     by_friction: float
+    by_constant: float
 
 
 def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted | None:
@@ -103,9 +118,10 @@ def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, w
     if u_smooth.size < _ROWS * window:
         return None
     with_all, numbers, deviations = _least_squares(x, u_smooth, window)
-    without, _, _ = _least_squares(np.delete(x, 3, axis=1), u_smooth, window)
+    without = [_least_squares(np.delete(x, k, axis=1), u_smooth, window)[0] for k in (3, 4)]
     total = float(np.sum((u_smooth - u_smooth.mean()) ** 2))
-    return _Fitted(numbers, deviations, 1.0 - with_all / max(total, 1e-300), 1.0 - with_all / max(without, 1e-300))
+    shares = (1.0 - with_all / max(rest, 1e-300) for rest in (total, *without))
+    return _Fitted(numbers, deviations, *shares)
 
 
 def _still(rate: Array) -> float:

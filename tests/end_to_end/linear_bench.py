@@ -158,6 +158,49 @@ def accelerometer(seed: int = 506) -> Record:
     return Record(u, y, rate_hz, [("train", 750), ("held-out end", 250)], None)
 
 
+def two_inertias(seed: int = 507) -> Record:
+    """A motor with drag and a load behind a coupling, nothing holds either: 24,000 rows at 500 Hz of the motor."""
+    rng, rate_hz, period, periods = np.random.default_rng(seed), 500.0, 2000, 3
+    sizes = {"first": 1.0, "second": 0.6, "third": 1.4, "held-out": 0.8}
+    u = 0.15 * realisations(rng, period, periods, slice(2, 350), sizes, 1)
+    motor, load, stiffness, loss, drag = 1e-3, 6e-4, 25.0, 4e-3, 6e-3
+    spring, damper = np.array([[-1.0, 1.0], [1.0, -1.0]]) * stiffness, np.array([[-1.0, 1.0], [1.0, -1.0]]) * loss
+    damper[0, 0] -= drag
+    masses = np.array([[motor], [load]])
+    a = np.block([[np.zeros((2, 2)), np.eye(2)], [spring / masses, damper / masses]])
+    y = played(a, np.array([[0.0], [0.0], [1.0 / motor], [0.0]]), np.eye(1, 4), u, rate_hz)
+    y[:, 0] += noise(rng, len(u), 2e-5, 3.0, rate_hz)
+    return Record(u, y, rate_hz, [(label, period * periods) for label in sizes], period)
+
+
+def loop_at_once(seed: int = 508) -> Record:
+    """A mass with drag in a stiff loop that answers every reading within its own sample: 8000 rows at 500 Hz.
+
+    Moves of fifth order between places; nothing repeats, and the noise of the reading is most of what the drive plays
+    above some hertz.
+    """
+    rng, rate_hz, n = np.random.default_rng(seed), 500.0, 8000
+    reference, at, place = np.zeros(n), 0, 0.0
+    while at < n:
+        there, rows, rest = rng.uniform(-1.0, 1.0), int(rng.uniform(200, 500)), int(rng.uniform(50, 150))
+        s = np.linspace(0.0, 1.0, rows)
+        move = np.concatenate(
+            [place + (there - place) * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5), np.full(rest, there)]
+        )
+        reference[at : at + move.size] = move[: n - at]
+        at, place = at + move.size, there
+    inertia, drag = 1.6e-3, 7.8e-3
+    over, into = held(np.array([[0.0, 1.0], [0.0, -drag / inertia]]), np.array([[0.0], [1.0 / inertia]]), rate_hz)
+    x, before, u, y = np.zeros(2), 0.0, np.empty((n, 1)), np.empty((n, 1))
+    for k in range(n):
+        y[k] = x[0] + 2e-5 * rng.standard_normal()
+        error = reference[k] - y[k, 0]
+        u[k] = 1.2 * error + 0.025 * (error - before) * rate_hz
+        before = error
+        x = over @ x + into @ u[k]
+    return Record(u, y, rate_hz, [("train", 6000), ("held-out end", 2000)], None)
+
+
 RECORDS = {
     "two-by-two": two_by_two,
     "rigid-axis": rigid_axis,
@@ -165,4 +208,6 @@ RECORDS = {
     "short": short,
     "chirp": chirp,
     "accelerometer": accelerometer,
+    "two-inertias": two_inertias,
+    "loop-at-once": loop_at_once,
 }

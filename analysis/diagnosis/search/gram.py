@@ -99,8 +99,7 @@ class Gram:
         basis = own[np.ix_(live, live)] / np.outer(scale, scale) + self._ridge(reduced, columns[live])
         r = reduced[columns[live], 0] / scale
         if all(self.one_sided[i] for i in together):
-            root = np.linalg.cholesky(basis)
-            x, _ = nnls(root.T, np.linalg.solve(root, r))
+            x, basis = _not_negative(basis, r)
         else:
             x = np.linalg.solve(basis, r)
         sizes[live] = x / scale
@@ -176,3 +175,21 @@ class Gram:
             part = z[rows]
             ratios[i] = np.einsum("id,id->d", part, np.linalg.solve(inner, part))
         return ratios
+
+
+def _not_negative(basis: Array, r: Array) -> tuple[Array, Array]:
+    """Return x (n,) of which none is negative where 2 r x - x basis x is largest, and the `basis` (n, n) it is of.
+
+    Beside a motion that grows without end rounding may leave more than the columns differ by: directions without
+    energy count as nothing.
+    """
+    try:
+        root = np.linalg.cholesky(basis)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(basis)
+        there = values > 1e-6 * values[-1]
+        root = vectors[:, there] * np.sqrt(values[there])
+        x, _ = nnls(root.T, vectors[:, there].T @ r / np.sqrt(values[there]))
+        return x, root @ root.T
+    x, _ = nnls(root.T, np.linalg.solve(root, r))
+    return x, basis

@@ -25,7 +25,7 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
     """
     rows = [(r.u[r.fitted()], r.y[r.fitted()]) for r in setting.data.records]
     balance = balance_of([u for u, _ in rows], [y for _, y in rows], setting.data.rate_hz)
-    if balance is None:
+    if balance is None or balance.friction == 0.0:
         return []
     fits = []
     for i in found.best_per_key():

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from analysis.identification.inverse_dynamics import balance_of
+from analysis.identification.pushed import pushed
 from tests.analysis.identification.rubbing_axis import CONSTANT, DAMPING, FRICTION, MASS, RATE_HZ, play
 
 
@@ -23,9 +24,27 @@ def test_the_numbers_of_an_axis_that_rubs_are_found() -> None:
     assert found.linear.omega_rad_s[0] < 0.3 * found.linear.sigma_1_s[0]  # nothing holds it
 
 
-def test_an_axis_without_friction_has_no_such_balance() -> None:
+def test_what_holds_an_axis_at_rest_is_no_friction_in_motion() -> None:
+    """Most of what the drive plays is a friction that is at its limit only while the axis moves."""
+    u, y = play(12.0, 3, friction=5.0 * FRICTION)
+    found = balance_of([u[:, None]], [y[:, None]], RATE_HZ)
+    assert found is not None
+    # a tenth is what the start of a refit needs
+    assert found.friction == pytest.approx(5.0 * FRICTION, rel=0.1)
+    assert 1.0 / found.linear.b[0, 0] == pytest.approx(MASS, rel=0.1)
+
+
+def test_of_an_axis_without_friction_the_balance_tells_what_pushes_it() -> None:
     u, y = play(12.0, 3, friction=0.0)
-    assert balance_of([u[:, None]], [y[:, None]], RATE_HZ) is None
+    found = balance_of([u[:, None]], [y[:, None]], RATE_HZ)
+    assert found is not None
+    assert found.friction == 0.0
+    assert found.constant == pytest.approx(-CONSTANT, rel=0.05)
+    exact = pushed(found, [u[:, None]], [y[:, None]], RATE_HZ)
+    assert abs(exact.constant + CONSTANT) < 4.0 * exact.constant_std < 1e-4
+    gain = exact.linear.c[0, 0] * exact.linear.b[0, 0]
+    assert 1.0 / gain == pytest.approx(MASS, rel=1e-5)
+    assert 2.0 * exact.linear.sigma_1_s[0] / gain == pytest.approx(DAMPING, rel=1e-5)
 
 
 def test_an_oscillator_has_no_such_balance() -> None:

@@ -5,6 +5,8 @@ What rounding leaves of columns that are all but the same must do no harm.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -112,3 +114,19 @@ def test_a_column_that_the_knobs_span_leaves_the_threshold_alone() -> None:
     maxima = gram.null_ratios(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000).max(axis=0)
     # one live column: chi-squared with one degree of freedom, 99 % below 6.63; 4000 draws know that to 0.35
     assert np.quantile(maxima, 0.99) == pytest.approx(6.635, abs=1.1)
+
+
+def test_products_that_rounding_left_not_positive_do_no_harm() -> None:
+    """Beside a motion that grows without end three columns are one, and their products differ by rounding alone."""
+    rng = np.random.default_rng(5)
+    noise, slow = rng.standard_normal(4000), np.arange(4000.0) ** 3
+    gram = gram_of(np.column_stack([noise + 1e-9 * slow, np.ones(4000), slow, slow, slow]), True)
+    products = gram.products.copy()
+    products[2:, 2:] -= (
+        1e-6 * products[2, 2] * (np.ones((3, 3)) - np.eye(3)) * np.array([[0, 1, -1], [1, 0, 1], [-1, 1, 0]])
+    )
+    bent = replace(gram, products=products)
+    drop, sizes = bent.solve(products, [0])
+    truth = (noise + 1e-9 * slow) @ slow / np.linalg.norm(slow)
+    assert abs(drop / truth**2 - 1.0) < 1e-3
+    assert np.all(sizes >= 0.0)

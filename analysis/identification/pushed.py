@@ -1,0 +1,45 @@
+"""A free axis beside a torque that is always there: both fitted in time, from the balance of torques.
+
+Gravity, a cable or an offset of the drive accelerates what nothing holds, so no offset of a reading stands for it. As
+an input that is always one it is a number of the linear model like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.identification.identified import deviations
+from analysis.identification.inverse_dynamics import Balance
+from analysis.identification.modal_parameters import Structure
+from analysis.identification.timefit import fit_records
+from sim_backend.linear import Array, ModalModel
+
+
+def pushed(balance: Balance, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance:
+    """Return a balance without friction, its numbers fitted to the records, (n, 1) each, in simulation.
+
+    A balance smooths what it takes apart, and is wrong by a percent for it; over a record such an axis adds that up.
+    """
+    with_one = [np.hstack([u, np.ones_like(u)]) for u in inputs]
+    b, none = balance.linear.b, np.zeros((1, 2))
+    start = balance.linear.with_(
+        omega_rad_s=np.zeros(1), b=np.hstack([b, b * balance.constant]), b_direct=none, d=none, delay_s=np.zeros(2)
+    )
+    structure = Structure("mechanical", feedthrough=False)
+    fit = fit_records(with_one, outputs, rate_hz, 1, structure=structure, rigid_bodies=None, start=start)
+    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    drive, one = fit.model.b[0]
+    return replace(
+        balance,
+        linear=_first_input(fit.model),
+        std=_first_input(std),
+        constant=float(one / drive),
+        constant_std=float(std.b[0, 1] / abs(drive)),
+    )
+
+
+def _first_input(model: ModalModel) -> ModalModel:
+    return model.with_(b=model.b[:, :1], b_direct=model.b_direct[:, :1], d=model.d[:, :1], delay_s=model.delay_s[:1])
