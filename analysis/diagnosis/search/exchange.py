@@ -15,6 +15,9 @@ from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.rounds import Found, Progress, alone, search
 from analysis.diagnosis.search.shortlist import Rules
 
+_MOST = 3
+"""Effects that are looked for again at most: more are mostly modes, which imitate what is no listed cause."""
+
 _AT = 0.85
 """Share of the whole diagnosis that is done when this begins."""
 
@@ -22,9 +25,9 @@ _AT = 0.85
 def exchanged(found: Found, rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return the best of `found` and what searches find that begin without one of its effects, each in turn.
 
-    Only where there are several and they are not enough: those that are leave nothing to look for.
+    Only where there are two or three and they are not enough: those that are leave nothing to look for.
     """
-    if len(found.best.candidates) < 2 or adequate(found):
+    if not 2 <= len(found.best.candidates) <= _MOST or adequate(found):
         return found
     best, nominal, numbers = found, again(found.setting, found.tuned), range(len(found.best.candidates))
     for i in numbers:
