@@ -17,20 +17,19 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic, response_to_steps, smoothed
+from analysis.frequency.frf import frequency_response_periodic, response_to_steps
 from analysis.identification.determined import SIGNIFICANT, without_undetermined
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
-from analysis.identification.input_delay import with_delay
+from analysis.identification.in_time import fit_in_time, in_a_loop
 from analysis.identification.inverse_dynamics import Balance, balance_of
-from analysis.identification.loop_at_once import answers_at_once
+from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.pushed import pushed
 from analysis.identification.rational import fit_rational
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.timefit import TimeFit, fit_records
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
 from campaigns.log import LogSegment, Run
@@ -46,13 +45,9 @@ ROLES = ("input", "output")
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given, for each input."""
 
-SEARCH_LINES = 1000
-"""Lines on which a start is searched: modes are far wider than a thousandth of the band."""
-
-POOLED_LINES = 20
-"""Lines to either side over which a variance is pooled."""
-
-ITERATIONS = 60
+MANY_ROWS = 50_000
+"""Rows of a segment from which on the number of modes is not chosen in time: each takes minutes, and what is not linear
+makes for more of them."""
 
 RELATIVE_START = 1e-3
 """Relative error of the first fit of a sweep: only its size against the noise matters, and only for that fit."""
@@ -164,12 +159,12 @@ def _from_periods(
     bring_to_one_level(data)
     measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
     measured = replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
-    variance = None if equal_weights else _variance(measured)
+    variance = None if equal_weights else pooled_variance(measured)
     # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
     held, filtered = part_of(report, 0.0, 0.4), part_of(report, 0.4, 0.8)
     fits = {
-        data.rate_hz: _fit_lines(measured, variance, data.rate_hz, orders, report=held),
-        None: _fit_lines(measured, variance, None, orders, report=filtered),
+        data.rate_hz: fit_lines(measured, variance, data.rate_hz, orders, report=held),
+        None: fit_lines(measured, variance, None, orders, report=filtered),
     }
     report(0.8, 1.0, "giving up modes that are not there")
     hold = min(fits, key=lambda key: fits[key].criterion)
@@ -177,9 +172,9 @@ def _from_periods(
     if hold is None:  # a simulation plays steps, so the model is made for the steps that stand for a smooth input
         late = np.rint(fit.model.delay_s * data.rate_hz)
         lines = response_to_steps(measured, data.rate_hz, late)
-        variance = None if equal_weights else _variance(lines)
-        fit = _fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
-    fit = without_undetermined(fit, orders, lambda n, first: _fit_lines(lines, variance, data.rate_hz, (n,), first))
+        variance = None if equal_weights else pooled_variance(lines)
+        fit = fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
+    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first))
     fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
     intersample: Intersample = "held" if hold else "band-limited"
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
@@ -196,54 +191,6 @@ def _from_periods(
         held_out=tried(fit.model, parts, data.rate_hz, intersample=intersample),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
-
-
-def _fit_lines(
-    measured: FrequencyResponse,
-    variance: Array | None,
-    hold: float | None,
-    orders: tuple[int, ...],
-    start: ModalModel | None = None,
-    report: Report = unheard,
-) -> RationalFit:
-    """Fit all lines from `start`, or from starts searched on about a thousand of them, twice: one may be poor."""
-    f = measured.frequency_hz
-    usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
-    structure = Structure(delay=hold is None)
-
-    def fitted(every: int, choice: tuple[int, ...], start: ModalModel | None, told: Report = unheard) -> RationalFit:
-        return fit_rational(
-            f[::every],
-            measured.response[::every],
-            choice,
-            variance=None if variance is None else variance[::every],
-            hold_rate_hz=hold,
-            structure=structure,
-            start=start,
-            iterations=ITERATIONS,
-            report=told,
-        )
-
-    if start is not None:
-        return fitted(1, usable, start, report)
-    every = f.size // SEARCH_LINES + 1
-    steps = [1] if every == 1 else [every, every + 1]
-    shares = np.linspace(0.0, 1.0, len(steps) + 1)
-    found = [fitted(step, usable, None, part_of(report, *shares[i : i + 2])) for i, step in enumerate(steps)]
-    if every > 1:
-        found = [fitted(1, (one.model.n_blocks,), one.model) for one in found]
-    return min(found, key=lambda one: one.criterion)
-
-
-def _variance(measured: FrequencyResponse) -> Array | None:
-    """The variance to weight by, or None: a record of one period and no spare realisation has none.
-
-    Pooled over neighbouring lines, for one line's own has too few degrees of freedom to divide by.
-    """
-    try:
-        return smoothed(measured.variance, POOLED_LINES)
-    except DataError:
-        return None
 
 
 def _relative(level: Array, power: float) -> float | None:
@@ -271,12 +218,10 @@ def _from_records(
         balance = pushed(balance, inputs, outputs, rate)
     if balance is not None:
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
-    late = fitting[0][0].header.bench.get("kind") == "imported"  # our own bench has no delay
-    first = fit_records(inputs, outputs, rate, orders[:1], rigid_bodies=None)
-    structure = Structure(feedthrough=not answers_at_once(first, inputs, outputs))
-    fit = _fit_in_time(inputs, outputs, rate, orders, structure, late, report)
-    if np.any(fit.model.d) and answers_at_once(fit, inputs, outputs):  # a first fit may miss too much to tell
-        fit = _fit_in_time(inputs, outputs, rate, orders, Structure(feedthrough=False), late, report)
+    looped = in_a_loop(inputs, outputs, rate, orders[0])
+    if not looped and len(orders) > 1 and max(s.rows for _, s in fitting) > MANY_ROWS:
+        return _from_spectra(fitting, parts, orders, name, report)
+    fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(
@@ -289,28 +234,6 @@ def _from_records(
     )
 
 
-def _fit_in_time(
-    inputs: Sequence[Array],
-    outputs: Sequence[Array],
-    rate: float,
-    orders: tuple[int, ...],
-    structure: Structure,
-    late: bool,
-    report: Report,
-) -> TimeFit:
-    def again(n: int, first: ModalModel | None) -> TimeFit:
-        return fit_records(inputs, outputs, rate, n, structure=structure, rigid_bodies=None, start=first)
-
-    told = part_of(report, 0.0, 0.8)
-    fit = fit_records(inputs, outputs, rate, orders, structure=structure, rigid_bodies=None, report=told)
-    report(0.8, 1.0, "giving up modes that are not there")
-    fit = without_undetermined(fit, orders, again)
-    if not late:
-        return fit
-    report(0.9, 1.0, "fitting a delay")
-    return with_delay(fit, inputs, outputs, rate, structure)
-
-
 def _from_spectra(
     fitting: Sequence[tuple[Run, LogSegment]],
     parts: Sequence[tuple[Run, LogSegment]],
@@ -318,12 +241,15 @@ def _from_spectra(
     name: str,
     report: Report,
 ) -> Identification:
-    """Fit the averaged response of records that are too long to be fitted in time."""
+    """Fit the averaged response of records that are too long to be fitted in time.
+
+    What it scatters by holds what is not linear, so that this is not taken for modes.
+    """
     rate = fitting[0][0].sample_rate_hz
     measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
-    variance = _variance(measured)
-    fit = _fit_lines(measured, variance, rate, orders, report=part_of(report, 0.5, 1.0))
-    fit = without_undetermined(fit, orders, lambda n, first: _fit_lines(measured, variance, rate, (n,), first))
+    variance = pooled_variance(measured)
+    fit = fit_lines(measured, variance, rate, orders, report=part_of(report, 0.5, 1.0))
+    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(measured, variance, rate, (n,), first))
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = _rest(fit.model, u, y)
     return identification(

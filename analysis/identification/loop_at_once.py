@@ -19,10 +19,11 @@ from sim_backend.linear import Array
 
 _LAGS = 10
 _CHANCE = 1e-6
-_RATIO = 3.0
-"""By how much more the inputs to come must hold of the residual than those that went before.
+_RATIO, _LEAST = 3.0, 0.02
+"""By how much more the inputs to come must hold of the residual than those that went before; at least this part of it.
 
-Of what a model misses of its inputs these hold as much or more, and where an excitation repeats both hold it.
+Of what a model misses of its inputs these hold as much or more, and where an excitation repeats both hold it. A little
+follows in a long record of what is not linear, because no filter whitens an excitation of a limited band.
 """
 
 
@@ -32,6 +33,7 @@ def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Arr
     What is new in each sample of an input is compared with what is new in the residual a few samples earlier and later.
     """
     before, after, tests = 0.0, 0.0, _LAGS * inputs[0].shape[1] * outputs[0].shape[1]
+    least = max(chi2.isf(_CHANCE, tests), _LEAST * sum(u.shape[0] for u in inputs))
     errors = [y - m for y, m in zip(outputs, fit.outputs, strict=True)]
     for o in range(errors[0].shape[1]):
         rest = [np.convolve(e[:, o], fit.whitening[o])[: e.shape[0]] for e in errors]
@@ -43,7 +45,7 @@ def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Arr
             fresh = [np.convolve(u[:, 0], taps)[: u.shape[0]] for u in own]
             after += _held(rest, fresh, range(1, _LAGS + 1))
             before += _held(rest, fresh, range(-_LAGS, 0))
-    return bool(after > chi2.isf(_CHANCE, tests) and after > _RATIO * before)
+    return bool(after > least and after > _RATIO * before)
 
 
 def _held(rest: Sequence[Array], fresh: Sequence[Array], lags: range) -> float:

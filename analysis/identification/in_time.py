@@ -1,0 +1,69 @@
+"""Records of any waveform fitted in time: what is assumed of the plant, and how many modes are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.identification.determined import without_undetermined
+from analysis.identification.input_delay import with_delay
+from analysis.identification.loop_at_once import answers_at_once
+from analysis.identification.modal_parameters import Structure
+from analysis.identification.timefit import TimeFit, fit_records
+from campaigns.log import LogSegment, Run
+from campaigns.progress import Report, part_of
+from sim_backend.linear import Array, ModalModel
+
+_SOME_ROWS = 20_000
+"""Rows of the longest record that tell whether there is a loop: with feedthrough in one each order takes minutes."""
+
+
+def fit_in_time(
+    fitting: Sequence[tuple[Run, LogSegment]],
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    orders: tuple[int, ...],
+    looped: bool,
+    report: Report,
+) -> TimeFit:
+    """Return the fit to the inputs (n, n_u) and outputs (n, n_y) of all segments, by as many modes as they show.
+
+    Without feedthrough where a loop answers at once, as a first fit tells (`looped`) or this one; with a delay where
+    there is one.
+    """
+    rate = fitting[0][0].sample_rate_hz
+    late = fitting[0][0].header.bench.get("kind") == "imported"  # our own bench has no delay
+    fit = _fitted(inputs, outputs, rate, orders, Structure(feedthrough=not looped), late, report)
+    if np.any(fit.model.d) and answers_at_once(fit, inputs, outputs):  # a first fit may miss too much to tell
+        fit = _fitted(inputs, outputs, rate, orders, Structure(feedthrough=False), late, report)
+    return fit
+
+
+def in_a_loop(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, blocks: int) -> bool:
+    """Tell by a fit of so many blocks to some rows of the longest record whether a loop answers at once."""
+    longest = max(range(len(inputs)), key=lambda i: inputs[i].shape[0])
+    u, y = [inputs[longest][:_SOME_ROWS]], [outputs[longest][:_SOME_ROWS]]
+    return answers_at_once(fit_records(u, y, rate_hz, blocks, rigid_bodies=None), u, y)
+
+
+def _fitted(
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate: float,
+    orders: tuple[int, ...],
+    structure: Structure,
+    late: bool,
+    report: Report,
+) -> TimeFit:
+    def again(n: int, first: ModalModel | None) -> TimeFit:
+        return fit_records(inputs, outputs, rate, n, structure=structure, rigid_bodies=None, start=first)
+
+    told = part_of(report, 0.0, 0.8)
+    fit = fit_records(inputs, outputs, rate, orders, structure=structure, rigid_bodies=None, report=told)
+    report(0.8, 1.0, "giving up modes that are not there")
+    fit = without_undetermined(fit, orders, again)
+    if not late:
+        return fit
+    report(0.9, 1.0, "fitting a delay")
+    return with_delay(fit, inputs, outputs, rate, structure)
