@@ -38,7 +38,7 @@ dof = "x"
 def mccd(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Return what the command did in `folder`."""
     return subprocess.run(
-        [sys.executable, "-m", "mccdcli", *arguments], cwd=folder, capture_output=True, text=True, timeout=900
+        [sys.executable, "-m", "mccdcli", *arguments], cwd=folder, capture_output=True, text=True, timeout=300
     )
 
 
