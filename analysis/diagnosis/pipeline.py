@@ -17,6 +17,7 @@ from analysis.diagnosis.experiment.testimony import Testimony, hear
 from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting, residuals_on
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
+from analysis.diagnosis.fitting.steps import steps_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
@@ -37,7 +38,6 @@ from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, INSIDE, NAMED, make_effect
 from sim_backend.effects.base import Effect, Site
-from sim_backend.effects.dominant import residues
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.model import Model, Quantity, number
@@ -45,7 +45,6 @@ from sim_backend.model import Model, Quantity, number
 Array = NDArray[np.float64]
 
 
-_ANGLE, _FINEST = 0.06, 32
 _COARSER = 8
 """First trials take steps so many times longer, but none longer than a sample."""
 
@@ -106,7 +105,7 @@ def search_causes(
     whitener = louder(whitener_from(data, list(rest)), added)
     starts = starts_of(data, linear, whitener)
     still = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
-    fine = max(options.substeps, substeps_for(linear, data.rate_hz))
+    fine = max(options.substeps, steps_of(linear, data.rate_hz))
     # effects that the model has already are there to stay: coarse steps would make an error of them
     first = fine if known else max(fine // _COARSER, 1)
     transducers = transducers_of(model)
@@ -154,20 +153,6 @@ def fitted_here(model: Model, data: Dataset) -> bool:
     ]
     sources = {n.source or "" for n in numbers if isinstance(n, Quantity) and n.origin == "fitted"}
     return any(record.name in source for record in data.records for source in sources)
-
-
-def substeps_for(linear: ModalModel, rate_hz: float) -> int:
-    """Return the steps per sample at which a torque that depends on the motion is simulated well enough.
-
-    The loop's error is of second order: at an angle of 0.06 per step of the mode that moves most, 4e-4 of the torque.
-    """
-    fastest = 0.0
-    for i in range(linear.n_inputs):
-        for o in range(linear.n_outputs):
-            strength = np.abs(residues(linear, i, o)) / np.maximum(linear.omega_rad_s**2, 1e-12)
-            if np.any(strength > 0.0):
-                fastest = max(fastest, float(linear.omega_rad_s[int(np.argmax(strength))]))
-    return int(np.clip(np.ceil(fastest / rate_hz / _ANGLE), 1, _FINEST))
 
 
 def scales_of(data: Dataset, linear: ModalModel) -> Scales:

@@ -218,8 +218,9 @@ def _from_records(
         balance = pushed(balance, inputs, outputs, rate)
     if balance is not None:
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
-    looped = in_a_loop(inputs, outputs, rate, orders[0])
-    if not looped and len(orders) > 1 and max(s.rows for _, s in fitting) > MANY_ROWS:
+    choosing = len(orders) > 1  # a number that is given is fitted once, and tells of a loop by itself
+    looped = choosing and in_a_loop(inputs, outputs, rate, orders[0])
+    if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
         return _from_spectra(fitting, parts, orders, name, report)
     fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)

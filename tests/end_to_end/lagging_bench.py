@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from tests.end_to_end.strange_bench import DECAY_1_S, FREQUENCY_HZ, LEVELS, NOISE, PERIOD, PERIODS, RATE_HZ
+from tests.end_to_end.strange_bench import DECAY_1_S, FREQUENCY_HZ, NOISE, RATE_HZ, multisines
 
 FINER, LAG_S = 10, 1e-3
 
@@ -20,13 +20,7 @@ FINER, LAG_S = 10, 1e-3
 def play(second: float, cubic: float, seed: int = 5) -> tuple[np.ndarray, np.ndarray]:
     """Return drive and reading (n,), by the classical Runge-Kutta rule, ten steps to a sample."""
     rng, omega = np.random.default_rng(seed), 2.0 * math.pi * FREQUENCY_HZ
-    parts = []
-    for level in LEVELS:
-        spectrum = np.zeros(PERIOD // 2 + 1, dtype=complex)
-        spectrum[1:80] = np.exp(2j * math.pi * rng.random(79))
-        wave = np.fft.irfft(spectrum, PERIOD)
-        parts.append(np.tile(0.6 * level * wave / wave.std(), PERIODS))
-    u = np.concatenate(parts)
+    u = multisines(rng)
 
     def rate(s: np.ndarray, drive: float) -> np.ndarray:
         current, torque, x, v = s

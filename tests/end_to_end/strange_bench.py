@@ -18,16 +18,21 @@ FREQUENCY_HZ, DECAY_1_S, FAST = 24.0, 7.0, 120.0
 NOISE = 2e-3
 
 
-def play(strength: float, seed: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """Return drive and reading (n,), by the classical Runge-Kutta rule, four steps to a sample."""
-    rng, omega = np.random.default_rng(seed), 2.0 * math.pi * FREQUENCY_HZ
+def multisines(rng: np.random.Generator) -> np.ndarray:
+    """Return the drive (n,): a multisine of 79 lines at each level, repeated."""
     parts = []
     for level in LEVELS:
         spectrum = np.zeros(PERIOD // 2 + 1, dtype=complex)
         spectrum[1:80] = np.exp(2j * math.pi * rng.random(79))
         wave = np.fft.irfft(spectrum, PERIOD)
         parts.append(np.tile(0.6 * level * wave / wave.std(), PERIODS))
-    u = np.concatenate(parts)
+    return np.concatenate(parts)
+
+
+def play(strength: float, seed: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """Return drive and reading (n,), by the classical Runge-Kutta rule, four steps to a sample."""
+    rng, omega = np.random.default_rng(seed), 2.0 * math.pi * FREQUENCY_HZ
+    u = multisines(rng)
 
     def rate(x: float, v: float, drive: float) -> float:
         return omega**2 * (drive - x - strength * abs(x) * math.sin(v / FAST)) - 2.0 * DECAY_1_S * v

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.end_to_end.lagging_bench import LAG_S
-from tests.end_to_end.strange_bench import LEVELS, PERIOD, PERIODS, RATE_HZ
-from tests.end_to_end.test_unlisted_force import NOMINAL
-from tests.end_to_end.unknown_bench import diagnosis, imported, write_map
+from tests.end_to_end.test_unlisted_force import NOMINAL, recorded
+from tests.end_to_end.unknown_bench import diagnosis
 
 
 def _causes(folder: Path, second: float, cubic: float) -> dict[str, dict[str, float]]:
-    bench = [sys.executable, "-m", "tests.end_to_end.lagging_bench", str(folder / "data.csv"), str(second), str(cubic)]
-    subprocess.run(bench, check=True, timeout=120)
-    parts = [(f"level {level}", PERIOD * PERIODS) for level in LEVELS]
-    parts[-1] = (f"held-out {parts[-1][0]}", parts[-1][1])
-    write_map(folder, RATE_HZ, parts, PERIOD)
-    imported(folder)
+    recorded(folder, "lagging_bench", second, cubic)
     (folder / "nominal.toml").write_text(NOMINAL, encoding="utf-8")
     found = diagnosis(folder)
     assert found["verdict"] == "named", found["sentence"]

@@ -27,13 +27,18 @@ output.position = 1.0
 """
 
 
-def _diagnosed(folder: Path, strength: float, *, from_data: bool) -> dict:  # type: ignore[type-arg]
-    bench = [sys.executable, "-m", "tests.end_to_end.strange_bench", str(folder / "data.csv"), str(strength)]
-    subprocess.run(bench, check=True, timeout=120)
+def recorded(folder: Path, bench: str, *numbers: float) -> None:
+    """Turn what the process `bench` of this folder plays into run.h5, its last level held out."""
+    command = [sys.executable, "-m", f"tests.end_to_end.{bench}", str(folder / "data.csv"), *map(str, numbers)]
+    subprocess.run(command, check=True, timeout=120)
     parts = [(f"level {level}", PERIOD * PERIODS) for level in LEVELS]
     parts[-1] = (f"held-out {parts[-1][0]}", parts[-1][1])
     write_map(folder, RATE_HZ, parts, PERIOD)
     imported(folder)
+
+
+def _diagnosed(folder: Path, strength: float, *, from_data: bool) -> dict:  # type: ignore[type-arg]
+    recorded(folder, "strange_bench", strength)
     if from_data:
         identified(folder, "--modes", "1")
     else:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
-from analysis.diagnosis.noise.whitener import runs_of
+from analysis.diagnosis.noise.whitener import Whitener, runs_of
 from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.records.dataset import Record
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import DiscreteModel, ModalModel, discretise
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -36,8 +36,9 @@ def following_of(setting: Setting, linear: ModalModel, change: Sequence[Array]) 
     band H runs straight, as a complex number of the frequency, for each input. One where nothing changes.
     """
     n_y, n_u = setting.data.n_outputs, linear.n_inputs
+    model = discretise(linear, setting.data.rate_hz)
     parts = setting.each(
-        lambda record, values: _lines(setting, linear, record, values), setting.data.records, list(change)
+        lambda record, values: _lines(setting.whitener, model, record, values), setting.data.records, list(change)
     )
     frequency = np.concatenate([f for f, _ in parts])
     lines = np.concatenate([spectra for _, spectra in parts])
@@ -45,13 +46,12 @@ def following_of(setting: Setting, linear: ModalModel, change: Sequence[Array]) 
     return np.array([_part(frequency[order], lines[order, o], 2 * n_u) for o in range(n_y)])
 
 
-def _lines(setting: Setting, linear: ModalModel, record: Record, change: Array) -> tuple[Array, Spectrum]:
+def _lines(whitener: Whitener, model: DiscreteModel, record: Record, change: Array) -> tuple[Array, Spectrum]:
     """Return the frequencies (m,) of a record's lines, in cycles per sample, and (m, n_y, 1 + n_u) of its spectra.
 
     The first are those of the change, then those of the answers to each input, all in units of the noise.
     """
-    model, whitener = discretise(linear, setting.data.rate_hz), setting.whitener
-    answers = [response(model, record.u[:, j], j, through_delay=True) for j in range(linear.n_inputs)]
+    answers = [response(model, record.u[:, j], j, through_delay=True) for j in range(record.u.shape[1])]
     frequency: list[Array] = []
     spectra: list[Spectrum] = []
     for start, stop in runs_of(record.fitted()):

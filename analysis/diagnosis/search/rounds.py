@@ -280,9 +280,12 @@ class _Stage:
 
     def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
         telling = any(self._telling(setting, found, i) for i in picks)
-        if not telling:  # a linear effect's wrong form follows the drive: what does not may be told from it by a fit
+        if not telling:
+            if not any(self.least.linear):
+                return []
+            # a linear effect's wrong form follows the drive: what does not may be told from it by a fit
             least = self.least.along(np.zeros(setting.data.n_outputs))
-            picks = [i for i in picks if found.drops[i] >= least.of(found.shares[i])] if any(self.least.linear) else []
+            picks = [i for i in picks if found.drops[i] >= least.of(found.shares[i])]
 
         def trial(k: int) -> Fit:
             candidate = found.candidates[picks[k]]

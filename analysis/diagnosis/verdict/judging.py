@@ -227,12 +227,10 @@ def _material(found: Found) -> tuple[int, ...]:
         spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
 
-    def least(i: int, following: float) -> float:
-        """Return what the form of an effect at the same place may be wrong by, along what follows the drive so far."""
+    def least(i: int, part: float) -> float:
+        """Return what the form of an effect at the same place may be wrong by, along what follows the drive in part."""
         others = zip(best.effects, places, costs, strict=True)
-        return max(
-            (form_error(e, following) * c for e, p, c in others if p == places[i] and np.isfinite(c)), default=0.0
-        )
+        return max((form_error(e, part) * c for e, p, c in others if p == places[i] and np.isfinite(c)), default=0.0)
 
     def named(i: int) -> bool:
         if spared[i] or not costs[i] < least(i, 1.0):
