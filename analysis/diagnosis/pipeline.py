@@ -29,7 +29,9 @@ from analysis.diagnosis.search.exchange import exchanged
 from analysis.diagnosis.search.rounds import Found, Progress, search
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
+from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
+from analysis.diagnosis.verdict.barely import doubted
 from analysis.diagnosis.verdict.judging import causes_of, judge, shortfall
 from analysis.diagnosis.verdict.leftover import leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
@@ -112,7 +114,8 @@ def search_causes(
     workers = options.workers
     setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, still, first, workers, added)
     inside = searched_effects(options, INSIDE)
-    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside)
+    steps = {where: lattice.step for where, lattice in lattices_of(data, places.outputs).items()}
+    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside, steps)
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
         found = main_cause(*gross, rules, scales, progress)
@@ -191,7 +194,6 @@ def diagnose(
     short = "" if even else shortfall(found, judgement, spread.allowed, spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
-    choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     # a force that is no cause has no place in a model file
     setting, best = found.setting, found.tuned if even and judgement.verdict == "unknown" else found.best
     linear = turned(setting.nominal, setting.knobs, best.change)
@@ -202,9 +204,12 @@ def diagnose(
     noise = setting.whitener if own else remaining
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
-    causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model, workers=options.workers)
-    said = judgement.objection, short, reservation(judgement.verdict, shown), remark, choice.reason if choice else ""
+    unsteady = reservation(judgement.verdict, shown)
+    judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady)
+    choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
+    causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
+    said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice),

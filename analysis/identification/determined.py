@@ -32,16 +32,35 @@ def without_undetermined(
 
 
 def _determinedness(fit: TimeFit | RationalFit) -> Array:
-    """Return by how many standard deviations each block's frequency and decay rate differ from zero, the lesser (m,).
+    """Return by how many standard deviations each block differs from one that is not there, (m,).
 
-    A rigid body has neither, and is there or not by the criterion. One that is braked has a decay rate alone: a block
-    that is overdamped for certain has two poles apart, of which the slow one may be at rest.
+    An oscillation has a frequency and a decay rate; the lesser counts. A rigid body has neither, and is there or not by
+    the criterion.
     """
     model = fit.model
     frequency = _ratio(model.omega_rad_s, fit.omega_std_rad_s)
     decay = _ratio(model.sigma_1_s, fit.sigma_std_1_s)
-    braked = model.omega_rad_s + SIGNIFICANT * fit.omega_std_rad_s < model.sigma_1_s
-    return np.where(model.omega_rad_s > 0.0, np.where(braked, decay, np.minimum(frequency, decay)), np.inf)
+    both = np.where(model.omega_rad_s > 0.0, np.minimum(frequency, decay), np.inf)
+    return np.maximum(both, _pole_known(fit))
+
+
+def _pole_known(fit: TimeFit | RationalFit) -> Array:
+    """Return by how many standard deviations the better known pole of each overdamped block differs from zero, (m,).
+
+    A braked rigid body has one pole at rest, a lag one that a zero cancels: neither is known, and frequency and decay
+    rate, which are made of both poles, are not known for it. Zero for a block that swings.
+    """
+    model, known = fit.model, np.zeros(fit.model.n_blocks)
+    places = np.stack([fit.layout.index("log_omega"), fit.layout.index("log_sigma")], axis=1)
+    for i in np.flatnonzero((model.sigma_1_s > model.omega_rad_s) & (model.omega_rad_s > 0.0)):
+        omega, sigma = model.omega_rad_s[i], model.sigma_1_s[i]
+        root = np.sqrt(sigma**2 - omega**2)
+        spread = fit.covariance[np.ix_(places[i], places[i])]
+        # d ln p / d (ln omega, ln sigma) of p = sigma - root and sigma + root, whose product is omega²
+        slopes = np.array([[sigma + root, -sigma], [root - sigma, sigma]]) / root
+        relative = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slopes, spread, slopes), 0.0))
+        known[i] = np.max(_ratio(np.ones(2), relative))
+    return known
 
 
 def _ratio(value: Array, std: Array) -> Array:

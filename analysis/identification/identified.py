@@ -113,7 +113,7 @@ def identification(
         std=std,
     )
     model = msgspec.structs.replace(model, intersample=intersample)
-    if fitted.offsets.size and any(run.header.bench.get("kind") == "imported" for run in runs):
+    if np.any(fitted.offsets) and any(run.header.bench.get("kind") == "imported" for run in runs):
         model = msgspec.structs.replace(model, effects=_zeros(fitted.offsets, outputs, source))
     per_hz = 1.0 / (2.0 * np.pi)
     modes = tuple(

@@ -21,7 +21,7 @@ from analysis.frequency.frf import frequency_response_periodic, response_to_step
 from analysis.identification.determined import SIGNIFICANT, without_undetermined
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
-from analysis.identification.in_time import fit_in_time, in_a_loop
+from analysis.identification.in_time import fit_free_axis, fit_in_time, in_a_loop
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.modal_parameters import Structure
@@ -214,15 +214,17 @@ def _from_records(
     rate = fitting[0][0].sample_rate_hz
     inputs, outputs = ([channels_of(run, s, role) for run, s in fitting] for role in ROLES)
     balance = balance_of(inputs, outputs, rate)
-    if balance is not None and balance.friction == 0.0:
-        balance = pushed(balance, inputs, outputs, rate)
-    if balance is not None:
+    if balance is not None and (balance.friction > 0.0 or balance.pushed):
+        balance = balance if balance.friction > 0.0 else pushed(balance, inputs, outputs, rate)
         return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
     choosing = len(orders) > 1  # a number that is given is fitted once, and tells of a loop by itself
-    looped = choosing and in_a_loop(inputs, outputs, rate, orders[0])
-    if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
-        return _from_spectra(fitting, parts, orders, name, report)
-    fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
+    if balance is not None:
+        fit = fit_free_axis(fitting, inputs, outputs, orders, report)
+    else:
+        looped = choosing and in_a_loop(inputs, outputs, rate, orders[0])
+        if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
+            return _from_spectra(fitting, parts, orders, name, report)
+        fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from analysis.identification.determined import without_undetermined
+from analysis.identification.determined import SIGNIFICANT, without_undetermined
 from analysis.identification.input_delay import with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
@@ -33,11 +34,49 @@ def fit_in_time(
     there is one.
     """
     rate = fitting[0][0].sample_rate_hz
-    late = fitting[0][0].header.bench.get("kind") == "imported"  # our own bench has no delay
-    fit = _fitted(inputs, outputs, rate, orders, Structure(feedthrough=not looped), late, report)
+
+    def fitted(structure: Structure) -> TimeFit:
+        fit = _fitted(inputs, outputs, rate, orders, structure, part_of(report, 0.0, 0.9))
+        return _perhaps_late(fit, fitting, inputs, outputs, structure, report)
+
+    fit = fitted(Structure(feedthrough=not looped))
     if np.any(fit.model.d) and answers_at_once(fit, inputs, outputs):  # a first fit may miss too much to tell
-        fit = _fitted(inputs, outputs, rate, orders, Structure(feedthrough=False), late, report)
+        fit = fitted(Structure(feedthrough=False))
     return fit
+
+
+def fit_free_axis(
+    fitting: Sequence[tuple[Run, LogSegment]],
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    orders: tuple[int, ...],
+    report: Report,
+) -> TimeFit:
+    """Return the fit to an axis that nothing holds, inputs (n, 1) and outputs (n, 1), by as many modes as it shows.
+
+    A torque takes time to move what has inertia: there is no feedthrough, whatever a loop around the axis makes of its
+    noise. Modes are counted as mechanical ones, whose fits drift least; what else their readings hold (a reading that
+    is taken a little later than the command is given) is fitted from there, and a spring that cannot be told from none
+    is none.
+    """
+    rate = fitting[0][0].sample_rate_hz
+    mechanical = Structure("mechanical", feedthrough=False, offset=False)
+    fit = _fitted(inputs, outputs, rate, orders, mechanical, part_of(report, 0.0, 0.7))
+    report(0.7, 1.0, "fitting when the readings are taken")
+
+    def other(structure: Structure, start: ModalModel) -> TimeFit:
+        return fit_records(inputs, outputs, rate, start.n_blocks, structure=structure, rigid_bodies=None, start=start)
+
+    general, slowest = replace(mechanical, form="general"), np.argsort(fit.model.sigma_1_s)
+    fits = [(fit, mechanical), (other(general, fit.model), general)]
+    if slowest.size > 1:  # the fastest mode may stand for no more than when the readings are taken
+        fits.append((other(general, fit.model.only(np.arange(slowest.size) != slowest[-1])), general))
+    fit, structure = min(fits, key=lambda one: one[0].criterion)
+    omega = fit.model.omega_rad_s
+    if np.any(held := (omega > 0.0) & (omega < SIGNIFICANT * fit.omega_std_rad_s) & (omega < fit.model.sigma_1_s)):
+        released = other(structure, fit.model.with_(omega_rad_s=np.where(held, 0.0, omega)))
+        fit = min(released, fit, key=lambda one: one.criterion)
+    return _perhaps_late(fit, fitting, inputs, outputs, structure, report)
 
 
 def in_a_loop(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, blocks: int) -> bool:
@@ -53,17 +92,27 @@ def _fitted(
     rate: float,
     orders: tuple[int, ...],
     structure: Structure,
-    late: bool,
     report: Report,
 ) -> TimeFit:
     def again(n: int, first: ModalModel | None) -> TimeFit:
         return fit_records(inputs, outputs, rate, n, structure=structure, rigid_bodies=None, start=first)
 
-    told = part_of(report, 0.0, 0.8)
+    told = part_of(report, 0.0, 0.9)
     fit = fit_records(inputs, outputs, rate, orders, structure=structure, rigid_bodies=None, report=told)
-    report(0.8, 1.0, "giving up modes that are not there")
-    fit = without_undetermined(fit, orders, again)
-    if not late:
+    report(0.9, 1.0, "giving up modes that are not there")
+    return without_undetermined(fit, orders, again)
+
+
+def _perhaps_late(
+    fit: TimeFit,
+    fitting: Sequence[tuple[Run, LogSegment]],
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    structure: Structure,
+    report: Report,
+) -> TimeFit:
+    run, _ = fitting[0]
+    if run.header.bench.get("kind") != "imported":  # our own bench has no delay
         return fit
     report(0.9, 1.0, "fitting a delay")
-    return with_delay(fit, inputs, outputs, rate, structure)
+    return with_delay(fit, inputs, outputs, run.sample_rate_hz, structure)

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from analysis.identification.determined import SIGNIFICANT
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from sim_backend.linear import Array
@@ -28,4 +30,14 @@ def with_delay(
     start = None if inputs[0].shape[1] == 1 else fit.model
     delayed = replace(structure, delay=True)
     late = fit_records(inputs, outputs, rate_hz, fit.model.n_blocks, structure=delayed, rigid_bodies=None, start=start)
-    return late if late.criterion + _CLEARLY < fit.criterion else fit
+    clearly = late.criterion + _CLEARLY < fit.criterion
+    return late if clearly and bool(np.all(_known(late))) else fit
+
+
+def _known(fit: TimeFit) -> NDArray[np.bool_]:
+    """Return which delays (n_u,) are none, or differ from none by what is no uncertainty of theirs.
+
+    Where no linear model explains the record, the evidence counts a little help as much.
+    """
+    std = np.sqrt(np.diag(fit.covariance)[fit.layout.index("delay_s")])
+    return (fit.model.delay_s == 0.0) | (fit.model.delay_s >= SIGNIFICANT * std)

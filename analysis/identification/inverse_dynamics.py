@@ -40,7 +40,8 @@ class Balance:
     """The balance of one axis: its linear model, its standard deviations in the same shapes, the friction beside it.
 
     `friction`, zero where there is none, and `constant`, the torque that is always there (its standard deviation
-    `constant_std`), are in units of the input.
+    `constant_std`), are in units of the input. `pushed` tells whether that torque bends a linear fit, as it does where
+    nothing holds the axis.
     """
 
     linear: ModalModel
@@ -48,12 +49,14 @@ class Balance:
     friction: float
     constant: float
     constant_std: float
+    pushed: bool
 
 
 def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance | None:
-    """Return the balance of torques of one axis, records (n, 1) each; None where a linear fit is not bent.
+    """Return the balance of torques of one axis that rubs or that nothing holds, records (n, 1) each; None for others.
 
-    Friction bends it, and a constant torque on what nothing holds: beside a spring that is an offset of the reading.
+    Friction bends a linear fit, and so does a constant torque on what nothing holds: beside a spring that is an offset
+    of the reading.
     """
     if inputs[0].shape[1] != 1 or outputs[0].shape[1] != 1:
         return None
@@ -65,22 +68,24 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
     mass, damping, spring, friction = best.numbers[:4]
     # nothing, or less, holds the axis: a period of ten records stands for none
     slowest = 2.0 * np.pi * rate_hz / (10.0 * longest)
-    rubs = best.by_friction >= SHARE and friction > 0.0
+    rubs = best.by_friction >= SHARE and friction > 0.0 and damping > 0.0
     # a spring that takes longer than the record to swing back holds nothing in it
-    pushed = best.by_constant >= SHARE and spring < mass * (10.0 * slowest) ** 2
-    if not (mass > 0.0 and damping > 0.0 and (rubs or pushed)):
+    free = spring < mass * (10.0 * slowest) ** 2
+    if not (mass > 0.0 and (rubs or free)):
         return None
     omega = float(np.sqrt(max(spring / mass, slowest**2)))
+    sigma = float(max(0.5 * damping / mass, slowest))
     relative = best.deviations[:3] / np.abs(best.numbers[:3])
-    linear = _axis(omega, 0.5 * damping / mass, 1.0 / mass)
+    linear = _axis(omega, sigma, 1.0 / mass)
     spread = float(0.5 * omega * min(relative[2] + relative[0], 1.0))
-    std = _axis(spread, 0.5 * damping / mass * (relative[0] + relative[1]), relative[0] / mass)
+    std = _axis(spread, sigma * (relative[0] + relative[1]), relative[0] / mass)
     return Balance(
         linear,
         std.with_(c=np.zeros((1, 1))),
         float(friction) if rubs else 0.0,
         -float(best.numbers[4]),
         float(best.deviations[4]),
+        free and best.by_constant >= SHARE,
     )
 
 

@@ -10,6 +10,7 @@ Source: L. Ljung, System Identification, 2nd edition, 1999, sections 13.4 and 13
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -27,25 +28,49 @@ follows in a long record of what is not linear, because no filter whitens an exc
 """
 
 
-def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
-    """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each.
+@dataclass(frozen=True)
+class Echo:
+    """What is new in the inputs a few samples `before` and `after` holds of a white residual, in units of chance.
 
-    What is new in each sample of an input is compared with what is new in the residual a few samples earlier and later.
+    Both are sums of as many squares as `tests`, over so many `rows`.
     """
-    before, after, tests = 0.0, 0.0, _LAGS * inputs[0].shape[1] * outputs[0].shape[1]
-    least = max(chi2.isf(_CHANCE, tests), _LEAST * sum(u.shape[0] for u in inputs))
+
+    before: float
+    after: float
+    tests: int
+    rows: int
+
+    @property
+    def comes_back(self) -> bool:
+        """Whether the inputs answer the residual, and it not them."""
+        least = max(chi2.isf(_CHANCE, self.tests), _LEAST * self.rows)
+        return bool(self.after > least and self.after > _RATIO * self.before)
+
+
+def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
+    """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each."""
     errors = [y - m for y, m in zip(outputs, fit.outputs, strict=True)]
-    for o in range(errors[0].shape[1]):
-        rest = [np.convolve(e[:, o], fit.whitening[o])[: e.shape[0]] for e in errors]
-        for j in range(inputs[0].shape[1]):
-            own = [u[:, [j]] - u[:, j].mean() for u in inputs]
-            if not any(np.any(u) for u in own):
-                continue
-            taps = whitening_filters(own, None)[0]
-            fresh = [np.convolve(u[:, 0], taps)[: u.shape[0]] for u in own]
-            after += _held(rest, fresh, range(1, _LAGS + 1))
-            before += _held(rest, fresh, range(-_LAGS, 0))
-    return bool(after > least and after > _RATIO * before)
+    echoes = [
+        echo_of([np.convolve(e[:, o], fit.whitening[o])[: e.shape[0]] for e in errors], inputs)
+        for o in range(errors[0].shape[1])
+    ]
+    before, after, tests = (sum(getattr(echo, name) for echo in echoes) for name in ("before", "after", "tests"))
+    return Echo(before, after, tests, echoes[0].rows).comes_back
+
+
+def echo_of(rest: Sequence[Array], inputs: Sequence[Array]) -> Echo:
+    """Return what is new in the `inputs`, (n, n_u) each, holds of the white `rest`, (n,) each, earlier and later."""
+    before, after, tests = 0.0, 0.0, 0
+    for j in range(inputs[0].shape[1]):
+        own = [u[:, [j]] - u[:, j].mean() for u in inputs]
+        tests += _LAGS
+        if not any(np.any(u) for u in own):
+            continue
+        taps = whitening_filters(own, None)[0]
+        fresh = [np.convolve(u[:, 0], taps)[: u.shape[0]] for u in own]
+        after += _held(rest, fresh, range(1, _LAGS + 1))
+        before += _held(rest, fresh, range(-_LAGS, 0))
+    return Echo(before, after, tests, sum(r.size for r in rest))
 
 
 def _held(rest: Sequence[Array], fresh: Sequence[Array], lags: range) -> float:

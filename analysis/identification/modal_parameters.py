@@ -75,12 +75,14 @@ class Structure:
     """What a fit assumes about the plant.
 
     `form` is "general" or "mechanical" (b_direct = c_rate = 0: each block is c b' / (s² + 2 sigma s + omega²));
-    `feedthrough` lets D move, `delay` the delay of each input. Raises ConfigError for an unknown form.
+    `feedthrough` lets D move, `delay` the delay of each input. `offset` has each output read something at rest: what
+    nothing holds has no place to rest at. Raises ConfigError for an unknown form.
     """
 
     form: str = "general"
     feedthrough: bool = True
     delay: bool = False
+    offset: bool = True
 
     def __post_init__(self) -> None:
         if self.form not in FORMS:

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.identification.identified import deviations
 from analysis.identification.inverse_dynamics import Balance
 from analysis.identification.modal_parameters import Structure
-from analysis.identification.timefit import fit_records
+from analysis.identification.timefit import TimeFit, fit_records
 from sim_backend.linear import Array, ModalModel
 
 
@@ -28,10 +28,16 @@ def pushed(balance: Balance, inputs: Sequence[Array], outputs: Sequence[Array], 
     start = balance.linear.with_(
         omega_rad_s=np.zeros(1), b=np.hstack([b, b * balance.constant]), b_direct=none, d=none, delay_s=np.zeros(2)
     )
-    structure = Structure("mechanical", feedthrough=False)
-    fit = fit_records(with_one, outputs, rate_hz, 1, structure=structure, rigid_bodies=None, start=start)
+    fit: TimeFit | None = None
+    for form in ("mechanical", "general"):  # a reading may be taken a little later than the command is given
+        structure = Structure(form, feedthrough=False, offset=False)
+        more = fit_records(with_one, outputs, rate_hz, 1, structure=structure, rigid_bodies=None, start=start)
+        fit = more if fit is None or more.criterion < fit.criterion else fit
+        start = fit.model
+    assert fit is not None
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     drive, one = fit.model.b[0]
+    one += 2.0 * fit.model.sigma_1_s[0] * fit.model.b_direct[0, 1]  # what is added to the rate for ever is a torque too
     return replace(
         balance,
         linear=_first_input(fit.model),

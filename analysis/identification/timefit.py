@@ -217,10 +217,11 @@ def _fit(
     """Return the fit from one start: white errors first, then errors whitened by what they turned out to be."""
     layout = layout_of(start, structure)
     vector = np.concatenate([pack(start), np.zeros(len(target.inputs) * (2 * layout.n_blocks + layout.n_outputs))])
-    for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
-        vector[place.offset] = y.mean(axis=0)
     free = np.concatenate([layout.free, np.ones(vector.size - layout.size, dtype=bool)])
-    limit = np.concatenate([step_limit(layout), np.full(vector.size - layout.size, np.inf)])
+    for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
+        free[place.offset] = structure.offset
+        vector[place.offset] = y.mean(axis=0) if structure.offset else 0.0
+    limit = np.concatenate([step_limit(layout), np.full(int(free[layout.size :].sum()), np.inf)])
     converged = False
     for _ in range(4):
         vector, converged = _minimise(target, vector, free, limit, layout, iterations)
@@ -293,6 +294,7 @@ def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, conv
     vector = np.concatenate([pack(model), vector[layout.size :]])
     normal = time_normal_equations(target, vector, layout)
     linear = np.concatenate([np.r_[place.state.ravel(), place.offset] for place in places])
+    linear = linear[free[linear]]
     part = normal.hessian[np.ix_(linear, linear)]
     vector[linear] -= np.linalg.lstsq(part, normal.gradient[linear], rcond=1e-13)[0]
     normal = time_normal_equations(target, vector, layout)

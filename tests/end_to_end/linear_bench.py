@@ -173,22 +173,30 @@ def two_inertias(seed: int = 507) -> Record:
     return Record(u, y, rate_hz, [(label, period * periods) for label in sizes], period)
 
 
-def loop_at_once(seed: int = 508) -> Record:
-    """A mass with drag in a stiff loop that answers every reading within its own sample: 8000 rows at 500 Hz.
-
-    Moves of fifth order between places; nothing repeats, and the noise of the reading is most of what the drive plays
-    above some hertz.
-    """
-    rng, rate_hz, n = np.random.default_rng(seed), 500.0, 8000
+def moves(rng: np.random.Generator, n: int, rate_hz: float) -> Array:
+    """Return places (n,) within a unit to either side: moves of fifth order from 0.4 to 1 s, and rests between them."""
     reference, at, place = np.zeros(n), 0, 0.0
     while at < n:
-        there, rows, rest = rng.uniform(-1.0, 1.0), int(rng.uniform(200, 500)), int(rng.uniform(50, 150))
+        there, rows = rng.uniform(-1.0, 1.0), int(rng.uniform(0.4, 1.0) * rate_hz)
         s = np.linspace(0.0, 1.0, rows)
         move = np.concatenate(
-            [place + (there - place) * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5), np.full(rest, there)]
+            [
+                place + (there - place) * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5),
+                np.full(int(rng.uniform(0.1, 0.3) * rate_hz), there),
+            ]
         )
         reference[at : at + move.size] = move[: n - at]
         at, place = at + move.size, there
+    return reference
+
+
+def loop_at_once(seed: int = 508) -> Record:
+    """A mass with drag in a stiff loop that answers every reading within its own sample: 8000 rows at 500 Hz.
+
+    Nothing repeats, and the noise of the reading is most of what the drive plays above some hertz.
+    """
+    rng, rate_hz, n = np.random.default_rng(seed), 500.0, 8000
+    reference = moves(rng, n, rate_hz)
     inertia, drag = 1.6e-3, 7.8e-3
     over, into = held(np.array([[0.0, 1.0], [0.0, -drag / inertia]]), np.array([[0.0], [1.0 / inertia]]), rate_hz)
     x, before, u, y = np.zeros(2), 0.0, np.empty((n, 1)), np.empty((n, 1))
@@ -201,6 +209,39 @@ def loop_at_once(seed: int = 508) -> Record:
     return Record(u, y, rate_hz, [("train", 6000), ("held-out end", 2000)], None)
 
 
+def late_reading(seed: int = 509) -> Record:
+    """A mass with drag, pushed by half of what moves it, in a loop: 12,000 rows at 1000 Hz.
+
+    It is read 30 µs after the drive has taken its new value, and the loop answers one sample later.
+    """
+    rng, rate_hz, n, late = np.random.default_rng(seed), 1000.0, 12_000, 3e-5
+    reference = moves(rng, n, rate_hz)
+    inertia, drag, push = 2.1e-3, 9e-3, -0.02
+    a, b = np.array([[0.0, 1.0], [0.0, -drag / inertia]]), np.array([[0.0], [1.0 / inertia]])
+    over, into = held(a, b, rate_hz)
+    soon, by_then = held(a, b, 1.0 / late)
+    x, before, u, y = np.zeros(2), 0.0, np.zeros((n, 1)), np.empty((n, 1))
+    for k in range(n):
+        y[k] = (soon @ x + by_then @ (u[k] + push))[0] + 2e-5 * rng.standard_normal()
+        error = reference[k] - y[k, 0]
+        if k + 1 < n:
+            u[k + 1] = 0.7 * error + 0.014 * (error - before) * rate_hz
+        before = error
+        x = over @ x + into @ (u[k] + push)
+    return Record(u, y, rate_hz, [("train", 9000), ("held-out end", 3000)], None)
+
+
+def mode_and_lag(seed: int = 510) -> Record:
+    """500 rows at 50 Hz of a mode at 1.4 Hz behind a lag of 0.3 s, three poles, under steps of random size."""
+    rng, rate_hz, n = np.random.default_rng(seed), 50.0, 500
+    u = np.repeat(rng.uniform(-1.0, 1.0, n // 5), 5)[:, None]
+    a = block_diag(oscillator(1.4, 0.15), np.array([[-1.0 / 0.3]]))
+    a[2, 0] = 1.0 / 0.3
+    y = played(a, np.array([[0.0], [(2.0 * np.pi * 1.4) ** 2], [0.0]]), np.eye(1, 3, 2), u, rate_hz)
+    y[:, 0] += noise(rng, n, 5e-3 * y.std(), 1.0, rate_hz)
+    return Record(u, y, rate_hz, [("train", 375), ("held-out end", 125)], None)
+
+
 RECORDS = {
     "two-by-two": two_by_two,
     "rigid-axis": rigid_axis,
@@ -210,4 +251,6 @@ RECORDS = {
     "accelerometer": accelerometer,
     "two-inertias": two_inertias,
     "loop-at-once": loop_at_once,
+    "late-reading": late_reading,
+    "mode-and-lag": mode_and_lag,
 }

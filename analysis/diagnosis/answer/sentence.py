@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
+from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.pages.quantities import chance, share
 
@@ -52,7 +53,7 @@ def _verdict(
     evidence: Mapping[str, Sequence[Domain]],
 ) -> str:
     if verdict == "consistent":
-        return "The simulation is consistent with the data: what it leaves is noise."
+        return f"The simulation is consistent with the data: what it leaves is noise{_little(gain)}."
     if verdict == "unknown":
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
@@ -96,6 +97,13 @@ def _missed(gain: Gain | None) -> str:
     if gain is None:
         return ""
     return f"; it misses {share(gain.rms_before)} of the held-out output, of which {share(gain.noise_floor)} is noise"
+
+
+def _little(gain: Gain | None) -> str:
+    """Return how much of the output passes for noise where it is most of it."""
+    if gain is None or not barely_explained(gain):
+        return ""
+    return f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
 
 
 def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from analysis.diagnosis.search.gram import IMITATED, Gram
 from analysis.diagnosis.search.matched import wanted_inputs
 from analysis.diagnosis.search.screening import Footing, Noise, gram_of
 from sim_backend.effects.base import Effect
+from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
 from sim_backend.effects.view import RecordView
 from sim_backend.linear import ModalModel
 
@@ -44,13 +45,18 @@ _NEAR = 0.3
 shapes at a few starts, so a true cause with an awkward shape may be far behind there, and far ahead after the refit."""
 
 
+_OWN_STEP = 1.5
+"""A rounding is a sawtooth that repeats at every step; an error that repeats within so many of them is that."""
+
+
 @dataclass(frozen=True)
 class Rules:
     """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
 
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
     `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
-    `inside` are those that are looked for in the modes themselves, where a model misses by many noises.
+    `inside` are those that are looked for in the modes themselves, where a model misses by many noises. `steps` are
+    those in which the readings of some outputs come.
     """
 
     effects: tuple[type[Effect], ...]
@@ -59,6 +65,12 @@ class Rules:
     substeps: int
     seed: int
     inside: tuple[type[Effect], ...] = ()
+    steps: Mapping[str, float] = field(default_factory=dict)
+
+    def is_rounding(self, candidate: Candidate) -> bool:
+        """Tell whether a candidate repeats with the steps of a reading: that is their rounding, told by them alone."""
+        step = self.steps.get(candidate.where, 0.0)
+        return candidate.effect is PeriodicSensorError and candidate.shapes["period"] < _OWN_STEP * step
 
     def beside(self, found: Sequence[type[Effect]]) -> tuple[type[Effect], ...]:
         """Return the effects that may be added to those `found`."""
@@ -132,7 +144,7 @@ def gram_beside(
     views = views_of(setting, motions, footing.linear)
     taken = {c.key for c in fit.candidates if not c.effect.several}
     tried = enumerate_candidates(rules.effects, setting.places, views, scales, workers=setting.workers)
-    candidates = [c for c in tried if c.key not in taken]
+    candidates = [c for c in tried if c.key not in taken and not rules.is_rounding(c)]
     grams = gram_of(footing, motions, setting.whitener, candidates, workers=setting.workers, others=others)
     return grams, candidates
 

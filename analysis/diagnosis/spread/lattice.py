@@ -7,12 +7,14 @@ that do not lie on a lattice each would have to fall within that rounding of a m
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
+from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.spread.chance import Chance
 from sim_backend.effects.sensor_quantisation import SensorQuantisation
 
@@ -64,15 +66,21 @@ def _with_step(seen: Array, step: float, rounding: float) -> Lattice | None:
     return Lattice(exact, rounding / count, (gaps.size - 1) * math.log(2.0 * rounding / exact))
 
 
+def lattices_of(data: Dataset, outputs: Sequence[str]) -> dict[str, Lattice]:
+    """Return the lattice of each of the named `outputs` whose readings lie on one."""
+    found = {w: lattice_of(np.concatenate([r.y[:, o] for r in data.records])) for o, w in enumerate(outputs)}
+    return {where: lattice for where, lattice in found.items() if lattice is not None}
+
+
 def rounded_readings(setting: Setting) -> list[Chance]:
     """Return every output whose readings lie on a lattice that the model does not know of."""
     known = {e.where for e in setting.known if isinstance(e, SensorQuantisation)}
     rows = setting.rows // setting.data.n_outputs
     found = []
-    for o, where in enumerate(setting.places.outputs):
-        lattice = None if where in known else lattice_of(np.concatenate([r.y[:, o] for r in setting.data.records]))
-        if lattice is None:
+    for where, lattice in lattices_of(setting.data, setting.places.outputs).items():
+        if where in known:
             continue
+        o = setting.places.outputs.index(where)
         power = float(np.sum(setting.whitener.taps[o] ** 2)) * lattice.step**2 / 12.0
         found.append(
             Chance(
