@@ -14,24 +14,10 @@ from sim_backend.linear import Array, ModalModel
 _AnyFit = TypeVar("_AnyFit", TimeFit, RationalFit)
 
 SIGNIFICANT = 3.0
-"""Standard deviations by which a mode's decay rate must differ from zero."""
+"""Standard deviations by which a mode must differ from one that is not there."""
 
 
-def without_undetermined(
-    fit: _AnyFit, orders: tuple[int, ...], again: Callable[[int, ModalModel | None], _AnyFit]
-) -> _AnyFit:
-    """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time.
-
-    A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
-    number had found, because its method puts a pole where nothing was played. The better of both counts.
-    """
-    while fit.model.n_blocks > orders[0] and np.min(known := _determinedness(fit)) < SIGNIFICANT:
-        rest = fit.model.only(np.arange(known.size) != int(np.argmin(known)))
-        fit = min((again(rest.n_blocks, None), again(rest.n_blocks, rest)), key=lambda one: one.criterion)
-    return fit
-
-
-def _determinedness(fit: TimeFit | RationalFit) -> Array:
+def determinedness(fit: TimeFit | RationalFit) -> Array:
     """Return by how many standard deviations each block differs from one that is not there, (m,).
 
     An oscillation has a frequency and a decay rate; the lesser counts. A rigid body has neither, and is there or not by
@@ -67,3 +53,33 @@ def _ratio(value: Array, std: Array) -> Array:
     """Return `value` over `std`: infinite for what is known exactly, zero where a deviation could not be had."""
     known = np.divide(value, std, out=np.zeros_like(value), where=std > 0.0)
     return np.where(std == 0.0, np.inf, known)
+
+
+def swinging(fit: TimeFit | RationalFit) -> Array:
+    """Return `determinedness` of the blocks of an axis that nothing holds, (m,): what is more than its inertia swings.
+
+    The slowest block is the axis itself, and there for certain. Beside it what is flexible has a frequency; a slow
+    block that has none stands for what is not linear.
+    """
+    own = int(np.argmin(np.min(np.abs(fit.model.poles_1_s()), axis=1)))
+    known = np.where(fit.model.sigma_1_s < fit.model.omega_rad_s, determinedness(fit), 0.0)
+    known[own] = np.inf
+    return known
+
+
+def without_undetermined(
+    fit: _AnyFit,
+    orders: tuple[int, ...],
+    again: Callable[[int, ModalModel | None], _AnyFit],
+    measure: Callable[[TimeFit | RationalFit], Array] = determinedness,
+) -> _AnyFit:
+    """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time.
+
+    A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
+    number had found, because its method puts a pole where nothing was played. The better of both counts. `measure`
+    returns by how many standard deviations each block is known (m,).
+    """
+    while fit.model.n_blocks > orders[0] and np.min(known := measure(fit)) < SIGNIFICANT:
+        rest = fit.model.only(np.arange(known.size) != int(np.argmin(known)))
+        fit = min((again(rest.n_blocks, None), again(rest.n_blocks, rest)), key=lambda one: one.criterion)
+    return fit

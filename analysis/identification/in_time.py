@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from analysis.identification.determined import SIGNIFICANT, without_undetermined
+from analysis.identification.determined import SIGNIFICANT, determinedness, swinging, without_undetermined
 from analysis.identification.input_delay import with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
+from analysis.identification.response_fit import RationalFit
 from analysis.identification.timefit import TimeFit, fit_records
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
@@ -61,7 +62,7 @@ def fit_free_axis(
     """
     rate = fitting[0][0].sample_rate_hz
     mechanical = Structure("mechanical", feedthrough=False, offset=False)
-    fit = _fitted(inputs, outputs, rate, orders, mechanical, part_of(report, 0.0, 0.7))
+    fit = _fitted(inputs, outputs, rate, orders, mechanical, part_of(report, 0.0, 0.7), swinging)
     report(0.7, 1.0, "fitting when the readings are taken")
 
     def other(structure: Structure, start: ModalModel) -> TimeFit:
@@ -71,12 +72,20 @@ def fit_free_axis(
     fits = [(fit, mechanical), (other(general, fit.model), general)]
     if slowest.size > 1:  # the fastest mode may stand for no more than when the readings are taken
         fits.append((other(general, fit.model.only(np.arange(slowest.size) != slowest[-1])), general))
-    fit, structure = min(fits, key=lambda one: one[0].criterion)
+    told = [(one, form) for one, form in fits if form is mechanical or _late_for_certain(one)]
+    fit, structure = min(told, key=lambda one: one[0].criterion)
     omega = fit.model.omega_rad_s
     if np.any(held := (omega > 0.0) & (omega < SIGNIFICANT * fit.omega_std_rad_s) & (omega < fit.model.sigma_1_s)):
         released = other(structure, fit.model.with_(omega_rad_s=np.where(held, 0.0, omega)))
         fit = min(released, fit, key=lambda one: one.criterion)
     return _perhaps_late(fit, fitting, inputs, outputs, structure, report)
+
+
+def _late_for_certain(fit: TimeFit) -> bool:
+    """Tell whether the data determine all modes of a fit in general form, and that a rate is in the readings."""
+    place = fit.layout.index("c_rate")
+    lead = np.abs(fit.model.c_rate) > SIGNIFICANT * np.sqrt(np.diag(fit.covariance)[place])
+    return bool(np.any(lead) and np.min(determinedness(fit)) >= SIGNIFICANT)
 
 
 def in_a_loop(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, blocks: int) -> bool:
@@ -93,6 +102,7 @@ def _fitted(
     orders: tuple[int, ...],
     structure: Structure,
     report: Report,
+    measure: Callable[[TimeFit | RationalFit], Array] = determinedness,
 ) -> TimeFit:
     def again(n: int, first: ModalModel | None) -> TimeFit:
         return fit_records(inputs, outputs, rate, n, structure=structure, rigid_bodies=None, start=first)
@@ -100,7 +110,7 @@ def _fitted(
     told = part_of(report, 0.0, 0.9)
     fit = fit_records(inputs, outputs, rate, orders, structure=structure, rigid_bodies=None, report=told)
     report(0.9, 1.0, "giving up modes that are not there")
-    return without_undetermined(fit, orders, again)
+    return without_undetermined(fit, orders, again, measure)
 
 
 def _perhaps_late(
