@@ -46,6 +46,12 @@ def test_a_consistent_verdict_tells_of_noise_that_is_not_steady() -> None:
     assert reservation("named", loud) == ""
 
 
+def test_a_consistent_verdict_says_so_where_most_of_the_output_passes_for_noise() -> None:
+    loud = Gain(("run#a",), 0.95, 0.95, 0.9, 0.0, (0.0, 0.0))
+    assert "95.0 % of the held-out output" in sentence("consistent", (), (), loud, {})
+    assert sentence("consistent", (), (), GAIN, {}).endswith("what it leaves is noise.")
+
+
 def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
     causes = (cause("coulomb-friction", "the residual switches sign"), cause("sensor-gain", "the residual is", 0.99))
     text = sentence("named", causes, (), GAIN, {})

@@ -8,7 +8,10 @@ from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.identification.modal_parameters import Structure
+from analysis.identification.timefit import fit_records
 from sim_backend.model import Model, Port
+from tests.end_to_end.linear_bench import loop_at_once
 
 RATE_HZ = 1000.0
 MODEL = Model(
@@ -181,3 +184,24 @@ def test_the_largest_ratio_is_corrected_for_their_number():
 
     ratio = f_distribution.isf(np.array([0.01, *np.full(9, 0.5)]), 50.0, 400.0)
     assert largest_test(ratio, np.full(10, 50.0), np.full(10, 400.0)) == pytest.approx(1.0 - 0.99**10, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", [71, 72, 73, 74])
+def test_in_a_loop_the_inputs_of_the_same_sample_are_no_evidence(seed: int) -> None:
+    """A controller plays the noise that it reads: the inputs follow what is left of the reading, not it them."""
+    record = loop_at_once(seed)
+    u, y, structure = record.drives, record.readings, Structure("mechanical", feedthrough=False, offset=False)
+    fit = fit_records([u], [y], record.rate_hz, 1, structure=structure, rigid_bodies=None)
+    w = (y - fit.outputs[0])[:, 0] / 2e-5
+    # four of one in a thousand each; the plain coherence says 1e-12 and less
+    assert coherence_test(w, u, [w.size], record.rate_hz) > 1e-3
+
+
+def test_in_a_loop_what_follows_earlier_inputs_is_evidence() -> None:
+    rng = np.random.default_rng(5)
+    noise, played = rng.standard_normal((2, 4096))
+    u, w = np.zeros(4096), np.zeros(4096)
+    for k in range(4096):
+        w[k] = noise[k] + (0.2 * u[k - 2] if k > 1 else 0.0)
+        u[k] = -1.5 * w[k] + 0.5 * played[k]
+    assert coherence_test(w, u[:, None], [4096], RATE_HZ) < 1e-6

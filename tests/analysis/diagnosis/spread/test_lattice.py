@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.lattice import lattice_of, rounded_readings
+from sim_backend.effects.cubic_stiffness import CubicStiffness
+from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
 from tests.analysis.diagnosis.residuals import setting_of
 
 
@@ -51,3 +55,12 @@ def test_a_step_counts_by_what_it_does_to_the_readings() -> None:
     far = rounded_readings(setting_of(np.zeros(12_000), single, noise, 1.0)[0])
     # numbers of single precision are all multiples of a last place, which moves nothing
     assert all(c.shift < 1e-3 for c in far)
+
+
+@pytest.mark.parametrize(
+    ("period", "where", "is_it"), [(2e-3, "x", True), (1e-3, "x", True), (4e-3, "x", False), (2e-3, "y", False)]
+)
+def test_an_error_that_repeats_with_the_steps_is_their_rounding(period: float, where: str, is_it: bool) -> None:
+    rules = Rules((), 0.002, 3, 4, 0, steps={"x": 2e-3})
+    assert rules.is_rounding(Candidate(PeriodicSensorError, where, {"period": period}, {}, {})) == is_it
+    assert not rules.is_rounding(Candidate(CubicStiffness, where, {}, {}, {}))
