@@ -205,8 +205,7 @@ def diagnose(
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
     shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model, workers=options.workers)
-    unsteady = reservation(judgement.verdict, shown)
-    judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady)
+    judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady := reservation(judgement.verdict, shown))
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""

@@ -30,14 +30,15 @@ def tried(
 ) -> tuple[HeldOut, ...]:
     """Return the errors on every held-out segment: in steady state where it is periodic, else from the best start.
 
-    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error. Of a
-    segment too long to be read at once, the middle is tried.
+    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error; what
+    nothing holds has no steady state. Of a segment too long to be read at once, the middle is tried.
     """
+    free = bool(np.any(model.omega_rad_s == 0.0))
     discrete, results = discretise(model, rate_hz), []
     for run, segment in windowed(parts):
         if not segment.held_out:
             continue
-        period = int(segment.settings.get("period_samples", 0))
+        period = 0 if free else int(segment.settings.get("period_samples", 0))
         if period:
             segment = replace(segment, start=max(segment.stop - period, segment.start))
         u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")

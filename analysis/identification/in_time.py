@@ -12,7 +12,7 @@ from analysis.identification.input_delay import with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.timefit import TimeFit, fit_records
+from analysis.identification.timefit import TimeFit, fit_records, with_one_more
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
 from sim_backend.linear import Array, ModalModel
@@ -78,6 +78,12 @@ def fit_free_axis(
     if np.any(held := (omega > 0.0) & (omega < SIGNIFICANT * fit.omega_std_rad_s) & (omega < fit.model.sigma_1_s)):
         released = other(structure, fit.model.with_(omega_rad_s=np.where(held, 0.0, omega)))
         fit = min(released, fit, key=lambda one: one.criterion)
+    # what a late reading leaves hides what is flexible, and is told by now
+    while fit.model.n_blocks < orders[-1]:
+        more = with_one_more(fit, inputs, outputs, rate, structure)
+        if more.criterion >= fit.criterion or np.min(swinging(more)) < SIGNIFICANT:
+            break
+        fit = more
     return _perhaps_late(fit, fitting, inputs, outputs, structure, report)
 
 

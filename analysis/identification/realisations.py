@@ -42,7 +42,21 @@ def realisations_of(parts: Sequence[tuple[Run, LogSegment]]) -> Realisations | N
     group, settled = together(parts, period, count), [(r, replace(s, start=s.start + skip * period)) for r, s in parts]
     blocks = [np.stack([folded(r, s, role, period, count, group) for r, s in settled]) for role in ("input", "output")]
     inputs, outputs = (block.transpose(2, 3, 0, 1) for block in blocks)
-    return Realisations(inputs, outputs, parts[0][0].sample_rate_hz, group)
+    data = Realisations(inputs, outputs, parts[0][0].sample_rate_hz, group)
+    return None if _drifting(data) else data
+
+
+def _drifting(data: Realisations) -> bool:
+    """Tell whether an output moves farther from period to period than within one: what nothing holds does not repeat.
+
+    Between periods it would pass for noise, and drown everything that repeats.
+    """
+    if data.outputs.shape[3] < 2:
+        return False
+    farther = np.abs(np.diff(data.outputs.mean(axis=0), axis=2)).mean(axis=(1, 2)) / data.group
+    within = np.ptp(data.outputs.mean(axis=3), axis=0).mean(axis=1)
+    # within a period a steady drift goes as far as from one to the next, and the swing comes on top of it
+    return bool(np.any(farther > 0.5 * within))
 
 
 def bring_to_one_level(data: Realisations) -> None:

@@ -102,6 +102,18 @@ def fit_records(
     return replace(best, orders=tuple(tried))
 
 
+def with_one_more(
+    fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, structure: Structure
+) -> TimeFit:
+    """Return the fit of one more block than `fit` has, begun where that leaves most; shapes are those of `fit_records`.
+
+    `structure` is that of `fit`.
+    """
+    target, count = _target(inputs, outputs, rate_hz), fit.model.n_blocks + 1
+    start = grown(target, fit.model, fit.outputs, count, mechanical=structure.form == "mechanical")
+    return fit_records(inputs, outputs, rate_hz, count, structure=structure, rigid_bodies=None, start=start)
+
+
 def _best_fit(
     target: TimeTarget,
     starts: list[ModalModel],
