@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from analysis.frequency.frf import frequency_response_periodic, response_to_steps
 from analysis.identification.determined import SIGNIFICANT, without_undetermined
+from analysis.identification.free_axis import fit_free_axis
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
-from analysis.identification.in_time import fit_free_axis, fit_in_time, in_a_loop
+from analysis.identification.in_time import fit_in_time, in_a_loop
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.modal_parameters import Structure
