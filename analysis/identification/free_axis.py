@@ -31,7 +31,7 @@ def fit_free_axis(
     orders: tuple[int, ...],
     report: Report,
 ) -> TimeFit:
-    """Return the fit to an axis that nothing holds, inputs (n, 1) and outputs (n, 1), by as many modes as it shows.
+    """Return the fit to an axis that nothing holds, inputs (n, 1) and outputs (n, n_y), by as many modes as it shows.
 
     Modes are counted as mechanical ones, whose fits drift least. What else the readings hold (one that is taken a
     little later than the command is given, a mode that drag makes lag) is fitted from there, and a spring that cannot
@@ -46,23 +46,23 @@ def fit_free_axis(
     first = fit_records(inputs, outputs, rate, orders, structure=_MECHANICAL, rigid_bodies=None, report=told)
     fit = without_undetermined(first, orders, lambda n, start: fitted(_MECHANICAL, n, start), swinging)
     report(0.7, 1.0, "fitting when the readings are taken")
-    fits = [(fit, _MECHANICAL)]
+    fits = [fit]
     for start in _starts(first, fit, orders[0]):
         more = fitted(_GENERAL, start.n_blocks, start)
-        if _lags_for_certain(more):
-            fits.append((more, _GENERAL))
-    fit, structure = min(fits, key=lambda one: one[0].criterion)
+        if lags_for_certain(more):
+            fits.append(more)
+    fit = min(fits, key=lambda one: one.criterion)
     omega = fit.model.omega_rad_s
     if np.any(held := (omega > 0.0) & (omega < SIGNIFICANT * fit.omega_std_rad_s) & (omega < fit.model.sigma_1_s)):
-        released = fitted(structure, omega.size, fit.model.with_(omega_rad_s=np.where(held, 0.0, omega)))
+        released = fitted(fit.structure, omega.size, fit.model.with_(omega_rad_s=np.where(held, 0.0, omega)))
         fit = min(released, fit, key=lambda one: one.criterion)
     # what a late reading leaves hides what is flexible, and is told by now
     while fit.model.n_blocks < orders[-1]:
-        more = with_one_more(fit, inputs, outputs, rate, structure)
+        more = with_one_more(fit, inputs, outputs, rate)
         if more.criterion >= fit.criterion or np.min(swinging(more)) < SIGNIFICANT:
             break
         fit = more
-    return perhaps_late(fit, fitting, inputs, outputs, structure, report)
+    return perhaps_late(fit, fitting, inputs, outputs, report)
 
 
 def _starts(first: TimeFit, fit: TimeFit, fewest: int) -> list[ModalModel]:
@@ -76,7 +76,7 @@ def _starts(first: TimeFit, fit: TimeFit, fewest: int) -> list[ModalModel]:
     return starts
 
 
-def _lags_for_certain(fit: TimeFit) -> bool:
+def lags_for_certain(fit: TimeFit) -> bool:
     """Tell whether the data determine all modes of a fit in general form, and that a rate is in the readings."""
     place = fit.layout.index("c_rate")
     lead = np.abs(fit.model.c_rate) > SIGNIFICANT * np.sqrt(np.diag(fit.covariance)[place])

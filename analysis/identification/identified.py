@@ -145,4 +145,5 @@ def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry
             note="operating point of the recorded output, not physics",
         )
         for i, port in enumerate(outputs)
+        if mean[i] != 0.0
     ]

@@ -18,15 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.frequency.frf import frequency_response_periodic, response_to_steps
+from analysis.identification.axes import Axes, fit_axes
 from analysis.identification.determined import SIGNIFICANT, without_undetermined
-from analysis.identification.free_axis import fit_free_axis
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
 from analysis.identification.in_time import fit_in_time, in_a_loop
-from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.modal_parameters import Structure
-from analysis.identification.pushed import pushed
 from analysis.identification.rational import fit_rational
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
@@ -214,18 +212,14 @@ def _from_records(
     """
     rate = fitting[0][0].sample_rate_hz
     inputs, outputs = ([channels_of(run, s, role) for run, s in fitting] for role in ROLES)
-    balance = balance_of(inputs, outputs, rate)
-    if balance is not None and (balance.friction > 0.0 or balance.pushed):
-        balance = balance if balance.friction > 0.0 else pushed(balance, inputs, outputs, rate)
-        return _beside_friction(balance, parts, sum(y.shape[0] for y in outputs), name)
+    axes = fit_axes(fitting, inputs, outputs, orders, report)
+    if axes is not None:
+        return _of_axes(axes, parts, name)
     choosing = len(orders) > 1  # a number that is given is fitted once, and tells of a loop by itself
-    if balance is not None:
-        fit = fit_free_axis(fitting, inputs, outputs, orders, report)
-    else:
-        looped = choosing and in_a_loop(inputs, outputs, rate, orders[0])
-        if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
-            return _from_spectra(fitting, parts, orders, name, report)
-        fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
+    looped = choosing and in_a_loop(inputs, outputs, rate, orders[0])
+    if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
+        return _from_spectra(fitting, parts, orders, name, report)
+    fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
     offsets = np.array(fit.offsets)
     return identification(
@@ -267,21 +261,29 @@ def _from_spectra(
     )
 
 
-def _beside_friction(balance: Balance, parts: Sequence[tuple[Run, LogSegment]], rows: int, name: str) -> Identification:
-    """Return the linear part of a balance of torques; the torque that is always there goes with it."""
-    inputs, outputs = _ports(parts[0][0])
-    whole = Fitted(balance.linear, balance.std, None, rows)
-    method = f"free, beside {'friction' if balance.friction > 0.0 else 'a constant torque'}"
-    found = identification(whole, _runs_of(parts), inputs, outputs, method=method, name=name)
-    source = f"{found.method} fit to run {', '.join(run.run_uid for run in _runs_of(parts))}"
-    torque = Quantity(value=balance.constant, origin="fitted", source=source, std=balance.constant_std)
-    point = EffectEntry(
-        effect="constant-torque",
-        where=inputs[0].dof,
-        parameters={"torque": torque},
-        note="operating point of the recorded input, not physics",
-    )
-    return replace(found, model=msgspec.structs.replace(found.model, effects=[point]))
+def _of_axes(axes: Axes, parts: Sequence[tuple[Run, LogSegment]], name: str) -> Identification:
+    """Return the identification of axes that move by themselves; a torque that is always there goes with it."""
+    fitted, (inputs, outputs) = axes.fitted, _ports(parts[0][0])
+    beside = [(inputs[i].dof, one) for i, one in enumerate(axes.beside) if one is not None]
+    words = ["free"] + ["axis by axis"] * (len(axes.beside) > 1)
+    if beside:
+        words.append("beside friction" if any(one.friction > 0.0 for _, one in beside) else "beside a constant torque")
+    # a record that friction or a torque bends is none to try a linear model on
+    rate, offsets = parts[0][0].sample_rate_hz, fitted.offsets
+    held_out = () if beside else tried(fitted.linear, parts, rate, offsets.mean(axis=0))
+    method = ", ".join(words)
+    found = identification(fitted, _runs_of(parts), inputs, outputs, method=method, name=name, held_out=held_out)
+    source = f"{method} fit to run {', '.join(run.run_uid for run in _runs_of(parts))}"
+    points = [
+        EffectEntry(
+            effect="constant-torque",
+            where=dof,
+            parameters={"torque": Quantity(value=one.constant, origin="fitted", source=source, std=one.constant_std)},
+            note="operating point of the recorded input, not physics",
+        )
+        for dof, one in beside
+    ]
+    return replace(found, model=msgspec.structs.replace(found.model, effects=[*found.model.effects, *points]))
 
 
 def _rest(model: ModalModel, u: Array, y: Array) -> Array:

@@ -36,7 +36,7 @@ def fit_in_time(
 
     def fitted(structure: Structure) -> TimeFit:
         fit = _fitted(inputs, outputs, rate, orders, structure, part_of(report, 0.0, 0.9))
-        return perhaps_late(fit, fitting, inputs, outputs, structure, report)
+        return perhaps_late(fit, fitting, inputs, outputs, report)
 
     fit = fitted(Structure(feedthrough=not looped))
     if np.any(fit.model.d) and answers_at_once(fit, inputs, outputs):  # a first fit may miss too much to tell
@@ -73,12 +73,11 @@ def perhaps_late(
     fitting: Sequence[tuple[Run, LogSegment]],
     inputs: Sequence[Array],
     outputs: Sequence[Array],
-    structure: Structure,
     report: Report,
 ) -> TimeFit:
-    """Return `fit`, of so much `structure`, or one whose inputs act late; no bench of our own has a delay."""
+    """Return `fit`, or one whose inputs act late; no bench of our own has a delay."""
     run, _ = fitting[0]
     if run.header.bench.get("kind") != "imported":
         return fit
     report(0.9, 1.0, "fitting a delay")
-    return with_delay(fit, inputs, outputs, run.sample_rate_hz, structure)
+    return with_delay(fit, inputs, outputs, run.sample_rate_hz)

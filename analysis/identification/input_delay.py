@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.determined import SIGNIFICANT
-from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from sim_backend.linear import Array
 
@@ -17,18 +16,16 @@ _CLEARLY = 2.0 * float(np.log(99.0))
 """By how much the criterion (twice a logarithm of evidence) must fall: a hundred to one."""
 
 
-def with_delay(
-    fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, structure: Structure
-) -> TimeFit:
+def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
     """Return `fit`, or one of as many modes whose inputs act late where that explains the records clearly better.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y); `structure` is that of `fit`. Without a delay its modes
+    Shapes: every record's input (n, n_u) and output (n, n_y). Without a delay its modes
     imitate it as well as they can; what they cannot would be found later as a delay that the bench has and the model
     lacks. With several inputs only the neighbourhood of `fit` is searched, as whole samples of delay at each take too
     long to try.
     """
     start = None if inputs[0].shape[1] == 1 else fit.model
-    delayed = replace(structure, delay=True)
+    delayed = replace(fit.structure, delay=True)
     late = fit_records(inputs, outputs, rate_hz, fit.model.n_blocks, structure=delayed, rigid_bodies=None, start=start)
     clearly = late.criterion + _CLEARLY < fit.criterion
     return late if clearly and bool(np.all(_known(late))) else fit

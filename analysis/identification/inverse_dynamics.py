@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
+from analysis.identification.determined import SIGNIFICANT
 from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
@@ -31,6 +32,9 @@ SHARE = 0.5
 """Friction, or a constant torque, counts when it takes this part of what the other terms leave of the torque, in
 squares."""
 
+_TERMS = 5
+"""Numbers of the axis's own: inertia, drag, spring, friction and what is always there."""
+
 BALANCED = 0.9
 """All terms together have to explain this part of the torque, in squares."""
 
@@ -40,8 +44,8 @@ class Balance:
     """The balance of one axis: its linear model, its standard deviations in the same shapes, the friction beside it.
 
     `friction`, zero where there is none, and `constant`, the torque that is always there (its standard deviation
-    `constant_std`), are in units of the input. `pushed` tells whether that torque bends a linear fit, as it does where
-    nothing holds the axis.
+    `constant_std`), are in units of the axis's own drive. `free` tells whether nothing holds the axis, `pushed` whether
+    the constant torque bends a linear fit, as it does there. All terms explain the part `explained` of the torque.
     """
 
     linear: ModalModel
@@ -49,22 +53,34 @@ class Balance:
     friction: float
     constant: float
     constant_std: float
+    free: bool
     pushed: bool
+    explained: float
 
 
 def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance | None:
-    """Return the balance of torques of one axis that rubs or that nothing holds, records (n, 1) each; None for others.
+    """Return the balance of torques of one axis that rubs or that nothing holds; None for others.
 
-    Friction bends a linear fit, and so does a constant torque on what nothing holds: beside a spring that is an offset
-    of the reading.
+    Shapes: every record's inputs (n, n_u), the axis's own drive first and those of other axes after it, and its reading
+    (n, 1). Of the other drives what is significant acts on the axis too. Friction bends a linear fit, and so does a
+    constant torque on what nothing holds: beside a spring that is an offset of the reading.
     """
-    if inputs[0].shape[1] != 1 or outputs[0].shape[1] != 1:
+    if outputs[0].shape[1] != 1:
         return None
     longest = max(y.shape[0] for y in outputs)
-    tried = [_fitted(inputs, outputs, rate_hz, window) for window in WINDOWS if _ROWS * window < longest]
-    best = max((t for t in tried if t is not None), key=lambda t: t.explained, default=None)
+    windows = [window for window in WINDOWS if _ROWS * window < longest]
+    own = [u[:, :1] for u in inputs]
+    tried = [(fitted, window) for window in windows if (fitted := _fitted(own, outputs, rate_hz, window)) is not None]
+    best, window = max(tried, key=lambda one: one[0].explained, default=(None, 0))
     if best is None or best.explained < BALANCED:
         return None
+    coupling, coupling_std = np.zeros(inputs[0].shape[1] - 1), np.zeros(inputs[0].shape[1] - 1)
+    if coupling.size and (beside := _fitted(inputs, outputs, rate_hz, window)) is not None:
+        known = np.abs(beside.numbers[_TERMS:]) > SIGNIFICANT * beside.deviations[_TERMS:]
+        if np.any(known):
+            some = [u[:, np.r_[True, known]] for u in inputs]
+            best = _fitted(some, outputs, rate_hz, window) or best
+            coupling[known], coupling_std[known] = -best.numbers[_TERMS:], best.deviations[_TERMS:]
     mass, damping, spring, friction = best.numbers[:4]
     # nothing, or less, holds the axis: a period of ten records stands for none
     slowest = 2.0 * np.pi * rate_hz / (10.0 * longest)
@@ -76,22 +92,24 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
     omega = float(np.sqrt(max(spring / mass, slowest**2)))
     sigma = float(max(0.5 * damping / mass, slowest))
     relative = best.deviations[:3] / np.abs(best.numbers[:3])
-    linear = _axis(omega, sigma, 1.0 / mass)
+    linear = _axis(omega, sigma, np.append(1.0, coupling) / mass)
     spread = float(0.5 * omega * min(relative[2] + relative[0], 1.0))
-    std = _axis(spread, sigma * (relative[0] + relative[1]), relative[0] / mass)
+    std = _axis(spread, sigma * (relative[0] + relative[1]), np.append(relative[0], coupling_std) / mass)
     return Balance(
         linear,
         std.with_(c=np.zeros((1, 1))),
         float(friction) if rubs else 0.0,
         -float(best.numbers[4]),
         float(best.deviations[4]),
+        free,
         free and best.by_constant >= SHARE,
+        best.explained,
     )
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """M, D, K, F and offset with their deviations, and the part of the torque that all of them explain.
+    """M, D, K, F, offset and what other drives take off, with deviations, and the part of the torque they explain.
 
     `by_friction` and `by_constant` are the parts that friction and offset take of what is left without them.
     """
@@ -112,9 +130,9 @@ def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, w
             continue
         position, rate, acceleration = (np.convolve(y[:, 0], t, mode="valid") for t in taps)
         # a hold gives each torque from its sample on: over the smoothing it acts half a sample late
-        held = 0.5 * (u[:-1, 0] + u[1:, 0])
-        torque = np.convolve(np.concatenate([u[:1, 0], held]), taps[0], mode="valid")
-        terms = [acceleration, rate, position, np.tanh(rate / _still(rate)), np.ones_like(rate)]
+        held = np.concatenate([u[:1], 0.5 * (u[:-1] + u[1:])])
+        torque, *other = (np.convolve(column, taps[0], mode="valid") for column in held.T)
+        terms = [acceleration, rate, position, np.tanh(rate / _still(rate)), np.ones_like(rate), *other]
         # at rest friction is whatever holds the axis, and no balance tells it from the drive
         moves = np.abs(rate) > _still(rate)
         rows.append(np.stack(terms, axis=1)[moves])
@@ -144,15 +162,15 @@ def _least_squares(x: Array, y: Array, window: int) -> tuple[float, Array, Array
     return left, numbers / scale, np.sqrt(np.maximum(variance, 0.0)) / scale
 
 
-def _axis(omega_rad_s: float, sigma_1_s: float, gain: float) -> ModalModel:
-    zero = np.zeros((1, 1))
+def _axis(omega_rad_s: float, sigma_1_s: float, gains: Array) -> ModalModel:
+    none = np.zeros((1, gains.size))
     return ModalModel(
         omega_rad_s=np.array([omega_rad_s]),
         sigma_1_s=np.array([sigma_1_s]),
-        b=np.array([[gain]]),
-        b_direct=zero,
+        b=gains[None, :],
+        b_direct=none,
         c=np.ones((1, 1)),
-        c_rate=zero,
-        d=zero,
-        delay_s=np.zeros(1),
+        c_rate=np.zeros((1, 1)),
+        d=none,
+        delay_s=np.zeros(gains.size),
     )

@@ -76,7 +76,8 @@ class Structure:
 
     `form` is "general" or "mechanical" (b_direct = c_rate = 0: each block is c b' / (s² + 2 sigma s + omega²));
     `feedthrough` lets D move, `delay` the delay of each input. `offset` has each output read something at rest: what
-    nothing holds has no place to rest at. Raises ConfigError for an unknown form.
+    nothing holds has no place to rest at, and only readings beside its first have a zero of their own. Raises
+    ConfigError for an unknown form.
     """
 
     form: str = "general"

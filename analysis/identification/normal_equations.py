@@ -90,7 +90,8 @@ def _step(normal: Normal, damping: float, limit: Array | float) -> tuple[Array, 
 def column_scale(hessian: Array) -> Array:
     """Return the square root of the diagonal of J'J (p,), one where a parameter has no effect."""
     diagonal = np.sqrt(np.diag(hessian))
-    return np.where(diagonal > 0.0, diagonal, 1.0)
+    # no unit of measurement is a factor of 1e100: what is less than that has underflowed
+    return np.where(diagonal > 1e-100 * np.max(diagonal, initial=0.0), diagonal, 1.0)
 
 
 def covariance(normal: Normal) -> Array:

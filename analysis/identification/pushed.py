@@ -19,14 +19,14 @@ from sim_backend.linear import Array, ModalModel
 
 
 def pushed(balance: Balance, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance:
-    """Return a balance without friction, its numbers fitted to the records, (n, 1) each, in simulation.
+    """Return a balance without friction, its numbers fitted to the records in simulation; shapes are `balance_of`'s.
 
     A balance smooths what it takes apart, and is wrong by a percent for it; over a record such an axis adds that up.
     """
-    with_one = [np.hstack([u, np.ones_like(u)]) for u in inputs]
-    b, none = balance.linear.b, np.zeros((1, 2))
+    with_one = [np.hstack([u, np.ones((u.shape[0], 1))]) for u in inputs]
+    b = np.hstack([balance.linear.b, balance.linear.b[:, :1] * balance.constant])
     start = balance.linear.with_(
-        omega_rad_s=np.zeros(1), b=np.hstack([b, b * balance.constant]), b_direct=none, d=none, delay_s=np.zeros(2)
+        omega_rad_s=np.zeros(1), b=b, b_direct=np.zeros_like(b), d=np.zeros_like(b), delay_s=np.zeros(b.shape[1])
     )
     fit: TimeFit | None = None
     for form in ("mechanical", "general"):  # a reading may be taken a little later than the command is given
@@ -36,16 +36,19 @@ def pushed(balance: Balance, inputs: Sequence[Array], outputs: Sequence[Array], 
         start = fit.model
     assert fit is not None
     std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
-    drive, one = fit.model.b[0]
-    one += 2.0 * fit.model.sigma_1_s[0] * fit.model.b_direct[0, 1]  # what is added to the rate for ever is a torque too
+    drive, one = fit.model.b[0, [0, -1]]
+    one += 2.0 * fit.model.sigma_1_s[0] * fit.model.b_direct[0, -1]  # what is added to the rate for ever is torque too
     return replace(
         balance,
-        linear=_first_input(fit.model),
-        std=_first_input(std),
+        linear=_drives(fit.model),
+        std=_drives(std),
         constant=float(one / drive),
-        constant_std=float(std.b[0, 1] / abs(drive)),
+        constant_std=float(std.b[0, -1] / abs(drive)),
     )
 
 
-def _first_input(model: ModalModel) -> ModalModel:
-    return model.with_(b=model.b[:, :1], b_direct=model.b_direct[:, :1], d=model.d[:, :1], delay_s=model.delay_s[:1])
+def _drives(model: ModalModel) -> ModalModel:
+    """Return the model without its last input, the one that is always one."""
+    return model.with_(
+        b=model.b[:, :-1], b_direct=model.b_direct[:, :-1], d=model.d[:, :-1], delay_s=model.delay_s[:-1]
+    )

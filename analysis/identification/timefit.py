@@ -27,10 +27,13 @@ from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import ConfigError, DataError, MccdError
 from sim_backend.linear import Array, ModalModel
 
+_NOTHING = 1e-6
+"""Part of its motion that a spring takes back in a record, below which there is none."""
+
 
 @dataclass(frozen=True)
 class TimeFit:
-    """A model fitted to time records, with its uncertainty.
+    """A model of some structure fitted to time records, with its uncertainty.
 
     `covariance` (p, p) belongs to the vector of `modal_parameters.pack(model)`; `omega_std_rad_s` and `sigma_std_1_s`
     (m,) are drawn from it. `outputs` are the modelled records (n, n_y), from the estimated `initial_states` (m, 2) with
@@ -40,6 +43,7 @@ class TimeFit:
     """
 
     model: ModalModel
+    structure: Structure
     layout: Layout
     covariance: Array
     omega_std_rad_s: Array
@@ -102,13 +106,9 @@ def fit_records(
     return replace(best, orders=tuple(tried))
 
 
-def with_one_more(
-    fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, structure: Structure
-) -> TimeFit:
-    """Return the fit of one more block than `fit` has, begun where that leaves most; shapes are those of `fit_records`.
-
-    `structure` is that of `fit`.
-    """
+def with_one_more(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
+    """Return the fit of one more block than `fit` has, begun where that leaves most; shapes are `fit_records`'s."""
+    structure = fit.structure
     target, count = _target(inputs, outputs, rate_hz), fit.model.n_blocks + 1
     start = grown(target, fit.model, fit.outputs, count, mechanical=structure.form == "mechanical")
     return fit_records(inputs, outputs, rate_hz, count, structure=structure, rigid_bodies=None, start=start)
@@ -231,7 +231,7 @@ def _fit(
     vector = np.concatenate([pack(start), np.zeros(len(target.inputs) * (2 * layout.n_blocks + layout.n_outputs))])
     free = np.concatenate([layout.free, np.ones(vector.size - layout.size, dtype=bool)])
     for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
-        free[place.offset] = structure.offset
+        free[place.offset[:1]] = structure.offset
         vector[place.offset] = y.mean(axis=0) if structure.offset else 0.0
     limit = np.concatenate([step_limit(layout), np.full(int(free[layout.size :].sum()), np.inf)])
     converged = False
@@ -245,7 +245,7 @@ def _fit(
         target = replace(target, whitening=filters)
         if settled:
             break
-    return _result(target, vector, free, layout, converged)
+    return _result(target, vector, free, structure, layout, converged)
 
 
 def _minimise(
@@ -296,12 +296,20 @@ def whitening_filters(errors: Sequence[Array], order: int | None) -> Array:
     return found[:, :used]
 
 
-def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, converged: bool) -> TimeFit:
+def _at_rest(model: ModalModel, target: TimeTarget) -> ModalModel:
+    """Return the model without springs that do nothing in the longest record: no number of theirs is known."""
+    longest = max(u.shape[0] for u in target.inputs) / target.rate_hz
+    slowest = np.min(np.abs(model.poles_1_s()), axis=1)
+    return model.with_(omega_rad_s=np.where(slowest * longest < _NOTHING, 0.0, model.omega_rad_s))
+
+
+def _result(
+    target: TimeTarget, vector: Array, free: Array, structure: Structure, layout: Layout, converged: bool
+) -> TimeFit:
     """Return the result with the covariance of the canonical model."""
     places = nuisances(layout, len(target.inputs))
     outputs = tuple(model_outputs(target, vector, layout))
-    raw = unpack(vector[: layout.size], layout)
-    model = canonical(raw)
+    model = canonical(_at_rest(unpack(vector[: layout.size], layout), target))
     # the canonical scaling changes the states' coordinates; states are estimated anew in them, linearly, by one step
     vector = np.concatenate([pack(model), vector[layout.size :]])
     normal = time_normal_equations(target, vector, layout)
@@ -323,6 +331,7 @@ def _result(target: TimeTarget, vector: Array, free: Array, layout: Layout, conv
     criterion = normal.cost + logs + (count + taps) * np.log(target.values)
     return TimeFit(
         model,
+        structure,
         layout,
         cov,
         model.omega_rad_s * std[layout.index("log_omega")],

@@ -45,8 +45,18 @@ def binned(values: Array, w: Array, most: int) -> Binned:
 
 
 def moving_rms(x: Array, length: int) -> Array:
-    """Return the rms of `x` (n,) about its mean over `length` rows around each row, shape (n,)."""
-    return np.asarray(np.sqrt(uniform_filter1d((x - x.mean()) ** 2, min(length, x.size), mode="nearest")))
+    """Return the rms of `x` (n,) about its mean over `length` rows up to each row, shape (n,).
+
+    Rows to come answer this row's noise where there is a loop.
+    """
+    length = min(length, x.size)
+    squares = uniform_filter1d((x - x.mean()) ** 2, length, mode="nearest", origin=(length - 1) // 2)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
+def rate_of(x: Array, rate_hz: float) -> Array:
+    """Return the rate of `x` (n,) up to each row, shape (n,): in a loop the next row answers this row's noise."""
+    return np.diff(x, prepend=2.0 * x[0] - x[min(1, x.size - 1)]) * rate_hz
 
 
 @njit(cache=True, nogil=True)

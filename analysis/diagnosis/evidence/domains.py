@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import f as f_distribution
 
-from analysis.diagnosis.evidence.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms
+from analysis.diagnosis.evidence.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms, rate_of
 from analysis.diagnosis.evidence.slow_noise import excess_of_indicators, first_of_fast, levelled, low_levels
 from analysis.diagnosis.evidence.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
 from analysis.diagnosis.noise.levels import BAND_ROWS
@@ -181,7 +181,7 @@ def _series(
         levels=levels,
         repeats=tuple(_repeats([r for r, _ in pairs], [cut.start for cut in cuts])),
         position=joined(moved),
-        rate=joined(np.gradient(x, 1.0 / rate_hz) for x in moved),
+        rate=joined(rate_of(x, rate_hz) for x in moved),
         amplitude=joined(moving_rms(x, length) for x in moved),
         time_s=joined((b + np.arange(r.n)) / rate_hz for b, (r, _) in zip(begin, pairs, strict=True)),
         temperature_k=joined(r.temperature_k for r, _ in pairs if r.temperature_k is not None) if warm else None,

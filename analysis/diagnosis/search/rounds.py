@@ -153,8 +153,7 @@ def _against_white_noise(
     seen = _keys([f for f in trials if score(f, False) + found.price < before])
     lowest = min((score(f, False) for f in trials), default=np.inf)
     some = stage.trials(plain, found, seen)
-    if not stage.best.candidates:
-        some += rubbing(plain, stage.best, found)
+    some += rubbing(plain, stage.best, found)
     return [lined_up(plain, f, lowest)[1] for f in some]
 
 

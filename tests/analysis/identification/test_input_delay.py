@@ -38,7 +38,7 @@ def played(late_samples: float, seed: int) -> tuple[np.ndarray, np.ndarray, floa
 
 def fits(u: np.ndarray, y: np.ndarray) -> tuple[TimeFit, TimeFit]:
     fit = fit_records([u], [y], RATE_HZ, 1)
-    return fit, with_delay(fit, [u], [y], RATE_HZ, Structure())
+    return fit, with_delay(fit, [u], [y], RATE_HZ)
 
 
 def test_without_a_delay_the_fit_is_left_alone() -> None:
