@@ -43,6 +43,12 @@ little, so they are as many as so many products of rows and re-tuned numbers all
 _STEPS, _ROUNDS = 6, 5
 """Steps of every kind before they are compared, and how often as many more the best may go on."""
 
+_RESTLESS = 2.0
+"""Times the noise that the best may leave before it is begun elsewhere as well."""
+
+_NEAREST, _GO_ON = 3, 2
+"""Kinds that begin elsewhere before a force that is no listed cause is what it must be, and fits that go on."""
+
 _SETTLED = 0.05
 """A fit that gained less than this part in its last steps goes on no more."""
 
@@ -134,6 +140,14 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
     rows = _independent_rows(setting, min([beside, *fits], key=_misfit))
     fits.sort(key=partial(_cost, rows=rows))
     best = _settled(setting, fits[0], progress) if fits else beside
+    if fits and _above(setting, best) > _RESTLESS:
+        # a force that is no listed cause has to stand against what is listed, begun wherever that may begin
+        near = _nearest(fits) if _unlisted(best) else [best.effects[0].name]
+        others = _begun_elsewhere(setting, beside, _elsewhere(gram, candidates, first, kinds, near), progress)
+        rows = _independent_rows(setting, min([best, *others], key=_misfit))
+        if _unlisted(best):
+            fits = sorted([best, *others, *fits[1:]], key=partial(_cost, rows=rows))
+        best = min([best, *others], key=partial(_cost, rows=rows))
     if inside and fits:
         best = _needed(setting, tuned, inside, best, progress)
     if not fits or all(is_mode(c.where) for c in best.candidates):
@@ -155,6 +169,42 @@ def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: P
     if fit.misfit < beside.misfit or not held:
         return fit
     return refit(setting, both, np.append(0.0 * kind.sizes, sizes), beside.change, steps=_STEPS, strong=True)
+
+
+def _nearest(fits: Sequence[Fit]) -> list[str]:
+    """Return the names of the listed kinds that came nearest, best first."""
+    return [fit.effects[0].name for fit in fits if not _unlisted(fit)][:_NEAREST]
+
+
+def _elsewhere(
+    gram: Gram, candidates: Sequence[Candidate], screen: Screen, kinds: Sequence[_Kind], near: Sequence[str]
+) -> list[_Kind]:
+    """Return the kinds of some names from every other start of their shapes."""
+    reduced = gram.without(gram.knob_columns())
+    starts = []
+    for kind in (k for k in kinds if k.candidates[0].effect.name in near):
+        others = [
+            sorted(
+                (i for i, c in enumerate(candidates) if c.key == one.key and c is not one),
+                key=lambda i: -screen.drops[i],
+            )
+            for one in kind.candidates
+        ]
+        for together in zip(*others, strict=False):
+            drop, sizes = gram.solve(reduced, list(together))
+            knobs = gram.knobs_beside(list(together), sizes)
+            starts.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
+    return starts
+
+
+def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
+    """Return the best fits from other starts, gone on with.
+
+    A loop that is most of what moves the axis is screened beside a motion that it has bent: to first order the wrong
+    one of its shapes stands out most, and from there a descent may not come out again.
+    """
+    fits = [_fitted(setting, beside, start, 0.5 + 0.1 * k / len(starts), progress) for k, start in enumerate(starts)]
+    return [_settled(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
 
 
 def _needed(setting: Setting, tuned: Fit, inside: Fit, both: Fit, progress: Progress) -> Fit:
@@ -189,6 +239,10 @@ def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
         if fit.misfit > (1.0 - _SETTLED) * before:
             break
     return fit
+
+
+def _unlisted(fit: Fit) -> bool:
+    return bool(fit.effects) and fit.effects[0].reported() == UnlistedForce.name
 
 
 def _misfit(fit: Fit) -> float:
@@ -255,7 +309,7 @@ def judge_main(found: Found) -> Judgement:
     probability = 1.0 / (1.0 + sum(np.exp(-gap) for gap in gaps.values()))
     rivals = tuple(sorted(((name, -gap) for name, gap in gaps.items()), key=lambda pair: -pair[1]))
     inflation = float(found.setting.rows / rows)
-    if own == UnlistedForce.name:
+    if _unlisted(best):
         places = ", ".join(c.where for c in best.candidates)
         against = f"a smooth force of position and rate at {places} that is no listed cause explains most of it"
         return Judgement("unknown", (), (), probability, inflation, rivals, against)

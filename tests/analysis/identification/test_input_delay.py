@@ -5,7 +5,6 @@ import pytest
 from scipy.signal import lfilter
 
 from analysis.identification.input_delay import with_delay
-from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.linear.simulate import simulate_linear
 from sim_backend.linear import ModalModel, discretise

@@ -56,6 +56,18 @@ def test_an_oscillator_has_no_such_balance() -> None:
     assert balance_of([u[:, None]], [y], RATE_HZ) is None
 
 
-def test_several_axes_are_left_to_the_fit() -> None:
+def test_of_other_drives_what_acts_on_the_axis_is_told() -> None:
+    u, y = play(12.0, 3, friction=0.0)
+    idle, acting = np.random.default_rng(8).standard_normal((2, u.size))
+    # the drive that is recorded gives less than what moves the axis: a tenth of the other one does the rest
+    found = balance_of([np.stack([u - 0.1 * acting, idle, acting], axis=1)], [y[:, None]], RATE_HZ)
+    assert found is not None
+    own, nothing, other = found.linear.b[0]
+    assert nothing == 0.0
+    assert other / own == pytest.approx(0.1, rel=0.05)
+    assert 1.0 / own == pytest.approx(MASS, rel=0.1)  # as above
+
+
+def test_several_readings_have_no_balance() -> None:
     u, y = play(3.0, 3)
-    assert balance_of([np.stack([u, u], axis=1)], [y[:, None]], RATE_HZ) is None
+    assert balance_of([u[:, None]], [np.stack([y, y], axis=1)], RATE_HZ) is None
