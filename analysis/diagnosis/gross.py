@@ -38,7 +38,7 @@ _TAKES_PART = 0.1
 
 _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
 """Kinds that are fitted, those that explain most to first order: beside a linear model that is wrong by half that says
-little, so they are as many as so many products of rows and re-tuned numbers allow."""
+little, so they are as many as so many products of rows and re-tuned numbers allow. What is left begins elsewhere."""
 
 _STEPS, _ROUNDS = 6, 5
 """Steps of every kind before they are compared, and how often as many more the best may go on."""
@@ -179,7 +179,7 @@ def _nearest(fits: Sequence[Fit]) -> list[str]:
 def _elsewhere(
     gram: Gram, candidates: Sequence[Candidate], screen: Screen, kinds: Sequence[_Kind], near: Sequence[str]
 ) -> list[_Kind]:
-    """Return the kinds of some names from every other start of their shapes."""
+    """Return the kinds of some names from every other start of their shapes, as far as there is time."""
     reduced = gram.without(gram.knob_columns())
     starts = []
     for kind in (k for k in kinds if k.candidates[0].effect.name in near):
@@ -194,7 +194,7 @@ def _elsewhere(
             drop, sizes = gram.solve(reduced, list(together))
             knobs = gram.knobs_beside(list(together), sizes)
             starts.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
-    return starts
+    return starts[: max(_affordable(gram) - len(kinds), 0)]
 
 
 def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
@@ -279,8 +279,12 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
         knobs = gram.knobs_beside(together, sizes)
         kinds.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
     kinds.sort(key=lambda kind: -kind.drop)
-    products = gram.rows * gram.n_knobs
-    return kinds[: int(np.clip(_PRODUCTS / max(products, 1), _FEWEST, _MOST_KINDS))]
+    return kinds[: int(np.clip(_affordable(gram), _FEWEST, _MOST_KINDS))]
+
+
+def _affordable(gram: Gram) -> int:
+    """Return how many fits of a few steps are worth their time."""
+    return int(_PRODUCTS / max(gram.rows * gram.n_knobs, 1))
 
 
 def remainder(found: Found) -> str:
