@@ -13,6 +13,7 @@ the block in each input and output.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,6 +98,13 @@ class ModalModel:
             b_direct=self.b_direct[keep],
             c=self.c[:, keep],
             c_rate=self.c_rate[:, keep],
+        )
+
+    def driven_by(self, inputs: Sequence[int] | NDArray[np.intp]) -> ModalModel:
+        """Return the model from those of its inputs that are numbered, in their order."""
+        keep = list(inputs)
+        return self.with_(
+            b=self.b[:, keep], b_direct=self.b_direct[:, keep], d=self.d[:, keep], delay_s=self.delay_s[keep]
         )
 
     def beside(self, other: ModalModel) -> ModalModel:

@@ -180,8 +180,7 @@ def _elsewhere(
     gram: Gram, candidates: Sequence[Candidate], screen: Screen, kinds: Sequence[_Kind], near: Sequence[str]
 ) -> list[_Kind]:
     """Return the kinds of some names from every other start of their shapes, as far as there is time."""
-    reduced = gram.without(gram.knob_columns())
-    starts = []
+    reduced, starts = gram.without(gram.knob_columns()), []
     for kind in (k for k in kinds if k.candidates[0].effect.name in near):
         others = [
             sorted(
@@ -191,10 +190,9 @@ def _elsewhere(
             for one in kind.candidates
         ]
         for together in zip(*others, strict=False):
-            drop, sizes = gram.solve(reduced, list(together))
-            knobs = gram.knobs_beside(list(together), sizes)
-            starts.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
-    return starts[: max(_affordable(gram) - len(kinds), 0)]
+            starts.append(list(together))
+    spare = max(_affordable(gram) - len(kinds), 0)
+    return [_kind_of(gram, reduced, candidates, together) for together in starts[:spare]]
 
 
 def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
@@ -275,11 +273,15 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
     for found in per_kind.values():
         most = max(screen.drops[i] for i in found)
         together = [i for i in found if screen.drops[i] >= _TAKES_PART * most]
-        drop, sizes = gram.solve(reduced, together)
-        knobs = gram.knobs_beside(together, sizes)
-        kinds.append(_Kind(tuple(candidates[i] for i in together), sizes, knobs, drop))
+        kinds.append(_kind_of(gram, reduced, candidates, together))
     kinds.sort(key=lambda kind: -kind.drop)
     return kinds[: int(np.clip(_affordable(gram), _FEWEST, _MOST_KINDS))]
+
+
+def _kind_of(gram: Gram, reduced: Array, candidates: Sequence[Candidate], together: list[int]) -> _Kind:
+    """Return the candidates `together` as one kind, the knobs being taken out of `reduced`."""
+    drop, sizes = gram.solve(reduced, together)
+    return _Kind(tuple(candidates[i] for i in together), sizes, gram.knobs_beside(together, sizes), drop)
 
 
 def _affordable(gram: Gram) -> int:

@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 
 from analysis.identification.determined import SIGNIFICANT
 from analysis.identification.free_axis import fit_free_axis, lags_for_certain
-from analysis.identification.identified import Fitted, deviations
+from analysis.identification.identified import Fitted, deviations, side_by_side
 from analysis.identification.in_time import fit_in_time, in_a_loop
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.pushed import pushed
@@ -25,8 +23,6 @@ from analysis.identification.timefit import TimeFit, fit_records
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
 from sim_backend.linear import Array, ModalModel
-
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -105,31 +101,30 @@ def fit_axes(
     each = tuple(sorted({max(order // n, 1) for order in orders}))
     axes = []
     for own, one in enumerate(moved):
-        told = part_of(report, own / n, (own + 0.8) / n)
+        told = part_of(report, 0.8 * own / n, 0.8 * (own + 1) / n)
         u, y = _only(inputs, [own]), _only(outputs, one.readings)
         if one.balance is not None and (one.balance.friction > 0.0 or one.balance.pushed):
-            axes.append(_balanced(one, inputs, y, rate, own))
+            axes.append(_balanced(one.balance, one.readings, inputs, y, rate, own))
             continue
         if one.balance is not None:
             fit = fit_free_axis(fitting, u, y, each, told)
         else:
             looped = len(each) > 1 and in_a_loop(u, y, rate, each[0])
             fit = fit_in_time(fitting, u, y, each, looped, told)
-        axes.append(_Axis([own], one.readings, fit.model, _deviations(fit), fit, None))
+        axes.append(_Axis([own], one.readings, fit.model, deviations(fit), fit, None))
     late = np.array([axis.linear.delay_s[0] for axis in axes])
-    for own, axis in enumerate(list(axes)):
-        report(own + 0.8, n, "fitting what other drives add")
-        axes[own] = _coupled(axis, inputs, _only(outputs, axis.readings), rate, late)
-    return Axes(_together(axes, late, outputs), tuple(axis.balance for axis in axes))
+    report(0.8, 1.0, "fitting what other drives add")
+    axes = [_coupled(axis, inputs, _only(outputs, axis.readings), rate, late) for axis in axes]
+    return Axes(_together(axes, outputs), tuple(axis.balance for axis in axes))
 
 
-def _balanced(moved: Moved, inputs: Sequence[Array], y: Sequence[Array], rate_hz: float, own: int) -> _Axis:
+def _balanced(
+    balance: Balance, readings: list[int], inputs: Sequence[Array], y: Sequence[Array], rate_hz: float, own: int
+) -> _Axis:
     """Return the axis of the balance of its first reading, with the drives that act on it and its other readings."""
-    balance = moved.balance
-    assert balance is not None
     acting = np.flatnonzero(balance.linear.b[0])
     drives = [_own_first(own, inputs[0].shape[1])[i] for i in acting]
-    linear, std = (_inputs(model, acting) for model in (balance.linear, balance.std))
+    linear, std = (model.driven_by(acting) for model in (balance.linear, balance.std))
     rows = np.concatenate([record - record.mean(axis=0) for record in y])
     ratios = (rows[:, :1].T @ rows / np.sum(rows[:, 0] ** 2)).T
     some = replace(
@@ -139,7 +134,7 @@ def _balanced(moved: Moved, inputs: Sequence[Array], y: Sequence[Array], rate_hz
     )
     if balance.friction == 0.0:
         some = pushed(some, _only(inputs, drives), y, rate_hz)
-    return _Axis(drives, moved.readings, some.linear, some.std, None, some)
+    return _Axis(drives, readings, some.linear, some.std, None, some)
 
 
 def _coupled(axis: _Axis, inputs: Sequence[Array], y: Sequence[Array], rate_hz: float, late: Array) -> _Axis:
@@ -156,12 +151,18 @@ def _coupled(axis: _Axis, inputs: Sequence[Array], y: Sequence[Array], rate_hz: 
         return fit_records(u, y, rate_hz, model.n_blocks, structure=structure, rigid_bodies=None, start=model)
 
     def beside(drives: list[int]) -> TimeFit:
-        alone = _among(fit.model, [0], len(drives)).with_(delay_s=late[drives])
+        none = np.zeros((fit.model.n_blocks, len(drives) - 1))
+        alone = fit.model.with_(
+            b=np.hstack([fit.model.b, none]),
+            b_direct=np.hstack([fit.model.b_direct, none]),
+            d=np.pad(fit.model.d, ((0, 0), (0, len(drives) - 1))),
+            delay_s=late[drives],
+        )
         return fitted(drives, fit.structure.form, alone)
 
     drives = _own_first(own, late.size)
     more = beside(drives)
-    std = _deviations(more)
+    std = deviations(more)
     act = (np.abs(more.model.b) > SIGNIFICANT * std.b) | (np.abs(more.model.b_direct) > SIGNIFICANT * std.b_direct)
     known = [drive for drive, acts in zip(drives, np.any(act, axis=0), strict=True) if acts and drive != own]
     if len(known) < len(drives) - 1:
@@ -173,52 +174,19 @@ def _coupled(axis: _Axis, inputs: Sequence[Array], y: Sequence[Array], rate_hz: 
         general = fitted(drives, "general", more.model)
         more = min((more, general) if lags_for_certain(general) else (more,), key=lambda one: one.criterion)
     delay = np.where(np.array(drives) == own, axis.std.delay_s[0], 0.0)
-    return _Axis(drives, axis.readings, more.model, _deviations(more).with_(delay_s=delay), more, None)
+    return _Axis(drives, axis.readings, more.model, deviations(more).with_(delay_s=delay), more, None)
 
 
-def _together(axes: Sequence[_Axis], late: Array, outputs: Sequence[Array]) -> Fitted:
-    """Return one model of all axes, whose drives are late by `late` (n_u,), to `outputs` in their order."""
-    order = np.argsort([j for axis in axes for j in axis.readings])
-    linear, std = (
-        _stacked([_among(getattr(axis, key), axis.drives, late.size) for axis in axes], order)
-        for key in ("linear", "std")
-    )
-    spread = np.array([axis.std.delay_s[0] for axis in axes])
-    linear, std = linear.with_(delay_s=late), std.with_(delay_s=spread)
+def _together(axes: Sequence[_Axis], outputs: Sequence[Array]) -> Fitted:
+    """Return one model of all axes to `outputs` in their order; a drive is as late on all axes as on its own."""
+    drives, readings = [axis.drives for axis in axes], [axis.readings for axis in axes]
+    linear, std = (side_by_side([getattr(axis, key) for axis in axes], drives, readings) for key in ("linear", "std"))
     fits = [axis.fit for axis in axes if axis.fit is not None]
     if len(fits) < len(axes):
         return Fitted(linear, std, None, sum(y.size for y in outputs))
+    order = np.argsort([j for some in readings for j in some])
     offsets = np.array([np.concatenate(some)[order] for some in zip(*(fit.offsets for fit in fits), strict=True)])
     return Fitted(linear, std, sum(fit.chi2 for fit in fits), sum(fit.dof for fit in fits), offsets)
-
-
-def _stacked(models: Sequence[ModalModel], order: IntArray) -> ModalModel:
-    """Return one model with the blocks of all and their outputs in an order; all have the same inputs."""
-    long = {key: np.concatenate([getattr(m, key) for m in models]) for key in ("b", "b_direct")}
-    flat = {key: np.concatenate([getattr(m, key) for m in models]) for key in ("omega_rad_s", "sigma_1_s")}
-    wide = {key: block_diag(*(getattr(m, key) for m in models))[order] for key in ("c", "c_rate")}
-    direct = np.concatenate([m.d for m in models])[order]
-    return ModalModel(**flat, **long, **wide, d=direct, delay_s=models[0].delay_s)
-
-
-def _among(model: ModalModel, places: Sequence[int], n: int) -> ModalModel:
-    """Return the model with its inputs at some places among `n`; the others do nothing."""
-
-    def spread(array: Array) -> Array:
-        out = np.zeros((*array.shape[:-1], n))
-        out[..., places] = array
-        return out
-
-    return model.with_(**{key: spread(getattr(model, key)) for key in ("b", "b_direct", "d", "delay_s")})
-
-
-def _inputs(model: ModalModel, some: IntArray) -> ModalModel:
-    """Return the model from some of its inputs."""
-    return model.with_(**{key: getattr(model, key)[..., some] for key in ("b", "b_direct", "d", "delay_s")})
-
-
-def _deviations(fit: TimeFit) -> ModalModel:
-    return deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
 
 
 def _own_first(own: int, n: int) -> list[int]:

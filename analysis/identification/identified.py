@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.modal_parameters import Layout
 from analysis.identification.response_curves import ResponseCurve
+from analysis.identification.response_fit import RationalFit
+from analysis.identification.timefit import TimeFit
 from campaigns.log import Run
 from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, from_linear
@@ -61,28 +62,37 @@ class Fitted:
     offsets: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def deviations(model: ModalModel, layout: Layout, covariance: Array, omega_std: Array, sigma_std: Array) -> ModalModel:
-    """Return the standard deviations in the shapes of the model, given the covariance (p, p) of its vector."""
-    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+def deviations(fit: TimeFit | RationalFit) -> ModalModel:
+    """Return the standard deviations of a fit's numbers in the shapes of its model."""
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     names = ("b", "b_direct", "c", "c_rate", "d", "delay_s")
-    arrays = {key: spread[layout.index(key)] for key in names}
-    return ModalModel(omega_rad_s=omega_std, sigma_1_s=sigma_std, **arrays)
+    arrays = {key: spread[fit.layout.index(key)] for key in names}
+    return ModalModel(omega_rad_s=fit.omega_std_rad_s, sigma_1_s=fit.sigma_std_1_s, **arrays)
 
 
-def side_by_side(models: Sequence[ModalModel]) -> ModalModel:
-    """Return one model of all axes, block-diagonal from inputs to outputs."""
+def side_by_side(
+    models: Sequence[ModalModel], drives: Sequence[Sequence[int]], readings: Sequence[Sequence[int]]
+) -> ModalModel:
+    """Return one model with the blocks of all, given which inputs and outputs of the whole are those of each.
 
-    def diagonal(key: str) -> Array:
-        blocks = [getattr(model, key) for model in models]
-        out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
-        row = column = 0
-        for block in blocks:
-            out[row : row + block.shape[0], column : column + block.shape[1]] = block
-            row, column = row + block.shape[0], column + block.shape[1]
-        return out
-
-    flat = {key: np.concatenate([getattr(m, key) for m in models]) for key in ("omega_rad_s", "sigma_1_s", "delay_s")}
-    return ModalModel(**flat, **{key: diagonal(key) for key in ("b", "b_direct", "c", "c_rate", "d")})
+    Every output is one model's. An input may be several models': it is late by the largest of their delays.
+    """
+    n_u, n_y = (1 + max(max(some) for some in places) for places in (drives, readings))
+    m = sum(model.n_blocks for model in models)
+    whole = {key: np.zeros((m, n_u)) for key in ("b", "b_direct")} | {
+        key: np.zeros((n_y, m)) for key in ("c", "c_rate")
+    }
+    direct, late, at = np.zeros((n_y, n_u)), np.zeros(n_u), 0
+    for model, columns, rows in zip(models, drives, readings, strict=True):
+        own = range(at, at := at + model.n_blocks)
+        for key in ("b", "b_direct"):
+            whole[key][np.ix_(own, columns)] = getattr(model, key)
+        for key in ("c", "c_rate"):
+            whole[key][np.ix_(rows, own)] = getattr(model, key)
+        direct[np.ix_(rows, columns)] = model.d
+        late[columns] = np.maximum(late[columns], model.delay_s)
+    flat = {key: np.concatenate([getattr(model, key) for model in models]) for key in ("omega_rad_s", "sigma_1_s")}
+    return ModalModel(**flat, **whole, d=direct, delay_s=late)
 
 
 def identification(

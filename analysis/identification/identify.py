@@ -107,8 +107,9 @@ def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report
         curves.append(curve_of_sweep(sweep, *axis))
         inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
         outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
-    linear = side_by_side([fit.linear for fit in fits.values()])
-    std = side_by_side([fit.std for fit in fits.values()])
+    each = [[i] for i in range(len(fits))]
+    linear = side_by_side([fit.linear for fit in fits.values()], each, each)
+    std = side_by_side([fit.std for fit in fits.values()], each, each)
     whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
     return identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
@@ -142,7 +143,7 @@ def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
     fit = fitted(usable, relative2)
     while fit.model.n_blocks > usable[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
         fit = fitted((fit.model.n_blocks - 1,), relative2)
-    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    std = deviations(fit)
     return Fitted(fit.model, std, fit.chi2, fit.dof)
 
 
@@ -176,7 +177,7 @@ def _from_periods(
     fit = without_undetermined(fit, orders, lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first))
     fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
     intersample: Intersample = "held" if hold else "band-limited"
-    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    std = deviations(fit)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     return identification(
@@ -220,7 +221,7 @@ def _from_records(
     if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
         return _from_spectra(fitting, parts, orders, name, report)
     fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
-    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    std = deviations(fit)
     offsets = np.array(fit.offsets)
     return identification(
         Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
@@ -248,7 +249,7 @@ def _from_spectra(
     variance = pooled_variance(measured)
     fit = fit_lines(measured, variance, rate, orders, report=part_of(report, 0.5, 1.0))
     fit = without_undetermined(fit, orders, lambda n, first: fit_lines(measured, variance, rate, (n,), first))
-    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    std = deviations(fit)
     offsets = _rest(fit.model, u, y)
     return identification(
         Fitted(fit.model, std, fit.chi2, fit.dof, offsets),

@@ -19,10 +19,9 @@ _CLEARLY = 2.0 * float(np.log(99.0))
 def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
     """Return `fit`, or one of as many modes whose inputs act late where that explains the records clearly better.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y). Without a delay its modes
-    imitate it as well as they can; what they cannot would be found later as a delay that the bench has and the model
-    lacks. With several inputs only the neighbourhood of `fit` is searched, as whole samples of delay at each take too
-    long to try.
+    Shapes: every record's input (n, n_u) and output (n, n_y). Without a delay its modes imitate it as well as they can;
+    what they cannot would be found later as a delay that the bench has and the model lacks. With several inputs only
+    the neighbourhood of `fit` is searched, as whole samples of delay at each take too long to try.
     """
     start = None if inputs[0].shape[1] == 1 else fit.model
     delayed = replace(fit.structure, delay=True)

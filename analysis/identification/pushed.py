@@ -15,7 +15,7 @@ from analysis.identification.identified import deviations
 from analysis.identification.inverse_dynamics import Balance
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array
 
 
 def pushed(balance: Balance, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance:
@@ -35,20 +35,14 @@ def pushed(balance: Balance, inputs: Sequence[Array], outputs: Sequence[Array], 
         fit = more if fit is None or more.criterion < fit.criterion else fit
         start = fit.model
     assert fit is not None
-    std = deviations(fit.model, fit.layout, fit.covariance, fit.omega_std_rad_s, fit.sigma_std_1_s)
+    std = deviations(fit)
+    drives = range(fit.model.n_inputs - 1)
     drive, one = fit.model.b[0, [0, -1]]
     one += 2.0 * fit.model.sigma_1_s[0] * fit.model.b_direct[0, -1]  # what is added to the rate for ever is torque too
     return replace(
         balance,
-        linear=_drives(fit.model),
-        std=_drives(std),
+        linear=fit.model.driven_by(drives),
+        std=std.driven_by(drives),
         constant=float(one / drive),
         constant_std=float(std.b[0, -1] / abs(drive)),
-    )
-
-
-def _drives(model: ModalModel) -> ModalModel:
-    """Return the model without its last input, the one that is always one."""
-    return model.with_(
-        b=model.b[:, :-1], b_direct=model.b_direct[:, :-1], d=model.d[:, :-1], delay_s=model.delay_s[:-1]
     )

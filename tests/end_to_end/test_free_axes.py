@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.end_to_end.linear_bench import moves
-from tests.end_to_end.unknown_bench import diagnosis, identified, imported
+from tests.end_to_end.linear_bench import Record, moves
+from tests.end_to_end.unknown_bench import diagnosis, identified, imported, write_record
 
 Array = NDArray[np.float64]
 
@@ -74,16 +74,8 @@ def _turned(x: Array, v: Array, torque: float, shaft: float, loss: float, fricti
 
 def diagnosed(folder: Path, u: Array, y: Array) -> dict[str, Any]:
     """Return the diagnosis of drives (n, k) and readings (n, 2) whose last quarter is held out."""
-    names = [f"u{i}" for i in range(u.shape[1])] + [f"y{i}" for i in range(y.shape[1])]
-    rows = np.hstack([u, y])
-    np.savetxt(folder / "data.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
-    text = f'[log]\ntest = "free-run"\nsource = "data.csv"\nsample_rate_hz = {RATE_HZ}\n'
-    for name in names:
-        role, unit = ("input", "N m") if name[0] == "u" else ("output", "rad")
-        text += f'[channels.{name}]\nselect = "{name}"\nunit = "{unit}"\nrole = "{role}"\ndof = "axis{name[1]}"\n'
     split = 3 * ROWS // 4
-    text += f'[segments]\n"train" = [0, {split}]\n"held-out end" = [{split}, {ROWS}]\n'
-    (folder / "map.toml").write_text(text)
+    write_record(folder, Record(u, y, RATE_HZ, [("train", split), ("held-out end", ROWS - split)], None))
     imported(folder)
     identified(folder)
     return diagnosis(folder)
@@ -101,22 +93,22 @@ def test_two_axes_of_which_one_drive_turns_both_are_consistent(tmp_path: Path) -
 def test_friction_is_named_at_the_axis_that_rubs(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, *stage(722, friction=(0.0, 4e-3)))
     assert found["verdict"] == "named", found["sentence"]
-    assert set(causes(found)) == {("coulomb-friction", "axis1")}
-    assert causes(found)["coulomb-friction", "axis1"]["torque"] == pytest.approx(4e-3, rel=0.01)
+    assert set(causes(found)) == {("coulomb-friction", "x2")}
+    assert causes(found)["coulomb-friction", "x2"]["torque"] == pytest.approx(4e-3, rel=0.01)
     assert found["gain"]["rms_after"] < 0.1 * found["gain"]["rms_before"]
 
 
 def test_friction_is_named_at_both_axes(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, *stage(723, friction=(6e-3, 3e-3)))
     assert found["verdict"] == "named", found["sentence"]
-    assert set(causes(found)) == {("coulomb-friction", "axis0"), ("coulomb-friction", "axis1")}
-    assert causes(found)["coulomb-friction", "axis0"]["torque"] == pytest.approx(6e-3, rel=0.01)
-    assert causes(found)["coulomb-friction", "axis1"]["torque"] == pytest.approx(3e-3, rel=0.01)
+    assert set(causes(found)) == {("coulomb-friction", "x1"), ("coulomb-friction", "x2")}
+    assert causes(found)["coulomb-friction", "x1"]["torque"] == pytest.approx(6e-3, rel=0.01)
+    assert causes(found)["coulomb-friction", "x2"]["torque"] == pytest.approx(3e-3, rel=0.01)
 
 
 def test_friction_is_named_where_motor_and_load_are_read(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, *geared(724, friction=0.012))
     assert found["verdict"] == "named", found["sentence"]
-    assert ("coulomb-friction", "axis0") in causes(found)
-    assert causes(found)["coulomb-friction", "axis0"]["torque"] == pytest.approx(0.012, rel=0.02)
+    assert ("coulomb-friction", "x1") in causes(found)
+    assert causes(found)["coulomb-friction", "x1"]["torque"] == pytest.approx(0.012, rel=0.02)
     assert found["gain"]["rms_after"] < 0.2 * found["gain"]["rms_before"]

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.end_to_end.linear_bench import Record
+
 Array = NDArray[np.float64]
 
 MAP = """
@@ -32,6 +34,20 @@ role = "output"
 dof = "x"
 [segments]
 {segments}
+"""
+
+
+LOG = """[log]
+test = "{test}"
+source = "data.csv"
+sample_rate_hz = {rate}
+{period}
+"""
+CHANNEL = """[channels.{name}]
+select = "{name}"
+unit = "{unit}"
+role = "{role}"
+dof = "{dof}"
 """
 
 
@@ -56,6 +72,24 @@ def write_map(
 def write_data(folder: Path, u: Array, y: Array) -> None:
     """Write drive and reading, (n,) each, as two named columns of text."""
     np.savetxt(folder / "data.csv", np.stack([u, y], axis=1), delimiter=",", header="u,y", comments="")
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Write a record as columns of text, and the map that says what they are."""
+    columns = {f"u{i + 1}": (drive, "V", "input", f"x{i + 1}") for i, drive in enumerate(record.drives.T)}
+    columns |= {f"y{i + 1}": (reading, "m", "output", f"x{i + 1}") for i, reading in enumerate(record.readings.T)}
+    if record.reference is not None:
+        columns["r"] = (record.reference, "m", "reference", "x1")
+    values = np.column_stack([values for values, *_ in columns.values()])
+    np.savetxt(folder / "data.csv", values, delimiter=",", header=",".join(columns), comments="")
+    test, period = ("free-run", "") if record.period is None else ("multisine", f"period = {record.period}")
+    text = LOG.format(test=test, rate=record.rate_hz, period=period)
+    for name, (_, unit, role, dof) in columns.items():
+        text += CHANNEL.format(name=name, unit=unit, role=role, dof=dof)
+    ends = np.cumsum([rows for _, rows in record.parts])
+    text += "[segments]\n"
+    text += "\n".join(f'"{label}" = [{end - n}, {end}]' for (label, n), end in zip(record.parts, ends, strict=True))
+    (folder / "map.toml").write_text(text + "\n")
 
 
 def imported(folder: Path) -> None:

@@ -8,12 +8,14 @@ that has it from the start stays near the record.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.shortlist import Screen
-from analysis.identification.axes import moved_by
+from analysis.identification.axes import Moved, moved_by
 from sim_backend.effects.coulomb_friction import CoulombFriction
 
 
@@ -26,8 +28,7 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
     rubs = {c.where for c in fit.candidates if c.effect.reported() == CoulombFriction.name}
     if rubs >= set(setting.places.inputs):
         return []
-    rows = [(r.u[r.fitted()], r.y[r.fitted()]) for r in setting.data.records]
-    moved = moved_by([u for u, _ in rows], [y for _, y in rows], setting.data.rate_hz)
+    moved = setting.once.of("moved", partial(_moved, setting))
     if moved is None:
         return []
     of = dict(zip(setting.places.inputs, moved, strict=True))
@@ -41,3 +42,8 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
             sizes = np.array([balance.friction / unit for unit in candidate.unit_sizes.values()])
             fits.append(extended(setting, fit, candidate, sizes, -fit.change))
     return fits
+
+
+def _moved(setting: Setting) -> list[Moved] | None:
+    rows = [(r.u[r.fitted()], r.y[r.fitted()]) for r in setting.data.records]
+    return moved_by([u for u, _ in rows], [y for _, y in rows], setting.data.rate_hz)

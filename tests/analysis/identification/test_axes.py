@@ -13,8 +13,8 @@ from analysis.identification.identified import Identification
 from analysis.identification.identify import identify_runs
 from campaigns.log import read_run
 from sim_backend.linear import ModalModel
-from tests.end_to_end.linear_bench import held, moves
-from tests.end_to_end.unknown_bench import imported
+from tests.end_to_end.linear_bench import Record, held, moves
+from tests.end_to_end.unknown_bench import imported, write_record
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,10 @@ def played(seed: int, coupling: float = 0.0, friction: float = 0.0, push: float 
     rng = np.random.default_rng(seed)
     reference = np.stack([moves(rng, ROWS, RATE_HZ) for _ in range(2)], axis=1)
     fine = 8 if friction else 1
-    steps = [held(np.array([[0.0, 1.0], [0.0, -d / j]]), np.array([[0.0], [1.0 / j]]), fine * RATE_HZ) for j, d in
-             zip(INERTIA, DRAG, strict=True)]  # fmt: skip
+    steps = [
+        held(np.array([[0.0, 1.0], [0.0, -drag / inertia]]), np.array([[0.0], [1.0 / inertia]]), fine * RATE_HZ)
+        for inertia, drag in zip(INERTIA, DRAG, strict=True)
+    ]
     stiff = INERTIA * (2.0 * np.pi * 6.0) ** 2
     x, before, u, y = np.zeros((2, 2)), np.zeros(2), np.empty((ROWS, 2)), np.empty((ROWS, 2))
     for k in range(ROWS):
@@ -49,17 +51,9 @@ def played(seed: int, coupling: float = 0.0, friction: float = 0.0, push: float 
 
 
 def logged(folder: Path, u: Array, y: Array) -> Path:
-    """Return the log of drives a, b and readings, imported as a user does."""
-    names = [f"u{i}" for i in range(u.shape[1])] + [f"y{i}" for i in range(y.shape[1])]
-    rows = np.hstack([u, y])
-    np.savetxt(folder / "data.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
-    text = f'[log]\ntest = "free-run"\nsource = "data.csv"\nsample_rate_hz = {RATE_HZ}\n'
-    for name in names:
-        role, unit = ("input", "N m") if name[0] == "u" else ("output", "rad")
-        text += f'[channels.{name}]\nselect = "{name}"\nunit = "{unit}"\nrole = "{role}"\ndof = "axis{name[1]}"\n'
+    """Return the log of drives (n, k) and readings (n, m), imported as a user does."""
     split = 3 * ROWS // 4
-    text += f'[segments]\n"train" = [0, {split}]\n"held-out end" = [{split}, {ROWS}]\n'
-    (folder / "map.toml").write_text(text)
+    write_record(folder, Record(u, y, RATE_HZ, [("train", split), ("held-out end", ROWS - split)], None))
     imported(folder)
     return folder / "run.h5"
 
@@ -118,14 +112,15 @@ def test_what_one_drive_adds_to_another_axis_is_found_and_nothing_else(tmp_path:
 
 
 def test_the_friction_of_one_axis_does_not_bend_the_other(tmp_path: Path) -> None:
-    found = identified(logged(tmp_path, *played(6, friction=FRICTION)), 2)
+    u, y = played(6, friction=FRICTION)
+    found = identified(logged(tmp_path, u, y), 2)
     assert found.method == "free, axis by axis, beside friction"
     linear = found.model.linear()
     assert gains(linear)[0, 0] == pytest.approx(1.0 / INERTIA[0], rel=2e-3)
     # a tenth is what the start of a refit needs of a balance
     assert gains(linear)[1, 1] == pytest.approx(1.0 / INERTIA[1], rel=0.1)
-    assert [(e.effect, e.where) for e in found.model.effects] == [("constant-torque", "axis1")]
-    moved = moved_by([played(6, friction=FRICTION)[0]], [played(6, friction=FRICTION)[1]], RATE_HZ)
+    assert [(e.effect, e.where) for e in found.model.effects] == [("constant-torque", "x2")]
+    moved = moved_by([u], [y], RATE_HZ)
     assert moved is not None and moved[0].balance is not None and moved[1].balance is not None
     assert moved[0].balance.friction == 0.0
     assert moved[1].balance.friction == pytest.approx(FRICTION, rel=0.1)
@@ -135,7 +130,7 @@ def test_a_torque_that_is_always_there_stands_beside_its_axis(tmp_path: Path) ->
     found = identified(logged(tmp_path, *played(7, push=4e-3)), 2)
     assert found.method == "free, axis by axis, beside a constant torque"
     (point,) = found.model.effects
-    assert (point.effect, point.where) == ("constant-torque", "axis0")
+    assert (point.effect, point.where) == ("constant-torque", "x1")
     assert point.parameters["torque"].value == pytest.approx(4e-3, rel=1e-3)
     expected = np.diag(1.0 / INERTIA)
     np.testing.assert_allclose(gains(found.model.linear()), expected, rtol=2e-3, atol=1e-3 * expected.max())
@@ -150,5 +145,5 @@ def test_readings_of_one_body_have_zeros_of_their_own(tmp_path: Path) -> None:
     assert found.method == "free"
     assert gains(linear)[:, 0] * INERTIA[0] == pytest.approx([1.0, 0.5], rel=2e-3)
     offsets = {e.where: e.parameters["offset"].value for e in found.model.effects}
-    assert offsets == {"axis1": pytest.approx(0.3, abs=1e-3)}
+    assert offsets == {"x2": pytest.approx(0.3, abs=1e-3)}
     assert found.held_out[0].total < 1e-3

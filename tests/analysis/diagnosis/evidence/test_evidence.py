@@ -224,5 +224,5 @@ def test_in_a_loop_the_rate_that_answers_the_noise_is_no_evidence(seed: int) -> 
     data = Dataset(RATE_HZ, (Record("run", y[:, :1], y + rest, (Window("a", 0, n, period=0),), None),))
     shown = evidence(data, [rest], whitener_from(data, [rest]), MODEL)
     own = [curve for name in ("rate", "amplitude", "direction") for curve in shown[name] if curve.output == "x"]
-    # three curves of four seeds, one in a hundred thousand each; the rate to come says 1e-12 and less
+    # three curves of four seeds, one in a hundred thousand each; with the rate to come this fails
     assert len(own) == 3 and min(curve.p_value for curve in own) > 1e-5
