@@ -45,7 +45,8 @@ class Balance:
 
     `friction`, zero where there is none, and `constant`, the torque that is always there (its standard deviation
     `constant_std`), are in units of the axis's own drive. `free` tells whether nothing holds the axis, `pushed` whether
-    the constant torque bends a linear fit, as it does there. All terms explain the part `explained` of the torque.
+    the constant torque bends a linear fit, as it does there. All terms explain the part `explained` of the torque,
+    the motion being smoothed over `window` samples.
     """
 
     linear: ModalModel
@@ -56,6 +57,13 @@ class Balance:
     free: bool
     pushed: bool
     explained: float
+    window: int
+
+    def starts(self, y: Array, rate_hz: float) -> tuple[float, float]:
+        """Return the smoothed position and rate at the first row of readings `y` (n,)."""
+        first = y[: self.window]
+        taps = [savgol_coeffs(first.size, 3, deriv=d, delta=1.0 / rate_hz, pos=0, use="dot") for d in range(2)]
+        return float(taps[0] @ first), float(taps[1] @ first)
 
 
 def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> Balance | None:
@@ -104,6 +112,7 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
         free,
         free and best.by_constant >= SHARE,
         best.explained,
+        window,
     )
 
 
@@ -125,14 +134,18 @@ def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, w
     """Return the balance over the rows in which the axis moves; None where these are few."""
     taps = [savgol_coeffs(window, 3, deriv=d, delta=1.0 / rate_hz, use="conv") for d in range(3)]
     rows, torques = [], []
+    half = window // 2
     for u, y in zip(inputs, outputs, strict=True):
         if y.shape[0] <= 2 * window:
             continue
         position, rate, acceleration = (np.convolve(y[:, 0], t, mode="valid") for t in taps)
+        # the sign is known of smoothed rates only, and a friction that turns is smoothed as the torque is
+        sign = np.convolve(np.tanh(rate / _still(rate)), taps[0], mode="valid")
+        position, rate, acceleration = (series[half:-half] for series in (position, rate, acceleration))
         # a hold gives each torque from its sample on: over the smoothing it acts half a sample late
-        held = np.concatenate([u[:1], 0.5 * (u[:-1] + u[1:])])
+        held = np.concatenate([u[:1], 0.5 * (u[:-1] + u[1:])])[half:-half]
         torque, *other = (np.convolve(column, taps[0], mode="valid") for column in held.T)
-        terms = [acceleration, rate, position, np.tanh(rate / _still(rate)), np.ones_like(rate), *other]
+        terms = [acceleration, rate, position, sign, np.ones_like(rate), *other]
         # at rest friction is whatever holds the axis, and no balance tells it from the drive
         moves = np.abs(rate) > _still(rate)
         rows.append(np.stack(terms, axis=1)[moves])

@@ -29,7 +29,7 @@ def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
 
     `order` is the longest memory of the noise: none when it is white.
     """
-    return settled_by(setting, linear_of(setting, fit), fit.residuals, order)
+    return settled_by(replace(setting, states=fit.states), linear_of(setting, fit), fit.residuals, order)
 
 
 def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None) -> Setting:

@@ -88,9 +88,9 @@ class Fit:
 
     `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
     standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter);
-    `change_std` are those of `change`. `occam`
-    is by how much the data narrowed all parameters, knobs included: the logarithm of the ratio of the prior's volume
-    to the posterior's. `log_variance` is the sum of the logarithms of the noise variances that `misfit` is in units of.
+    `change_std` are those of `change`. `occam` is by how much the data narrowed all parameters, knobs included: the
+    logarithm of the ratio of the prior's volume to the posterior's. `log_variance` is the sum of the logarithms of the
+    noise variances that `misfit` is in units of. `residuals` are of simulations that began in `states`, per record.
     """
 
     candidates: tuple[Candidate, ...]
@@ -105,6 +105,7 @@ class Fit:
     values: Array
     std: Array
     residuals: tuple[Array, ...]
+    states: tuple[Array, ...]
     change_std: Array = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -219,6 +219,7 @@ class Problem:
             values,
             np.array(std),
             at.residuals,
+            self.setting.states,
             deviation[:n_knobs],
         )
 

@@ -164,5 +164,6 @@ def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[P
         values=np.array([found[name][0] for name in names]),
         std=np.array([found[name][1] for name in names]),
         residuals=residuals,
+        states=setting.states,
         change_std=change_std,
     )

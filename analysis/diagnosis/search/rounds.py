@@ -152,9 +152,9 @@ def _against_white_noise(
     before = score(stage.best, False)
     seen = _keys([f for f in trials if score(f, False) + found.price < before])
     lowest = min((score(f, False) for f in trials), default=np.inf)
-    some = stage.trials(plain, found, seen)
-    some += rubbing(plain, stage.best, found)
-    return [lined_up(plain, f, lowest)[1] for f in some]
+    starts = [[fit] for fit in stage.trials(plain, found, seen)] + rubbing(plain, stage.best, found)
+    own = [[lined_up(plain, fit, lowest)[1] for fit in some] for some in starts]
+    return [min(some, key=lambda fit: score(fit, False)) for some in own]
 
 
 def n_compared(leads: Sequence[float], *, known: bool) -> int:

@@ -8,22 +8,38 @@ that has it from the start stays near the record.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
+from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.shortlist import Screen
 from analysis.identification.axes import Moved, moved_by
 from sim_backend.effects.coulomb_friction import CoulombFriction
 
+Array = NDArray[np.float64]
 
-def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
-    """Return `fit` with a friction of the size that the balance of torques tells, one fit for each of its forms.
+
+_PARTS = (1.0, 0.1, 0.01)
+"""Parts of a screened breakaway rate or give at which a fit begins.
+
+A balance of torques does not tell them, and along the descent from ten times the truth a worse friction lies in
+between: what gives too late has its size wrong. A hundredth of the least shape that is screened is what the finest
+readings still resolve.
+"""
+
+
+def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[list[Fit]]:
+    """Return `fit` with a friction of the size that the balance of torques tells, several fits for each of its forms.
 
     None where the balance tells of none, at an axis that has its friction, and where the readings are not those of one
-    drive each. The knobs begin at the nominal model: what stands in for a friction has moved them.
+    drive each. The knobs begin at the nominal model: what stands in for a friction has moved them. The records begin as
+    they are measured: a fit without the friction finds another rate there, which a friction would brake at once.
     """
     rubs = {c.where for c in fit.candidates if c.effect.reported() == CoulombFriction.name}
     if rubs >= set(setting.places.inputs):
@@ -32,6 +48,7 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
     if moved is None:
         return []
     of = dict(zip(setting.places.inputs, moved, strict=True))
+    setting = replace(setting, states=_measured_starts(setting, moved))
     fits = []
     for i in found.best_per_key():
         candidate = found.candidates[i]
@@ -40,8 +57,31 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[Fit]:
         balance = of[candidate.where].balance
         if balance is not None and balance.friction > 0.0:
             sizes = np.array([balance.friction / unit for unit in candidate.unit_sizes.values()])
-            fits.append(extended(setting, fit, candidate, sizes, -fit.change))
+            starts = [_sharper(candidate, part) for part in _PARTS]
+            fits.append([extended(setting, fit, start, sizes, -fit.change) for start in starts])
     return fits
+
+
+def _sharper(candidate: Candidate, part: float) -> Candidate:
+    """Return the candidate with a part of those of its shapes that are measured along the motion."""
+    along = {p.name for p in candidate.effect.parameters() if p.dimension.y}
+    return replace(candidate, shapes={k: v * part if k in along else v for k, v in candidate.shapes.items()})
+
+
+def _measured_starts(setting: Setting, moved: Sequence[Moved]) -> tuple[Array, ...]:
+    """Return the states (m, 2) in which the records start, those of axes that rub as they are measured."""
+    nominal, states = setting.nominal, [some.copy() for some in setting.states]
+    for axis in moved:
+        if axis.balance is None or axis.balance.friction == 0.0:
+            continue
+        o = axis.readings[0]
+        seen = np.flatnonzero(nominal.c[o] != 0.0)
+        slowest = seen[np.argmin(nominal.omega_rad_s[seen])]
+        for some, record in zip(states, setting.data.records, strict=True):
+            measured = axis.balance.starts(record.y[:, o], setting.data.rate_hz)
+            some[seen] = 0.0
+            some[slowest] = np.array(measured) / nominal.c[o, slowest]
+    return tuple(states)
 
 
 def _moved(setting: Setting) -> list[Moved] | None:

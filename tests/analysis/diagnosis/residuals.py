@@ -75,5 +75,5 @@ def setting_of(force: Array, reading: Array, residual: Array, noise_std: float, 
     )
     none = np.zeros(0)
     misfit = float(np.sum((residual / noise_std) ** 2))
-    fit = Fit((), none, (), misfit, 0.0, n, 0.0, 0.0, (), none, none, (residual[:, None],))
+    fit = Fit((), none, (), misfit, 0.0, n, 0.0, 0.0, (), none, none, (residual[:, None],), ())
     return setting, fit

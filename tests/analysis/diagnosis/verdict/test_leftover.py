@@ -74,7 +74,7 @@ def _setting(residual: Array, seed: int = 1) -> tuple[Setting, Fit]:
     setting = Setting(data, linear, (), places_of(model), transducers_of(model), knobs, whitener, starts, rest, 1)
     none = np.zeros(0)
     parts = (residual[:half], residual[half:])
-    fit = Fit((), np.zeros(len(knobs)), (), 0.0, 0.0, 2 * ROWS, 0.0, 0.0, (), none, none, parts)
+    fit = Fit((), np.zeros(len(knobs)), (), 0.0, 0.0, 2 * ROWS, 0.0, 0.0, (), none, none, parts, ())
     return setting, fit
 
 
