@@ -23,7 +23,7 @@ from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.inside import in_modes
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
-from analysis.diagnosis.nominal.tuning import REACH
+from analysis.diagnosis.nominal.tuning import reach_of
 from analysis.diagnosis.search.gram import Gram
 from analysis.diagnosis.search.rounds import Found, Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
@@ -163,7 +163,7 @@ def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: P
     """
     progress(f"fitting {_told(kind.candidates)}", part)
     held, sizes = beside.held()
-    start = np.clip(beside.change + kind.knobs[: beside.change.size], -REACH, REACH)
+    start = np.clip(beside.change + kind.knobs[: beside.change.size], *reach_of(setting.knobs))
     both = [*kind.candidates, *held]
     fit = refit(setting, both, np.append(kind.sizes, sizes), start, steps=_STEPS, strong=True)
     if fit.misfit < beside.misfit or not held:

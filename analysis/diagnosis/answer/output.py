@@ -125,17 +125,20 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         modes=[_mode(mode, m, model, linear, std, source) for m, mode in enumerate(nominal)],
         effects=[*kept, *_entries(diagnosis, source)],
         feedthrough=_feedthrough(model, linear, std, source),
-        delay_s=_delays(model, linear),
+        delay_s=_delays(model, linear, std, source),
         coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
 
 
-def _delays(model: Model, linear: ModalModel) -> dict[str, Value]:
+def _delays(model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> dict[str, Value]:
     """Return the delay of each input; what the model's own effects add to it has to stand in the file like the rest."""
-    delays, source = dict(model.delay_s), f"delay of {model.name} with its effects"
-    for port, seconds in zip(model.inputs, linear.delay_s, strict=True):
-        if not math.isclose(number(delays.get(port.name, 0.0)), float(seconds), rel_tol=1e-12, abs_tol=0.0):
-            delays[port.name] = Quantity(value=float(seconds), origin="derived", source=source)
+    delays, sum_of = dict(model.delay_s), f"delay of {model.name} with its effects"
+    for j, port in enumerate(model.inputs):
+        before, now = delays.get(port.name, 0.0), float(linear.delay_s[j])
+        if std is not None and std.delay_s[j] > 0.0:
+            delays[port.name] = _fitted(before, now, std.delay_s[j], source)
+        elif not math.isclose(number(before), now, rel_tol=1e-12, abs_tol=0.0):
+            delays[port.name] = Quantity(value=now, origin="derived", source=sum_of)
     return delays
 
 

@@ -73,7 +73,7 @@ def parts_of(setting: Setting, candidates: Sequence[Candidate], effects: Sequenc
     added = _blocks_added(setting, effects)
     own = [part_of(int(label[np.argmax(row)])) if row.any() else 0 for row in _joined_by(setting)]
     modes = np.array(own + [at[len(setting.known) + i] for i, count in enumerate(added) for _ in range(count)])
-    knobs = np.array([own[k.mode] if k.mode >= 0 else part_of(int(label[k.index[0]])) for k in setting.knobs])
+    knobs = np.array([own[k.mode] if k.mode >= 0 else part_of(int(label[_port_of(k, n_y)])) for k in setting.knobs])
     return [
         Part(
             np.flatnonzero(label[:n_y] == found),
@@ -84,6 +84,11 @@ def parts_of(setting: Setting, candidates: Sequence[Candidate], effects: Sequenc
         )
         for p, found in enumerate(there)
     ]
+
+
+def _port_of(knob: Knob, n_y: int) -> int:
+    """Return the number among readings, then inputs, of what a knob that belongs to no mode turns."""
+    return n_y + knob.index[0] if knob.field == "delay_s" else knob.index[0]
 
 
 def whole_of(setting: Setting, candidates: Sequence[Candidate]) -> Part:
@@ -199,6 +204,8 @@ def _transducers_of(transducers: layout.Transducers, at: Ints) -> layout.Transdu
 
 def _knob_of(knob: Knob, part: Part) -> Knob:
     """Return a knob by the numbers that its mode and its reading have in the part."""
+    if knob.field == "delay_s":
+        return knob  # every part has all inputs
     mode = int(np.searchsorted(part.modes, knob.mode)) if knob.mode >= 0 else -1
     output = int(np.searchsorted(part.outputs, knob.index[0]))
     if knob.field in ("c", "c_rate"):

@@ -21,7 +21,7 @@ from analysis.diagnosis.fitting.descent import Descent, inverse_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.nominal.prior import factor_of, root_of
-from analysis.diagnosis.nominal.tuning import REACH, turned
+from analysis.diagnosis.nominal.tuning import reach_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
@@ -147,13 +147,13 @@ class Problem:
 
     def descend(self, normal: Normal, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point from `x` along `normal` equations, and its simulation."""
-        reach = np.full(len(self.setting.knobs), REACH)
+        least, most = reach_of(self.setting.knobs)
         descent = Descent(
             self.evaluate,
             normal,
-            np.concatenate([-reach, [s.bound(s.low) for s in self.scales]]),
-            np.concatenate([reach, [s.bound(s.high) for s in self.scales]]),
-            np.array([_KNOB_STEP] * reach.size + [s.step() for s in self.scales]),
+            np.concatenate([least, [s.bound(s.low) for s in self.scales]]),
+            np.concatenate([most, [s.bound(s.high) for s in self.scales]]),
+            np.array([_KNOB_STEP] * most.size + [s.step() for s in self.scales]),
             self.setting.rows,
         )
         return descent.run(x, steps)

@@ -7,20 +7,22 @@ taken for physics, and a shift far beyond the tolerance stays visible as one.
 
 A model that was fitted to the very runs that are diagnosed has numbers that the runs alone determine, some of them
 nothing but noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through
-zero, so those participations and the feedthrough are turned by what is added to them. Else an effect of the library
-that is linear itself would be free where the model is not, and would be named for what another fit of the model does.
+zero, so those participations and the feedthrough are turned by what is added to them, and a delay of the fit is turned
+too. Else an effect of the library that is linear itself would be free where the model is not, and would be named for
+what another fit of the model does; and what a linear fit has taken for a delay could not be taken back.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.nominal.responses import contrast
-from analysis.linear.simulate import delayed
-from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from analysis.diagnosis.nominal.responses import contrast, response
+from analysis.linear.simulate import delayed, weighted
+from sim_backend.linear import DiscreteModel, ModalModel, delay_taps, discretise
 
 Array = NDArray[np.float64]
 
@@ -32,8 +34,8 @@ _STEP = 1e-5
 class Knob:
     """One re-tunable parameter: `field` of the ModalModel at `index`, with its prior sd.
 
-    Its scale is logarithmic, or counts in `unit` where there is one. A direct path belongs to no `mode`: that is -1.
-    `loading` is the part in it of the error, of unit size, of the participation that is fixed in its mode.
+    Its scale is logarithmic, or counts in `unit` where there is one. A direct path and a delay belong to no `mode`: it
+    is -1. `loading` is the part in it of the error, of unit size, of the participation that is fixed in its mode.
     """
 
     field: str
@@ -99,8 +101,10 @@ def _unit(linear: ModalModel, name: str, m: int) -> float:
     return float(linear.omega_rad_s[m]) if name == "c_rate" else 1.0
 
 
-def own_knobs_of(linear: ModalModel) -> list[Knob]:
+def own_knobs_of(linear: ModalModel, late: Iterable[int] = ()) -> list[Knob]:
     """Return every re-tunable parameter of a model that was fitted to the very runs that are diagnosed.
+
+    The delays of the inputs numbered in `late` were fitted too; any other is a constant that the rest was fitted to.
 
     What is added to a participation counts in the size of the whole, position's part and rate's together, with which
     the mode takes part there; what is added to a feedthrough counts in the largest response of a mode along its path.
@@ -116,7 +120,13 @@ def own_knobs_of(linear: ModalModel) -> list[Knob]:
     for i, j in np.argwhere(linear.d != 0.0):
         unit = max(float(along[i, j]), abs(float(linear.d[i, j])))
         knobs.append(Knob("d", (int(i), int(j)), -1, OWN_TOLERANCE, unit))
-    return knobs
+    return knobs + [Knob("delay_s", (j,), -1, OWN_TOLERANCE, float(linear.delay_s[j])) for j in late]
+
+
+def reach_of(knobs: Sequence[Knob]) -> tuple[Array, Array]:
+    """Return the least and the largest change of every knob, (n_knobs,) each: no delay is shorter than none."""
+    least = [-1.0 if knob.field == "delay_s" else -REACH for knob in knobs]
+    return np.array(least), np.full(len(knobs), REACH)
 
 
 def _pace(linear: ModalModel) -> Array:
@@ -172,7 +182,8 @@ def sensitivities(
     model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob. Each column of each
     output is one stretch of memory: what follows (filters, transforms) works along time.
     """
-    passed = delayed(u, discretise(linear, rate_hz).delay_samples) if through_delay else u
+    whole = discretise(linear, rate_hz)
+    passed = delayed(u, whole.delay_samples) if through_delay else u
     forces = np.asfortranarray(passed)  # each input is played from one stretch of memory
 
     def moved(knob: Knob, by: float) -> DiscreteModel:
@@ -180,7 +191,12 @@ def sensitivities(
 
     series = np.zeros((len(knobs), linear.n_outputs, u.shape[0]))
     for k, knob in enumerate(knobs):
-        if knob.mode < 0:
+        if knob.field == "delay_s":
+            (source,) = knob.index
+            taps = delay_taps(float(whole.delay_samples[source]) if through_delay else 0.0)
+            later = rate_hz * knob.unit * weighted(u[:, source], taps.first, taps.slopes)
+            series[k] = response(whole, later, source).T
+        elif knob.mode < 0:
             output, source = knob.index
             series[k, output] = knob.unit * passed[:, source]
         else:

@@ -225,6 +225,19 @@ def test_a_delay_among_the_effects_of_the_nominal_model_stays_once(diagnosis, os
     assert extended.effects == [] and extended.linear().delay_s == [2e-4]
 
 
+def test_a_delay_that_was_turned_is_fitted(diagnosis, oscillator):
+    import dataclasses
+
+    import msgspec
+
+    late = msgspec.structs.replace(oscillator, delay_s={oscillator.inputs[0].name: 3e-4})
+    turned = late.linear().with_(delay_s=np.array([1e-4]))
+    spread = diagnosis.linear_std.with_(delay_s=np.array([2e-5]))
+    found = dataclasses.replace(diagnosis, linear=turned, linear_std=spread, effects=(), causes=())
+    (delay,) = extended_model(late, found, SOURCES).delay_s.values()
+    assert (delay.value, delay.origin, delay.std) == (1e-4, "fitted", 2e-5)
+
+
 def test_a_number_that_no_fit_turned_has_no_deviation(diagnosis, oscillator):
     import dataclasses
 

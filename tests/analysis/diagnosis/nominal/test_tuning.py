@@ -12,6 +12,7 @@ from analysis.diagnosis.nominal.tuning import (
     imitation,
     knobs_of,
     own_knobs_of,
+    reach_of,
     sensitivities,
     turned,
 )
@@ -66,8 +67,11 @@ def test_sensitivities_are_the_difference_of_two_models() -> None:
 def test_sensitivities_of_own_numbers_are_the_difference_of_two_whole_models(through_delay: bool) -> None:
     linear, u, n, step = fitted_model(), drives(600), 600, 1e-4
     start = np.array([[1e-3, 0.05], [2e-4, -0.1]])
-    knobs = own_knobs_of(linear)
-    assert {"b", "b_direct", "c", "c_rate", "d", "omega_rad_s", "sigma_1_s"} == {knob.field for knob in knobs}
+    knobs = own_knobs_of(linear, late=[0])
+    fields = {"b", "b_direct", "c", "c_rate", "d", "delay_s", "omega_rad_s", "sigma_1_s"}
+    assert fields == {knob.field for knob in knobs}
+    if not through_delay:  # torques have passed the delay already
+        knobs = [knob for knob in knobs if knob.field != "delay_s"]
     columns = sensitivities(linear, knobs, u, RATE_HZ, start, through_delay=through_delay)
     for k, knob in enumerate(knobs):
 
@@ -78,6 +82,33 @@ def test_sensitivities_of_own_numbers_are_the_difference_of_two_whole_models(thr
         difference = (moved(step) - moved(-step)) / (2.0 * step)
         # a central difference of a frequency errs by the square of step over damping ratio, 0.01²; all else is linear
         assert np.linalg.norm(difference - columns[:, :, k]) < 1e-3 * np.linalg.norm(difference), knob
+
+
+def test_a_delay_turns_torques_that_have_passed_it() -> None:
+    linear = fitted_model()
+    knobs = own_knobs_of(linear, late=[0])
+    k = knob_at(knobs, "delay_s", (0,))
+    samples = np.arange(600)
+    torque = np.stack([1.0 - np.cos(samples / 40.0), np.zeros(600)], axis=1)
+    column = sensitivities(linear, knobs, torque, RATE_HZ, np.zeros((2, 2)), through_delay=False)[:, :, k]
+    part, late = 1e-3, 1.7e-3  # of the delay, and that in samples
+    later = np.stack([1.0 - np.cos((samples - late) / 40.0) - torque[:, 0], np.zeros(600)], axis=1)
+    moved = simulate(discretise(linear, RATE_HZ), later, through_delay=False)
+    # the cubic through four samples is right to third order of their angle, (1/40)³, a chord of so small a part as well
+    assert np.linalg.norm(part * column - moved) < 1e-3 * np.linalg.norm(moved)
+
+
+def test_a_delay_reaches_no_further_than_none() -> None:
+    linear = fitted_model()
+    knobs = own_knobs_of(linear, late=[0])
+    least, most = reach_of(knobs)
+    shortest = turned(linear, knobs, np.where([knob.field == "delay_s" for knob in knobs], least, 0.0))
+    assert shortest.delay_s[0] == 0.0
+    assert np.all((least < 0.0) & (most > 0.0))
+
+
+def test_a_delay_that_was_set_is_not_turned() -> None:
+    assert "delay_s" not in {knob.field for knob in own_knobs_of(fitted_model())}
 
 
 def test_own_numbers_are_turned_by_what_is_added_and_frequencies_by_factors() -> None:
