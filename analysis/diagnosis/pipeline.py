@@ -100,7 +100,7 @@ def search_causes(
     linear = retuned(linear, known, places)
     known = tuple(e for e in known if e.site is not Site.MODEL)  # the linear model has those already
     own = fitted_here(model, data)
-    knobs = own_knobs_of(linear, _fitted_delays(model)) if own else knobs_of(linear, options.tolerance)
+    knobs = own_knobs_of(linear, fitted_delays(model, data)) if own else knobs_of(linear, options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.y - simulate(discrete, r.u) for r in data.records]
     rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
@@ -158,10 +158,15 @@ def fitted_here(model: Model, data: Dataset) -> bool:
     return any(record.name in source for record in data.records for source in sources)
 
 
-def _fitted_delays(model: Model) -> list[int]:
-    """Return the numbers of the inputs whose delay was fitted: one that was set first has no deviation."""
+def fitted_delays(model: Model, data: Dataset) -> list[int]:
+    """Return the numbers of the inputs whose delay was fitted to a run among the data.
+
+    One that was set before the rest was fitted has no deviation.
+    """
+    names = [record.name for record in data.records]
     delays = [model.delay_s.get(port.name, 0.0) for port in model.inputs]
-    return [j for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted" and d.std and d.value]
+    known = [(j, d) for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted"]
+    return [j for j, d in known if d.value and d.std and any(name in (d.source or "") for name in names)]
 
 
 def scales_of(data: Dataset, linear: ModalModel) -> Scales:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
+from scipy.signal.windows import hann
 
 from analysis.identification.determined import SIGNIFICANT
 from sim_backend.linear import ModalModel
@@ -23,14 +24,20 @@ from sim_backend.linear import ModalModel
 Array = NDArray[np.float64]
 
 WINDOWS = (7, 11, 17, 27, 43, 67, 107)
-"""Samples over which a cubic is laid; the best balance decides."""
+"""Samples over which the signals are smoothed; the best balance decides."""
+
+_FEWEST = 7
+"""Samples through which a cubic is laid at least."""
 
 _ROWS = 20
-"""Rows of motion for each of a window's samples: five numbers are fitted, and what a window lays is one."""
+"""Rows of motion for each of a window's samples: five numbers are fitted, and what a window smooths is one."""
 
 SHARE = 0.5
 """Friction, or a constant torque, counts when it takes this part of what the other terms leave of the torque, in
 squares."""
+
+_SLIPS = 2.0
+"""Times the rate of standstill at which a friction that turns smoothly is taken to be whole."""
 
 _TERMS = 5
 """Numbers of the axis's own: inertia, drag, spring, friction and what is always there."""
@@ -60,8 +67,8 @@ class Balance:
     window: int
 
     def starts(self, y: Array, rate_hz: float) -> tuple[float, float]:
-        """Return the smoothed position and rate at the first row of readings `y` (n,)."""
-        first = y[: self.window]
+        """Return position and rate at the first row of readings `y` (n,), of the cubic through the first few."""
+        first = y[: max(self.window // 4, _FEWEST)]  # a kernel counts in the middle half of its window
         taps = [savgol_coeffs(first.size, 3, deriv=d, delta=1.0 / rate_hz, pos=0, use="dot") for d in range(2)]
         return float(taps[0] @ first), float(taps[1] @ first)
 
@@ -131,33 +138,72 @@ class _Fitted:
 
 
 def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted | None:
-    """Return the balance over the rows in which the axis moves; None where these are few."""
-    taps = [savgol_coeffs(window, 3, deriv=d, delta=1.0 / rate_hz, use="conv") for d in range(3)]
-    rows, torques = [], []
-    half = window // 2
-    for u, y in zip(inputs, outputs, strict=True):
-        if y.shape[0] <= 2 * window:
-            continue
-        position, rate, acceleration = (np.convolve(y[:, 0], t, mode="valid") for t in taps)
-        # the sign is known of smoothed rates only, and a friction that turns is smoothed as the torque is
-        sign = np.convolve(np.tanh(rate / _still(rate)), taps[0], mode="valid")
-        position, rate, acceleration = (series[half:-half] for series in (position, rate, acceleration))
-        # a hold gives each torque from its sample on: over the smoothing it acts half a sample late
-        held = np.concatenate([u[:1], 0.5 * (u[:-1] + u[1:])])[half:-half]
-        torque, *other = (np.convolve(column, taps[0], mode="valid") for column in held.T)
-        terms = [acceleration, rate, position, sign, np.ones_like(rate), *other]
-        # at rest friction is whatever holds the axis, and no balance tells it from the drive
-        moves = np.abs(rate) > _still(rate)
-        rows.append(np.stack(terms, axis=1)[moves])
-        torques.append(torque[moves])
-    x, u_smooth = np.concatenate(rows), np.concatenate(torques)
-    if u_smooth.size < _ROWS * window:
+    """Return the balance over the rows in which the axis moves; None where these are few.
+
+    Where there are enough rows around which the axis goes one way for a whole window, friction is constant there and
+    nothing has to be known of how it turns.
+    """
+    records = [(u, y[:, 0]) for u, y in zip(inputs, outputs, strict=True) if y.size > 2 * window + 2]
+    parts = [_terms(u, y, rate_hz, window) for u, y in records]
+    chosen = [part.throughout for part in parts]
+    if sum(int(rows.sum()) for rows in chosen) < _ROWS * window:
+        chosen = [part.moving for part in parts]
+    if sum(int(rows.sum()) for rows in chosen) < _ROWS * window:
         return None
-    with_all, numbers, deviations = _least_squares(x, u_smooth, window)
-    without = [_least_squares(np.delete(x, k, axis=1), u_smooth, window)[0] for k in (3, 4)]
-    total = float(np.sum((u_smooth - u_smooth.mean()) ** 2))
+    x = np.concatenate([part.terms[rows] for part, rows in zip(parts, chosen, strict=True)])
+    torque = np.concatenate([part.torque[rows] for part, rows in zip(parts, chosen, strict=True)])
+    with_all, numbers, deviations = _least_squares(x, torque, window)
+    without = [_least_squares(np.delete(x, k, axis=1), torque, window)[0] for k in (3, 4)]
+    total = float(np.sum((torque - torque.mean()) ** 2))
     shares = (1.0 - with_all / max(rest, 1e-300) for rest in (total, *without))
     return _Fitted(numbers, deviations, *shares)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one record adds: the smoothed `torque` (n,), its `terms` (n, k), and the rows that may be used.
+
+    In those `moving` the axis moves, and around those `throughout` it does so for a whole window.
+    """
+
+    torque: Array
+    terms: Array
+    moving: NDArray[np.bool_]
+    throughout: NDArray[np.bool_]
+
+
+def _terms(u: Array, y: Array, rate_hz: float, window: int) -> _Part:
+    """Return the terms of one record, `u` (n, n_u) and `y` (n,), all smoothed by one kernel.
+
+    Under a held torque the second difference of an inertia's position is exactly the mean of two neighbouring torques,
+    so nothing is lost by differences of neighbours. What they make of the noise a kernel takes away that fades smoothly
+    to zero at its ends. Derivatives of a polynomial laid through the window would have each a smoothing of its own, and
+    the numbers come out wrong by per cents.
+    Source: the modulating functions of M. Shinbrot, Trans. ASME 79 (1957).
+    """
+    kernel = hann(window + 2)[1:-1] ** 2
+    kernel /= kernel.sum()
+    half = window // 2
+
+    def smooth(series: Array) -> Array:
+        return np.convolve(series, kernel, mode="valid")
+
+    inner, held = y[half:-half], u[half:-half]  # rows at which a smoothed rate is known, and one more at either end
+    rate = _slope(smooth(y), rate_hz)
+    acceleration = np.diff(inner, 2) * rate_hz**2
+    # a hold gives each torque from its sample on
+    torque, *other = (smooth(column) for column in (0.5 * (held[1:-1] + held[:-2])).T)
+    own = (acceleration, _slope(inner, rate_hz), inner[1:-1], np.sign(rate))
+    terms = [*(smooth(series) for series in own), np.ones_like(torque), *other]
+    # at rest friction is whatever holds the axis, and no balance tells it from the drive
+    slow = np.abs(rate) <= _SLIPS * _still(rate)
+    throughout = np.convolve(slow, np.ones(window), mode="valid") < 0.5
+    return _Part(torque, np.stack(terms, axis=1), np.abs(smooth(rate)) > _still(rate), throughout)
+
+
+def _slope(series: Array, rate_hz: float) -> Array:
+    """Return the slope of a series (n,) at all its rows but the first and the last, (n - 2,)."""
+    return (series[2:] - series[:-2]) * 0.5 * rate_hz
 
 
 def _still(rate: Array) -> float:

@@ -103,7 +103,7 @@ def test_hysteresis_is_named_with_its_numbers_and_pays(tmp_path, delta):
 
 
 @pytest.mark.parametrize("delta", [STIFFENING, STRAIGHT])
-def test_it_is_named_where_nothing_repeats_and_a_linear_fit_has_made_a_delay_of_it(tmp_path, delta):
+def test_it_is_named_where_nothing_repeats(tmp_path, delta):
     gain, numbers = named(tmp_path, delta, 1)
     assert gain["rms_after"] < 0.2 * gain["rms_before"]
     for number, true in numbers:

@@ -46,7 +46,8 @@ class Slopes:
         self._answering = strong and any(is_mode(c.where) for c in problem.candidates)
         self._workers, self._exact, self._strong, self._age = problem.setting.workers, exact, strong, 0
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
-        self.approximate = any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
+        late = any(knob.field == "delay_s" for knob in problem.setting.knobs)
+        self.approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._last: tuple[Array, Array, Array] | None = None
 
     def normal(self, x: Array, at: Point) -> tuple[Array, Array]:
@@ -134,7 +135,7 @@ class Slopes:
         """Tell whether an effect acts on, or through, the mode of this knob."""
         s = self._problem.setting
         if knob.mode < 0:
-            return False
+            return knob.field == "delay_s"  # torques held, what an effect adds at an input would be late as well
         inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[knob.mode, j] != 0.0}
         outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, knob.mode] != 0.0}
         acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]

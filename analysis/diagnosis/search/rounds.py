@@ -153,8 +153,16 @@ def _against_white_noise(
     seen = _keys([f for f in trials if score(f, False) + found.price < before])
     lowest = min((score(f, False) for f in trials), default=np.inf)
     starts = [[fit] for fit in stage.trials(plain, found, seen)] + rubbing(plain, stage.best, found)
-    own = [[lined_up(plain, fit, lowest)[1] for fit in some] for some in starts]
-    return [min(some, key=lambda fit: score(fit, False)) for some in own]
+    return [_best_start(plain, some, lowest) for some in starts]
+
+
+def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
+    """Return the best of several starts of one effect, each brought into line; what trails the others is given up."""
+    found: list[Fit] = []
+    for fit in starts:
+        found.append(lined_up(setting, fit, rival)[1])
+        rival = min(rival, score(found[-1], False))
+    return min(found, key=lambda fit: score(fit, False))
 
 
 def n_compared(leads: Sequence[float], *, known: bool) -> int:

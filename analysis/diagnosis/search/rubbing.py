@@ -8,9 +8,8 @@ that has it from the start stays near the record.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +43,12 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[list[Fit]]:
     rubs = {c.where for c in fit.candidates if c.effect.reported() == CoulombFriction.name}
     if rubs >= set(setting.places.inputs):
         return []
-    moved = setting.once.of("moved", partial(_moved, setting))
+    rows = [(r.u[r.fitted()], r.y[r.fitted()]) for r in setting.data.records]
+    moved = moved_by([u for u, _ in rows], [y for _, y in rows], setting.data.rate_hz)
     if moved is None:
         return []
     of = dict(zip(setting.places.inputs, moved, strict=True))
-    setting = replace(setting, states=_measured_starts(setting, moved))
+    setting = replace(setting, states=_measured_starts(setting, moved, rubs))
     fits = []
     for i in found.best_per_key():
         candidate = found.candidates[i]
@@ -68,22 +68,21 @@ def _sharper(candidate: Candidate, part: float) -> Candidate:
     return replace(candidate, shapes={k: v * part if k in along else v for k, v in candidate.shapes.items()})
 
 
-def _measured_starts(setting: Setting, moved: Sequence[Moved]) -> tuple[Array, ...]:
-    """Return the states (m, 2) in which the records start, those of axes that rub as they are measured."""
+def _measured_starts(setting: Setting, moved: Sequence[Moved], rubs: Collection[str]) -> tuple[Array, ...]:
+    """Return the states (m, 2) in which the records start: those of axes that rub as measured, but for known `rubs`.
+
+    They are those of the slowest mode that shows in the position of a reading, the axis itself. What else shows there,
+    of its rate or at once, is left out: nothing tells it apart.
+    """
     nominal, states = setting.nominal, [some.copy() for some in setting.states]
-    for axis in moved:
-        if axis.balance is None or axis.balance.friction == 0.0:
-            continue
+    for place, axis in zip(setting.places.inputs, moved, strict=True):
         o = axis.readings[0]
-        seen = np.flatnonzero(nominal.c[o] != 0.0)
-        slowest = seen[np.argmin(nominal.omega_rad_s[seen])]
+        shares = np.abs(nominal.c[o])
+        if axis.balance is None or axis.balance.friction == 0.0 or place in rubs or not shares.any():
+            continue
+        slowest = min(np.flatnonzero(shares), key=lambda m: (nominal.omega_rad_s[m], -shares[m]))
         for some, record in zip(states, setting.data.records, strict=True):
             measured = axis.balance.starts(record.y[:, o], setting.data.rate_hz)
-            some[seen] = 0.0
+            some[: nominal.n_blocks][shares > 0.0] = 0.0
             some[slowest] = np.array(measured) / nominal.c[o, slowest]
     return tuple(states)
-
-
-def _moved(setting: Setting) -> list[Moved] | None:
-    rows = [(r.u[r.fitted()], r.y[r.fitted()]) for r in setting.data.records]
-    return moved_by([u for u, _ in rows], [y for _, y in rows], setting.data.rate_hz)

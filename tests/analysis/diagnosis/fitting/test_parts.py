@@ -132,6 +132,17 @@ def test_a_fit_of_separate_axes_is_the_fit_of_all(hidden: tuple[Effect, ...]) ->
         assert np.all(np.abs(fit.values - truth) < 4.0 * fit.std)
 
 
+def test_a_start_is_brought_up_to_date_from_where_the_fit_was_simulated() -> None:
+    setting = measured(axes(), HIDDEN)
+    fit = refit(setting, (), np.zeros(0), np.zeros(len(setting.knobs)))
+    elsewhere = replace(setting, states=tuple(states + 1.0 for states in setting.states))
+    for own, other in zip(settle(setting, fit).states, settle(elsewhere, fit).states, strict=True):
+        np.testing.assert_array_equal(own, other)
+    moved = refit(elsewhere, (), np.zeros(0), np.zeros(len(setting.knobs)))
+    assert not np.allclose(settle(setting, moved).states[0], moved.states[0])
+    np.testing.assert_array_equal(moved.states[0], elsewhere.states[0])
+
+
 def test_starts_with_a_mode_that_an_effect_added() -> None:
     setting = measured(axes(), HIDDEN)
     candidates, sizes = hypothesis(setting, HIDDEN)

@@ -1,0 +1,31 @@
+"""Which delays of a model are re-tuned: those that were fitted to the very runs, and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.pipeline import fitted_delays
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from sim_backend.model import Mode, Model, Port, Quantity
+
+OWN, FOREIGN = "free fit to run a1", "free fit to run b2"
+
+
+def test_only_a_delay_that_was_fitted_to_the_same_run_is_re_tuned() -> None:
+    delays = {
+        "own": Quantity(value=1e-3, origin="fitted", source=OWN, std=1e-5),
+        "foreign": Quantity(value=1e-3, origin="fitted", source=FOREIGN, std=1e-5),
+        "set": Quantity(value=1e-3, origin="fitted", source=OWN, std=0.0),
+        "stated": 1e-3,
+        "none": Quantity(value=0.0, origin="fitted", source=OWN, std=1e-5),
+    }
+    model = Model(
+        name="model",
+        sample_rate_hz=1e3,
+        inputs=[Port(name=name, unit="V", dof=name) for name in (*delays, "unsaid")],
+        outputs=[Port(name="y", unit="m", dof="own")],
+        modes=[Mode(label="mode 1", frequency_hz=10.0, decay_rate_1_s=1.0, input={"own": 1.0}, output={"y": 1.0})],
+        delay_s=delays,
+    )
+    record = Record("a1", np.zeros((4, 6)), np.zeros((4, 1)), (Window("all", 0, 4),))
+    assert fitted_delays(model, Dataset(1e3, (record,))) == [0]
