@@ -178,7 +178,7 @@ def _coupled(axis: _Axis, inputs: Sequence[Array], y: Sequence[Array], rate_hz: 
 
 
 def _together(axes: Sequence[_Axis], outputs: Sequence[Array]) -> Fitted:
-    """Return one model of all axes to `outputs` in their order; a drive is as late on all axes as on its own."""
+    """Return one model of all axes to `outputs` in their order; a drive has one delay in the fits of all axes."""
     drives, readings = [axis.drives for axis in axes], [axis.readings for axis in axes]
     linear, std = (side_by_side([getattr(axis, key) for axis in axes], drives, readings) for key in ("linear", "std"))
     fits = [axis.fit for axis in axes if axis.fit is not None]

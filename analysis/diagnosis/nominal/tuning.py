@@ -179,8 +179,9 @@ def sensitivities(
     """Return the change of the outputs per unit of each knob, shape (n, n_y, n_knobs), by central differences.
 
     `u` (n, n_u) are commands or, without `through_delay`, torques, `start` (m, 2) the states in which they find the
-    model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob. Each column of each
-    output is one stretch of memory: what follows (filters, transforms) works along time.
+    model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob; a delay's column is
+    the whole model's answer to the slope of what passes it. Each column of each output is one stretch of memory: what
+    follows (filters, transforms) works along time.
     """
     whole = discretise(linear, rate_hz)
     passed = delayed(u, whole.delay_samples) if through_delay else u
