@@ -14,7 +14,7 @@ from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
-from analysis.diagnosis.fitting.balance import tune
+from analysis.diagnosis.fitting.balance import plainly_better, tune
 from analysis.diagnosis.fitting.fit import Setting, residuals_on
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.fitting.steps import steps_of
@@ -207,8 +207,11 @@ def diagnose(
     judgement = spread.joined(judgement)
     # a force that is no cause has no place in a model file
     setting, best = found.setting, found.tuned if even and judgement.verdict == "unknown" else found.best
+    guessed = not (even or setting.whitener.repeats)  # a noise that is known makes the tuned numbers the better ones
+    tuned = plainly_better(setting, found.tuned) if guessed and fitted_here(model, data) else found.tuned
+    best = best if best.candidates else tuned
     linear = turned(setting.nominal, setting.knobs, best.change)
-    before, after = (residuals_on(data, setting, fit) for fit in (found.tuned, best))
+    before, after = (residuals_on(data, setting, fit) for fit in (tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     own = setting.whitener.repeats and not setting.added
     remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
 from analysis.diagnosis.noise.whitener import louder
+from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.linear import ModalModel
 
@@ -70,6 +71,38 @@ def tune(setting: Setting) -> tuple[Setting, Fit]:
         if abs(before - fit.objective) < 1e-4 * fit.objective:
             break
     return setting, fit
+
+
+def plainly_better(setting: Setting, tuned: Fit) -> Fit:
+    """Return `tuned`, or the nominal model untuned where that simulates the fitted rows better, each begun at its best.
+
+    Both were fitted to the same rows: the given numbers to what is read, the tuned ones to what a noise of the colour
+    of the residual leaves unexplained. Where the model is short of something at a resonance, that noise rings there,
+    and a fit that takes ringing for noise need not simulate the resonance.
+    """
+    change = np.zeros_like(tuned.change)
+    given = _begun_plainly(setting, replace(tuned, change=change, change_std=np.zeros_like(tuned.change_std)))
+    return given if _relative(setting, given) < _relative(setting, _begun_plainly(setting, tuned)) else tuned
+
+
+def _begun_plainly(setting: Setting, fit: Fit) -> Fit:
+    """Return a fit without effects with the start states that leave the least of the readings."""
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    left = residuals_of(setting.data.records, simulated(setting, linear, ()))
+    begun = settled_by(setting, linear, left, order=0)
+    left = residuals_of(setting.data.records, simulated(begun, linear, ()))
+    return replace(fit, residuals=left, states=begun.states)
+
+
+def _relative(setting: Setting, fit: Fit) -> float:
+    """Return the mean square of the fitted residuals, each output in units of its own on those rows."""
+    rows = [record.fitted() for record in setting.data.records]
+    y, left = (
+        np.concatenate([values[used] for values, used in zip(whole, rows, strict=True)])
+        for whole in ([record.y for record in setting.data.records], fit.residuals)
+    )
+    size = np.var(y, axis=0)
+    return float(np.mean(np.mean(left**2, axis=0)[size > 0.0] / size[size > 0.0]))
 
 
 def score(fit: Fit, known_noise: bool) -> float:
