@@ -15,7 +15,7 @@ from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
 from analysis.diagnosis.fitting.balance import plainly_better, tune
-from analysis.diagnosis.fitting.fit import Setting, residuals_on
+from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_on
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.fitting.steps import steps_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
@@ -32,7 +32,7 @@ from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
 from analysis.diagnosis.verdict.barely import doubted
-from analysis.diagnosis.verdict.judging import causes_of, judge, shortfall
+from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, shortfall
 from analysis.diagnosis.verdict.leftover import leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
@@ -205,11 +205,7 @@ def diagnose(
     short = "" if even else shortfall(found, judgement, spread.allowed, spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
-    # a force that is no cause has no place in a model file
-    setting, best = found.setting, found.tuned if even and judgement.verdict == "unknown" else found.best
-    guessed = not (even or setting.whitener.repeats)  # a noise that is known makes the tuned numbers the better ones
-    tuned = plainly_better(setting, found.tuned) if guessed and fitted_here(model, data) else found.tuned
-    best = best if best.candidates else tuned
+    setting, (tuned, best) = found.setting, _answered(found, judgement, model)
     linear = turned(setting.nominal, setting.knobs, best.change)
     before, after = (residuals_on(data, setting, fit) for fit in (tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
@@ -241,6 +237,19 @@ def diagnose(
         notes=tuple(filter(None, (*said, *_doubts(found)))),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
+
+
+def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fit]:
+    """Return the nominal model and the best one as the answer has them."""
+    whitener = found.setting.whitener
+    if whitener.even:
+        # a force that is no cause has no place in a model file
+        return found.tuned, found.tuned if judgement.verdict == "unknown" else found.best
+    tuned = found.tuned
+    # a noise that is known makes the tuned numbers the better ones
+    if not whitener.repeats and fitted_here(model, found.setting.data):
+        tuned = plainly_better(found.setting, tuned)
+    return tuned, found.best if found.best.candidates else tuned
 
 
 def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], remaining: Whitener) -> Whitener:
