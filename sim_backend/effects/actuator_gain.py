@@ -21,6 +21,7 @@ class ActuatorGain(Effect):
     family = "drive"
     site = Site.COMMAND
     exact = True
+    linear_form = True
     symptom = "is proportional to the response to the command, at every frequency and amplitude"
     step = _step
 

@@ -24,6 +24,7 @@ class CrossCoupling(Effect):
     family = "structure"
     site = Site.COMMAND
     exact = True
+    linear_form = True
     symptom = "follows the command of another axis, in proportion"
     aux = Aux.SOURCE_COMMAND
     step = _step

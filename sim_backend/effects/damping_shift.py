@@ -17,6 +17,7 @@ class DampingShift(Effect):
     family = "structure"
     site = Site.MODEL
     exact = True
+    linear_form = True
     symptom = "is proportional to the rate and stands at the first resonance only, at any amplitude"
 
     relative: float = size("relative change of the decay rate", low=-0.99)

@@ -17,6 +17,7 @@ class Delay(Effect):
     family = "drive"
     site = Site.MODEL
     exact = True
+    linear_form = True
     symptom = "leads or lags by a phase proportional to the frequency, at unchanged magnitude"
 
     seconds: float = size("additional delay", s=1, low=-1.0, high=1.0)

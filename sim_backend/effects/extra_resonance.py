@@ -32,6 +32,7 @@ class ExtraResonance(Effect):
     family = "structure"
     site = Site.MODEL
     exact = True
+    linear_form = True
     symptom = "is a narrow peak at a fixed frequency that grows in proportion to the drive"
     several = True
     beyond: ClassVar = {"damping_ratio": UNLISTED}

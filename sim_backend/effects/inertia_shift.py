@@ -23,6 +23,7 @@ class InertiaShift(Effect):
     family = "structure"
     site = Site.MODEL
     exact = True
+    linear_form = True
     symptom = "is proportional to the acceleration: nothing at DC, all above the first resonance"
 
     relative: float = size("relative change of the inertia", low=-0.99)

@@ -21,6 +21,7 @@ class SensorGain(Effect):
     family = "sensor"
     site = Site.READING
     exact = True
+    linear_form = True
     symptom = "is proportional to the reading, at every frequency and amplitude"
     step = _step
 

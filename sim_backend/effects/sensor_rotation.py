@@ -21,6 +21,7 @@ class SensorRotation(Effect):
     family = "sensor"
     site = Site.READING
     exact = True
+    linear_form = True
     symptom = "follows the motion of another axis, in proportion and without delay"
     aux = Aux.SOURCE_POSITION
     step = _step

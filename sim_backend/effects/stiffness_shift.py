@@ -19,6 +19,7 @@ class StiffnessShift(Effect):
     family = "structure"
     site = Site.MODEL
     exact = True
+    linear_form = True
     symptom = "is proportional to the deflection below the first resonance and peaks there, at any amplitude"
 
     relative: float = size("relative change of the stiffness", low=-0.99)

@@ -35,6 +35,13 @@ def test_a_spring_far_smaller_than_a_lag_is_named_beside_it(tmp_path: Path, seco
     assert abs(causes["cubic-stiffness"]["stiffness"] / 3e-4 - 1.0) < 0.1
 
 
+def test_a_spring_that_explains_less_than_a_percent_of_an_amplitude_is_named_beside_a_lag(tmp_path: Path) -> None:
+    """Less than 10⁻⁴ of what the lag explains: more than its distortion may be, and none of it follows the drive."""
+    causes = _causes(tmp_path, 0.0, 1e-4)
+    assert set(causes) == {"amplifier-lag", "cubic-stiffness"}
+    assert abs(causes["cubic-stiffness"]["stiffness"] / 1e-4 - 1.0) < 0.1
+
+
 def test_of_a_lag_and_a_spring_of_one_size_neither_is_something_else(tmp_path: Path) -> None:
     """A loop that stiffens explains more by itself than either, and is found first."""
     causes = _causes(tmp_path, 0.0, 1e-2)

@@ -16,11 +16,11 @@ from sim_backend.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-_LAW, _EXACT = 3e-3, 1e-4
+_LAW, _EXACT, _STEADY = 3e-3, 1e-4, 1e-6
 """Parts of what an effect explains that may be the difference between our form of it and nature's, or what a simulation
 in steps cannot do better: what explains less than that beside it is not looked for. A gain or a delay has no other form
-(`exact`), but is only so linear and so steady: to 1 %. A lag may have another form, but no less linear a one
-(`linear_form`): what does not follow the drive by a linear law has to explain no more beside it than beside a gain."""
+(`exact`), but holds to 1 % only. What is linear in any form (`linear_form`) is wrong by what follows the drive by a
+linear law: its distortion is that of an amplifier or of a spring, a thousandth."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,8 @@ def form_error(effect: Effect, following: float = 1.0) -> float:
 
     Along what follows the drive by a linear law in so large a part of its energy.
     """
-    if effect.exact:
-        return _EXACT
-    return _EXACT + (_LAW - _EXACT) * following if effect.linear_form else _LAW
+    own = _EXACT if effect.exact else _LAW
+    return _STEADY + (own - _STEADY) * following if effect.linear_form else own
 
 
 def explained_by(setting: Setting, tuned: Fit, best: Fit) -> float:
@@ -126,7 +125,10 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
         return np.clip(squares_of(setting, residuals_of(setting.data.records, moved)) - left, 0.0, explained)
 
     by_law = beside([e for e in best.effects if e.exact])
-    by_bent_law = np.minimum(beside([e for e in best.effects if e.exact or e.linear_form]), by_law)
+    bent = beside([e for e in best.effects if e.linear_form])
+    by_bent_law = np.minimum(beside([e for e in best.effects if e.exact or e.linear_form]), np.minimum(by_law, bent))
     parts = _LAW * by_law + _EXACT * (explained - by_law)
-    linear = (_LAW - _EXACT) * (by_law - by_bent_law)
+    # what is linear, by a law and exactly
+    lawful, exactly = by_law - by_bent_law, np.maximum((explained - by_law) - (bent - by_bent_law), 0.0)
+    linear = (_LAW - _STEADY) * lawful + (_EXACT - _STEADY) * exactly
     return Leeway(tuple(outputs), tuple(parts.tolist()), tuple(linear.tolist()))
