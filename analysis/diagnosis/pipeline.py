@@ -32,6 +32,7 @@ from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
 from analysis.diagnosis.verdict.barely import doubted
+from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, shortfall
 from analysis.diagnosis.verdict.leftover import leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
@@ -200,8 +201,9 @@ def diagnose(
     if even:
         judgement = judge_main(found)
     else:
-        left = leftovers(spread.beside(found.setting, found.best), found.best)
-        judgement = judge(found, spread.allowed, left, spread.share(found.best.rows))
+        louder = spread.beside(found.setting, found.best)
+        left, general = leftovers(louder, found.best), general_rivals(louder, found)
+        judgement = judge(found, spread.allowed, left, spread.share(found.best.rows), general)
     short = "" if even else shortfall(found, judgement, spread.allowed, spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)

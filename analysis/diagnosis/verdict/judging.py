@@ -19,6 +19,7 @@ from analysis.diagnosis.search.adequacy import EXPLAINED, adequate, explained_pa
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
+from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
 from sim_backend.effects.base import UNLISTED, Site
 from sim_backend.model import Model
@@ -48,15 +49,21 @@ class Judgement:
     objection: str = ""
 
 
-def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), random: float = 0.0) -> Judgement:
+def judge(
+    found: Found,
+    allowed: float = 0.0,
+    left: Sequence[Leftover] = (),
+    random: float = 0.0,
+    general: Sequence[GeneralRival] = (),
+) -> Judgement:
     """Return the verdict on the outcome of a search.
 
     `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
     `left` what the best model leaves along general ways, least likely first, `random` how much of each of these
-    (twice a log-likelihood) those causes may be.
+    (twice a log-likelihood) those causes may be, `general` the general ways in place of its effects.
     """
     best, inflation = found.best, found.inflation
-    against = objection(found, left, random)
+    against = objection(found, left, random, general)
     if not best.candidates:
         verdict: Verdict = "unknown" if against else _without_cause(found, allowed, random)
         return Judgement(verdict, (), (), 1.0, inflation, (), against)
@@ -84,12 +91,12 @@ def judge(found: Found, allowed: float = 0.0, left: Sequence[Leftover] = (), ran
     return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
 
 
-def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
+def objection(found: Found, left: Sequence[Leftover], random: float = 0.0, general: Sequence[GeneralRival] = ()) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
     What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
-    is no listed cause explains as much, the nominal numbers would have to be farther off than they are said to be, or
-    an effect of it has a shape at which it stands for something else.
+    is no listed cause explains as much, or general ways explain more; the nominal numbers would have to be farther off
+    than they are said to be, or an effect of it has a shape at which it stands for something else.
     """
     telling = [one for one in left if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION]
     if telling:
@@ -97,6 +104,9 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
+    ahead = [rival for rival in general if rival.lead < -SURE_LEAD - 0.5 * random]
+    if ahead:
+        return ahead[0].words(found.setting.places)
     count, off = len(found.setting.knobs), strain_of(found.setting.knobs, found.best.change)
     # what the form of an effect gets wrong, knobs that the data do not hold make up for
     if count and chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:

@@ -21,11 +21,12 @@ from scipy.stats import chi2, f
 from analysis.diagnosis.candidates.motions import as_simulated
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.levels import BAND_ROWS
-from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.gram import IMITATED, Gram
 from analysis.diagnosis.search.screening import gathered
 from analysis.diagnosis.search.shortlist import beside, views_of
-from analysis.diagnosis.verdict.patterns import patterns_of
+from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
 from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
+from sim_backend.assembly import Places
 from sim_backend.linear import discretise
 
 Array = NDArray[np.float64]
@@ -66,8 +67,24 @@ class Leftover:
         return f"{self.what} at {self.where} (chance of as much in noise: {max(self.p_value(), 1e-300):.1g})"
 
 
-def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
-    """Return what is left of the residual of `fit` along every way at every place, least likely first."""
+Way = tuple[str, bool, int]
+"""What is followed, whether by an error of a reading or by a torque, and the number of that output or input."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What there is beside a fit: inner products (`gram`) of its residual with the columns of all `ways` and patterns.
+
+    The groups of the products are the ways' in their order, then those of every pattern and its neighbours.
+    """
+
+    gram: Gram
+    ways: tuple[Way, ...]
+    patterns: tuple[Pattern, ...]
+
+
+def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True) -> Beside:
+    """Return the inner products of what `fit` leaves with all general ways, and with `repeating` patterns if wanted."""
     footing, motions = beside(setting, fit)
     if not setting.whitener.repeats:
         # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
@@ -76,7 +93,7 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     places = setting.places
     ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
     ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
-    patterns = list(patterns_of(views_of(setting, motions, footing.linear), places))
+    patterns = list(patterns_of(views_of(setting, motions, footing.linear), places)) if repeating else []
     waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
     def columns(r: int) -> Sequence[Array]:
@@ -86,29 +103,43 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
 
     two_sided = (False,) * (len(ways) + len(waves))
     (gram,) = gathered(footing, motions, setting.whitener, columns, two_sided, workers=setting.workers)
+    return Beside(gram, tuple(ways), tuple(patterns))
+
+
+def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
+    """Return what is left of the residual of `fit` along every way at every place, least likely first."""
+    there, places = general_ways(setting, fit), setting.places
+    gram = there.gram
     reduced = gram.without(gram.knob_columns())
 
     def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:
         drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
-        kind = "an error of the reading that follows" if output else "a torque that follows"
         known_from = float(BAND_ROWS) if what in SLOWEST else math.inf
-        place = (places.outputs if output else places.inputs)[at]
         shares = tuple(gram.shares(i).tolist())
-        return Leftover(f"{kind} {what}", place, drop, gain, live, known_from=known_from, shares=shares)
+        kind, place = in_words(what, output, at, places)
+        return Leftover(kind, place, drop, gain, live, known_from=known_from, shares=shares)
 
-    found = [left(i, *way) for i, way in enumerate(ways)]
+    found = [left(i, *way) for i, way in enumerate(there.ways)]
     # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says
     everywhere = _loudness(np.median, found)
-    for pattern in patterns:
-        at = len(ways) + waves.index(pattern)
+    at = len(there.ways)
+    for pattern in there.patterns:
         of = (pattern.what, pattern.reading, pattern.at)
         without = gram.without(np.concatenate([gram.knob_columns(), gram.groups[at]]))
         around = [left(at + k, *of, without) for k in range(1, 1 + len(pattern.neighbours))]
         louder = max(_loudness(np.mean, around), everywhere)
         found.append(replace(left(at, *of), choices=pattern.choices, louder=louder))
+        at += 1 + len(around)
     found = [one for one in found if one.columns]
     return tuple(sorted(found, key=lambda one: (one.p_value(), -one.gain)))
+
+
+def in_words(what: str, output: bool, at: int, places: Places) -> tuple[str, str]:
+    """Return a way in words, and the name of its place."""
+    if output:
+        return f"an error of the reading that follows {what}", places.outputs[at]
+    return f"a torque that follows {what}", places.inputs[at]
 
 
 def _loudness(middle: Callable[[Array], Any], parts: Sequence[Leftover]) -> float:

@@ -1,14 +1,15 @@
-"""Patterns that repeat over the position or in time: looked for in the residual, as no few columns hold them all.
+"""Patterns that repeat over position, command or time: looked for in the residual, as no few columns hold them all.
 
-Any function of the position, however fine, is a sum of waves over it, and whatever goes on by itself one of waves in
-time. The strongest waves of the residual are tried; that they were chosen among so many is part of their price, and
-noise is taken for as loud as it is at their neighbours.
+Any function of the position, or of the command, however fine, is a sum of waves over it, and whatever goes on by itself
+one of waves in time. The strongest waves of the residual are tried; that they were chosen among so many is part of
+their price, and noise is taken for as loud as it is at their neighbours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ Array = NDArray[np.float64]
 
 _DISTANCES = 1024
 """Waves over the position among which the strongest are chosen."""
+
+_LEVELS = 2**17
+"""Waves over the command among which the strongest is chosen: levels of a command are known to their last digit."""
 
 _REPEATED = 2.0
 """What comes again less often within where the positions mostly are is no pattern."""
@@ -40,13 +44,13 @@ _BESIDE = (-2.5, -1.5, 1.5, 2.5)
 
 @dataclass(frozen=True)
 class Pattern:
-    """A wave over the position, or `timed`, at one place: the number `at` of an input, or of an output for a `reading`.
+    """A wave over position, command or time at one place: number `at` of an input, or of an output for a `reading`.
 
-    It has so many `cycles` over the `span`: where positions mostly are (in their unit), or a middling record in
-    seconds. `choices` is among how many it was chosen.
+    It has so many `cycles` over the `span`: where positions mostly are (in their unit), the range of the commands, or
+    a middling record in seconds. `choices` is among how many it was chosen.
     """
 
-    timed: bool
+    over: Literal["position", "command", "time"]
     reading: bool
     at: int
     cycles: float
@@ -56,7 +60,7 @@ class Pattern:
     @property
     def what(self) -> str:
         """What it follows, in words."""
-        return "time, at one frequency" if self.timed else "the position, over and over"
+        return "time, at one frequency" if self.over == "time" else f"the {self.over}, over and over"
 
     @property
     def neighbours(self) -> list[Pattern]:
@@ -70,7 +74,7 @@ class Pattern:
         the start of a run.
         """
         motion = motions[record]
-        if self.timed:
+        if self.over == "time":
             angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
             own = sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
             out = np.zeros((*motion.sensed.shape, 2 * len(own)))
@@ -78,7 +82,10 @@ class Pattern:
                 k = 2 * own.index(record)
                 out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             return out
-        seen = motion.sensed[:, self.at] if self.reading else motion.position @ places.coordinates[self.at]
+        if self.over == "command":
+            seen = motion.u[:, self.at]
+        else:
+            seen = motion.sensed[:, self.at] if self.reading else motion.position @ places.coordinates[self.at]
         angle = 2.0 * np.pi * self.cycles / self.span * seen
         out = np.zeros((*motion.sensed.shape, 2))
         for k, wave in enumerate((np.cos(angle), np.sin(angle))):
@@ -93,17 +100,31 @@ def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Patter
     """Yield the strongest wave at every place; those in time as errors of a reading, which they look like as well."""
     for i, name in enumerate(places.inputs):
         yield from _over_position(views[name], False, i, views[name].force_periods(1))
+        yield from _over_command(views[name], i)
     for o, name in enumerate(places.outputs):
         view = views[name]
         yield from _over_position(view, True, o, view.residual_periods(1))
         span_s = float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
         for frequency in view.residual_lines_hz(1, _PERIODS / span_s):
             if frequency * span_s > _PERIODS:
-                yield Pattern(True, True, o, frequency * span_s, span_s, view.residual.size // 2)
+                yield Pattern("time", True, o, frequency * span_s, span_s, view.residual.size // 2)
 
 
 def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence[float]) -> Iterator[Pattern]:
     span = view.position_spread
     for distance in distances:
         if span > _REPEATED * distance:
-            yield Pattern(False, reading, at, span / distance, span, _DISTANCES)
+            yield Pattern("position", reading, at, span / distance, span, _DISTANCES)
+
+
+def _over_command(view: RecordView, at: int) -> Iterator[Pattern]:
+    """Yield the wave over the command that the residual asks for most, as the input would have to follow it."""
+    span = float(np.ptp(view.u)) if view.u.size else 0.0
+    if view.wanted is None or not np.any(view.wanted) or not span > 0.0:
+        return
+    bins = np.minimum(((view.u - np.min(view.u)) / span * 4 * _LEVELS).astype(np.int64), 4 * _LEVELS - 1)
+    # twice as many frequencies as whole numbers of waves, so that none falls between two
+    agreed = np.abs(np.fft.rfft(np.bincount(bins, weights=view.wanted), 8 * _LEVELS))[: 2 * _LEVELS]
+    first = 2 * round(_PERIODS)
+    strongest = first + int(np.argmax(agreed[first:]))
+    yield Pattern("command", False, at, strongest / 2.0, span, agreed.size)

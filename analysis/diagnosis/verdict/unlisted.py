@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -31,6 +32,12 @@ of its neighbours to a tenth."""
 _STEEP = 20.0
 """A rate above a twentieth of its swing has a direction."""
 
+_TAIL = (0.5, 0.8, 0.95, 0.99, 0.998)
+"""Parts of all rows in which a signal is smaller than where something may begin: a stop, or a limit of the drive."""
+
+_PLAYS = (0.01, 0.03, 0.1, 0.3, 0.8)
+"""Half the free play, in swings, of what follows the position and stays behind where that turns."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -38,7 +45,8 @@ class Scene:
 
     `u`, `x` and `v` (n, n_u) are command, position and rate at each input, `seen` and `seen_rate` (n, n_y) those of
     each output, `time` (n, 9) cosines over all records, the first constant, `kelvin` (n,) the temperature's deviation;
-    `longest` are the rows of the longest record.
+    `longest` are the rows of the longest record. `u_tail`, `x_tail` (n_u, 5) and `seen_tail` (n_y, 5) are sizes that
+    the signals of all records seldom exceed.
     """
 
     u: Array
@@ -49,6 +57,9 @@ class Scene:
     time: Array
     kelvin: Array | None
     longest: int
+    u_tail: Array
+    x_tail: Array
+    seen_tail: Array
 
 
 Way = Callable[[Scene, int], list[Array]]
@@ -63,6 +74,18 @@ def _of_motion(s: Scene, j: int) -> list[Array]:
 def _of_command(s: Scene, j: int) -> list[Array]:
     u, x, v = s.u[:, j], s.x[:, j], s.v[:, j]
     return [u * u, u * abs(u), u**3, u**5, np.tanh(_STEEP * u), u * x, u * x * x, u * v]
+
+
+def _of_large_commands(s: Scene, j: int) -> list[Array]:
+    return _beyond(s.u[:, j], s.u_tail[j])
+
+
+def _of_large_positions(s: Scene, j: int) -> list[Array]:
+    return _beyond(s.x[:, j], s.x_tail[j])
+
+
+def _of_turns(s: Scene, j: int) -> list[Array]:
+    return [s.x[:, j] - _behind(np.ascontiguousarray(s.x[:, j]), play) for play in _PLAYS]
 
 
 def _of_past_commands(s: Scene, j: int) -> list[Array]:
@@ -94,6 +117,10 @@ def _reading_of_motion(s: Scene, o: int) -> list[Array]:
     return [x * x, abs(x), x**3, x**5, v * v, np.tanh(_STEEP * v)]
 
 
+def _reading_of_large_positions(s: Scene, o: int) -> list[Array]:
+    return _beyond(s.seen[:, o], s.seen_tail[o])
+
+
 def _reading_changing(s: Scene, o: int) -> list[Array]:
     return [a * c for a in (s.seen[:, o], s.seen_rate[:, o]) for c in s.time.T[1:_CHANGING]]
 
@@ -105,6 +132,9 @@ def _reading_of_others(s: Scene, o: int) -> list[Array]:
 TORQUES: dict[str, Way] = {
     "position and rate": _of_motion,
     "the command": _of_command,
+    "large positions": _of_large_positions,
+    "large commands": _of_large_commands,
+    "where the position turned": _of_turns,
     "past commands": _of_past_commands,
     "past positions": _of_past_motion,
     "time": _of_time,
@@ -116,6 +146,7 @@ TORQUES: dict[str, Way] = {
 
 READINGS: dict[str, Way] = {
     "position and rate": _reading_of_motion,
+    "large positions": _reading_of_large_positions,
     "time": _of_time,
     "the motion in a measure that changes with time": _reading_changing,
     "other readings": _reading_of_others,
@@ -124,6 +155,23 @@ READINGS: dict[str, Way] = {
 
 SLOWEST = frozenset({"time"})
 """Ways that lie among the lowest rows of a record, where its noise is known from a dozen numbers."""
+
+
+def _beyond(a: Array, tail: Array) -> list[Array]:
+    """Return by how much `a` (n,) exceeds each size of a `tail`, with its sign and without."""
+    excess = [np.maximum(np.abs(a) - edge, 0.0) for edge in tail]
+    return [*(np.sign(a) * e for e in excess), *excess]
+
+
+@njit(cache=True, nogil=True)
+def _behind(x, play):  # type: ignore[no-untyped-def]
+    """Return what follows `x` (n,) and stays behind by `play` at most (the play operator), begun at `x`."""
+    out = np.empty_like(x)
+    at = x[0]
+    for i in range(x.size):
+        at = min(max(at, x[i] - play), x[i] + play)
+        out[i] = at
+    return out
 
 
 def _memories(x: Array, longest: int) -> list[Array]:
@@ -146,6 +194,14 @@ def scenes_of(motions: Sequence[Motion], places: Places) -> list[Scene]:
     moved = _swings([m.position @ places.coordinates.T for m in motions])
     fast = _swings([m.rate @ places.coordinates.T for m in motions])
     seen, seen_fast = _swings([m.sensed for m in motions]), _swings([m.rate for m in motions])
+    u_tail, x_tail, seen_tail = (
+        np.quantile(np.abs(np.concatenate(parts)), _TAIL, axis=0).T
+        for parts in (
+            [m.u / swing for m in motions],
+            [m.position @ places.coordinates.T / moved for m in motions],
+            [m.sensed / seen for m in motions],
+        )
+    )
     return [
         Scene(
             m.u / swing,
@@ -156,6 +212,9 @@ def scenes_of(motions: Sequence[Motion], places: Places) -> list[Scene]:
             slow[end - m.u.shape[0] : end],
             m.temperature_k - middle if warm and m.temperature_k is not None else None,
             max(one.u.shape[0] for one in motions),
+            u_tail,
+            x_tail,
+            seen_tail,
         )
         for m, end in zip(motions, ends, strict=True)
     ]

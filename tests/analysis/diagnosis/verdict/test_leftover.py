@@ -197,9 +197,24 @@ def test_coloured_noise_is_not_found_again_in_itself() -> None:
 
 _U, _X, _V = _motion(_model().linear())
 _T = (np.arange(ROWS) + 0.5) / ROWS
+
+
+def _slipped(x: Array, yields: float) -> Array:
+    """Return the force of a spring along `x` (n,) that slips at a deflection of `yields`."""
+    force, at = np.zeros_like(x), 0.0
+    for i in range(1, x.size):
+        at = float(np.clip(at + x[i] - x[i - 1], -yields, yields))
+        force[i] = at
+    return force
+
+
 FORCES = {
     "position and rate": abs(_X[:, 0]) * np.sin(_V[:, 0] / 2e7),
     "the command": np.clip(_U[:, 0], -2e4, 2e4),
+    "large positions": np.maximum(_X[:, 0] - np.quantile(_X[:, 0], 0.97), 0.0),
+    "large commands": _U[:, 0] - np.clip(_U[:, 0], -6e4, 6e4),
+    "where the position turned": _slipped(_X[:, 0], 0.06 * np.ptp(_X[:, 0])),
+    "the command, over and over": np.sin(9e3 * _U[:, 0] / np.ptp(_U[:, 0])),
     "past commands": lfilter([0.02], [1.0, -0.98], _U[:, 0]),
     "past positions": lfilter([0.02], [1.0, -0.98], _X[:, 0]),
     "time": _T,
@@ -210,6 +225,7 @@ FORCES = {
 }
 ERRORS = {
     "position and rate": np.maximum(_X[:, 0], 0.0),
+    "large positions": np.maximum(np.abs(_X[:, 0]) - np.quantile(np.abs(_X[:, 0]), 0.97), 0.0),
     "time": np.where(_T > 0.4, 1.0, 0.0),
     "the motion in a measure that changes with time": _T * _V[:, 0],
     "other readings": _X[:, 1],

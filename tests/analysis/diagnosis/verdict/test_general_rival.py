@@ -1,0 +1,120 @@
+"""General ways in place of what was found: ahead of a stand-in, behind the right name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from analysis.diagnosis.pipeline import Options, search_causes
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.search.shortlist import SURE_LEAD
+from analysis.diagnosis.verdict.general_rival import GeneralRival, general_rivals
+from analysis.diagnosis.verdict.judging import judge, objection
+from sim_backend.effects import NAMED
+from sim_backend.model import Mode, Model, Port
+from tests.analysis.diagnosis.residuals import RATE_HZ, setting_of
+
+Array = NDArray[np.float64]
+ROWS, PERIODS = 1500, 4
+OMEGA, DECAY_1_S = 2.0 * np.pi * np.array([20.0, 33.0]), 9.0
+NOISE = 2e-3
+AXES = ("x", "y")
+
+
+def _model() -> Model:
+    return Model(
+        name="two axes",
+        sample_rate_hz=RATE_HZ,
+        inputs=[Port(name=f"force_{a}", unit="N", dof=a) for a in AXES],
+        outputs=[Port(name=a, unit="m", dof=a) for a in AXES],
+        modes=[
+            Mode(
+                label=a,
+                frequency_hz=float(OMEGA[i] / (2.0 * np.pi)),
+                decay_rate_1_s=DECAY_1_S,
+                input={f"force_{a}": float(OMEGA[i] ** 2)},
+                output={a: 1.0},
+            )
+            for i, a in enumerate(AXES)
+        ],
+    )
+
+
+def _played(coupling: float = 0.0, friction: float = 0.0) -> Dataset:
+    """Return a drive of both axes that repeats, at two levels, by the Runge-Kutta rule in steps of a quarter sample.
+
+    The drive of the first axis pushes the second by a share of `coupling`; the friction there is `friction`.
+    """
+    rng, h, fine = np.random.default_rng(8), 0.25 / RATE_HZ, 4
+    records = []
+    for level in (1.0, 0.4):
+        period = level * lfilter([0.3], [1.0, -0.9], rng.standard_normal((ROWS, 2)), axis=0)
+        u = np.tile(period, (PERIODS, 1))
+        x, v = np.zeros(2), np.zeros(2)
+        y = np.empty_like(u)
+
+        def pull(x: Array, v: Array, drive: Array) -> Array:
+            force = np.array([0.0, coupling * drive[0] - friction * np.tanh(v[1] / 0.5)])
+            return OMEGA**2 * (drive + force - x) - 2.0 * DECAY_1_S * v
+
+        for k in range(u.shape[0]):
+            y[k] = x
+            for _ in range(fine):
+                a1 = pull(x, v, u[k])
+                a2 = pull(x + 0.5 * h * v, v + 0.5 * h * a1, u[k])
+                a3 = pull(x + 0.5 * h * v + 0.25 * h**2 * a1, v + 0.5 * h * a2, u[k])
+                a4 = pull(x + h * v + 0.5 * h**2 * a2, v + h * a3, u[k])
+                x = x + h * v + h**2 / 6.0 * (a1 + a2 + a3)
+                v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        y += NOISE * rng.standard_normal(y.shape)
+        records.append(Record(f"level {level}", u, y, (Window("all", ROWS, PERIODS * ROWS, False, ROWS),)))
+    return Dataset(RATE_HZ, tuple(records))
+
+
+def _found(data: Dataset, *searched: str) -> Found:
+    """Return what a search among these causes alone finds."""
+    without = tuple({e.reported() for e in NAMED} - set(searched))
+    return search_causes(data, _model(), Options(without=without))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "name", "stand_in"),
+    [
+        ({"coupling": 3e-3}, "cross-coupling", "sensor-rotation"),
+        ({"friction": 2e-4}, "coulomb-friction", "hysteresis"),
+    ],
+)
+def test_a_right_name_is_never_behind_and_a_stand_in_is(hidden: dict[str, float], name: str, stand_in: str) -> None:
+    """What a neighbour explains of a cause that is not listed a column or two of general ways explain better."""
+    data = _played(**hidden)
+    right = _found(data, name, stand_in)
+    assert [e.reported() for e in right.best.effects] == [name]
+    assert all(rival.lead > 0.0 for rival in general_rivals(right.setting, right))
+
+    wrong = _found(data, stand_in)
+    assert [e.reported() for e in wrong.best.effects] == [stand_in]
+    rivals = general_rivals(wrong.setting, wrong)
+    assert rivals[0].lead < -SURE_LEAD
+    assert judge(wrong, general=rivals).verdict == "unknown"
+
+
+def test_only_a_rival_that_is_sure_to_be_ahead_is_an_objection() -> None:
+    """By log 99 = 4.6 and by half of what random causes may explain; said with its place and what it stands against."""
+    noise = np.random.default_rng(0).standard_normal(4000)
+    setting, fit = setting_of(np.zeros(4000), noise, noise, 1.0, period=1000)
+    found = _found(_played(), "hysteresis")
+    found = replace(found, setting=replace(setting, knobs=[]), best=replace(fit, change=np.zeros(0)))
+
+    def rival(lead: float) -> tuple[GeneralRival, ...]:
+        return (GeneralRival(("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)
+
+    assert objection(found, (), general=rival(-4.0)) == ""
+    assert objection(found, (), random=10.0, general=rival(-9.0)) == ""
+    assert objection(found, (), general=rival(-5.0)) == (
+        "a torque that follows other degrees of freedom at x explains the data better than hysteresis at x"
+    )
