@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
