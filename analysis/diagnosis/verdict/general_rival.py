@@ -9,6 +9,7 @@ is never behind; what stands for something else is.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import again, score
 from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.leeway import target_of
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.verdict.leftover import Beside, Way, general_ways, in_words
@@ -44,25 +46,25 @@ class GeneralRival:
         return f"{' and '.join(named)} explains the data better than {' and '.join(self.effects)}"
 
 
-def general_rivals(setting: Setting, found: Found) -> tuple[GeneralRival, ...]:
-    """Return general ways in place of all effects of the best fit, and of each by itself, the strongest rival first.
+def general_rivals(setting: Setting, found: Found) -> Iterator[GeneralRival]:
+    """Yield general ways in place of all effects of the best fit, then in place of each by itself.
 
-    All of them in the noise of `setting`, which may be louder than that in which the effects were found. None where no
-    effect was found.
+    The ways are those at the degrees of freedom where these effects are seen. All are weighed in the noise of
+    `setting`, which may be louder than that in which the effects were found.
     """
     if not found.best.candidates:
-        return ()
-    best, rivals = again(setting, found.best), []
+        return
+    best = found.best if setting is found.setting else again(setting, found.best)
     numbers = range(len(best.effects))
     for gone in [tuple(numbers), *((i,) for i in numbers if len(numbers) > 1)]:
         keep = [i for i in numbers if i not in gone]
         rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
-        gain, ways = _explained(general_ways(setting, rest, repeating=False))
+        seen = {target_of(best.effects[i].where) for i in gone}
+        gain, ways = _explained(general_ways(setting, rest, repeating=False, at=seen))
         if ways:
             names = tuple(f"{best.effects[i].reported()} at {best.effects[i].where}" for i in gone)
             lead = _worth(found, best, rest, len(gone)) + found.leeway.total - gain
-            rivals.append(GeneralRival(names, ways, 0.5 * lead))
-    return tuple(sorted(rivals, key=lambda rival: rival.lead))
+            yield GeneralRival(names, ways, 0.5 * lead)
 
 
 def _worth(found: Found, best: Fit, rest: Fit, effects: int) -> float:
@@ -84,6 +86,8 @@ def _explained(there: Beside) -> tuple[float, tuple[Way, ...]]:
     One after the other, each beside those before it and the knobs.
     """
     gram = there.gram
+    if not gram.groups:
+        return 0.0, ()
     products, before = gram.without(gram.knob_columns()).copy(), np.diag(gram.products)
     columns = np.concatenate(gram.groups)
     way_of = np.repeat(np.arange(len(gram.groups)), [g.size for g in gram.groups])

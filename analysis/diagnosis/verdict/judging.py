@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,16 +54,17 @@ def judge(
     allowed: float = 0.0,
     left: Sequence[Leftover] = (),
     random: float = 0.0,
-    general: Sequence[GeneralRival] = (),
+    general: Iterable[GeneralRival] = (),
 ) -> Judgement:
     """Return the verdict on the outcome of a search.
 
     `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
     `left` what the best model leaves along general ways, least likely first, `random` how much of each of these
-    (twice a log-likelihood) those causes may be, `general` the general ways in place of its effects.
+    (twice a log-likelihood) those causes may be, `general` the general ways in place of its effects, which are asked
+    for only where nothing else speaks against it.
     """
     best, inflation = found.best, found.inflation
-    against = objection(found, left, random, general)
+    against = objection(found, left, random)
     if not best.candidates:
         verdict: Verdict = "unknown" if against else _without_cause(found, allowed, random)
         return Judgement(verdict, (), (), 1.0, inflation, (), against)
@@ -72,6 +73,8 @@ def judge(
     weights = np.exp(-np.array([gap for _, gap in gaps]))
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
+    if not against and adequate(found, allowed):
+        against = outdone(found, general, random)
     if against or not adequate(found, allowed):
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     border = _on_border(found, named)
@@ -95,8 +98,8 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0, gener
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
     What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
-    is no listed cause explains as much, or general ways explain more; the nominal numbers would have to be farther off
-    than they are said to be, or an effect of it has a shape at which it stands for something else.
+    is no listed cause explains as much, the nominal numbers would have to be farther off than they are said to be, or
+    an effect of it has a shape at which it stands for something else.
     """
     telling = [one for one in left if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION]
     if telling:
@@ -104,9 +107,6 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0, gener
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
-    ahead = [rival for rival in general if rival.lead < -SURE_LEAD - 0.5 * random]
-    if ahead:
-        return ahead[0].words(found.setting.places)
     count, off = len(found.setting.knobs), strain_of(found.setting.knobs, found.best.change)
     # what the form of an effect gets wrong, knobs that the data do not hold make up for
     if count and chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
@@ -115,6 +115,15 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0, gener
             f"(rms of {count})"
         )
     return _stand_in(found)
+
+
+def outdone(found: Found, general: Iterable[GeneralRival], random: float = 0.0) -> str:
+    """Return which general ways are sure to explain more than effects of the best model do, in words; the first found.
+
+    Beside what `random` causes may be. Nothing where none does.
+    """
+    ahead = (rival for rival in general if rival.lead < -SURE_LEAD - 0.5 * random)
+    return next((rival.words(found.setting.places) for rival in ahead), "")
 
 
 def _stand_in(found: Found) -> str:

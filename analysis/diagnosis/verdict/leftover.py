@@ -9,7 +9,7 @@ re-tuned beside it. The name of a neighbour leaves a part, the right one does no
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -83,8 +83,11 @@ class Beside:
     patterns: tuple[Pattern, ...]
 
 
-def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True) -> Beside:
-    """Return the inner products of what `fit` leaves with all general ways, and with `repeating` patterns if wanted."""
+def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True, at: Container[str] | None = None) -> Beside:
+    """Return the inner products of what `fit` leaves with all general ways, and with `repeating` patterns if wanted.
+
+    With `at`, of the ways those at the inputs and readings of these names alone.
+    """
     footing, motions = beside(setting, fit)
     if not setting.whitener.repeats:
         # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
@@ -93,6 +96,8 @@ def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True) -> Besid
     places = setting.places
     ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
     ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
+    if at is not None:
+        ways = [way for way in ways if _place(way, places) in at]
     patterns = list(patterns_of(views_of(setting, motions, footing.linear), places)) if repeating else []
     waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
@@ -137,9 +142,13 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
 
 def in_words(what: str, output: bool, at: int, places: Places) -> tuple[str, str]:
     """Return a way in words, and the name of its place."""
-    if output:
-        return f"an error of the reading that follows {what}", places.outputs[at]
-    return f"a torque that follows {what}", places.inputs[at]
+    kind = "an error of the reading" if output else "a torque"
+    return f"{kind} that follows {what}", _place((what, output, at), places)
+
+
+def _place(way: Way, places: Places) -> str:
+    _, output, at = way
+    return (places.outputs if output else places.inputs)[at]
 
 
 def _loudness(middle: Callable[[Array], Any], parts: Sequence[Leftover]) -> float:

@@ -14,7 +14,7 @@ from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.general_rival import GeneralRival, general_rivals
-from analysis.diagnosis.verdict.judging import judge, objection
+from analysis.diagnosis.verdict.judging import judge, outdone
 from sim_backend.effects import NAMED
 from sim_backend.model import Mode, Model, Port
 from tests.analysis.diagnosis.residuals import RATE_HZ, setting_of
@@ -82,6 +82,10 @@ def _found(data: Dataset, *searched: str) -> Found:
     return search_causes(data, _model(), Options(without=without))
 
 
+def rivals_of(found: Found) -> list[GeneralRival]:
+    return list(general_rivals(found.setting, found))
+
+
 @pytest.mark.parametrize(
     ("hidden", "name", "stand_in"),
     [
@@ -94,11 +98,11 @@ def test_a_right_name_is_never_behind_and_a_stand_in_is(hidden: dict[str, float]
     data = _played(**hidden)
     right = _found(data, name, stand_in)
     assert [e.reported() for e in right.best.effects] == [name]
-    assert all(rival.lead > 0.0 for rival in general_rivals(right.setting, right))
+    assert all(rival.lead > 0.0 for rival in rivals_of(right))
 
     wrong = _found(data, stand_in)
     assert [e.reported() for e in wrong.best.effects] == [stand_in]
-    rivals = general_rivals(wrong.setting, wrong)
+    rivals = rivals_of(wrong)
     assert rivals[0].lead < -SURE_LEAD
     assert judge(wrong, general=rivals).verdict == "unknown"
 
@@ -113,8 +117,8 @@ def test_only_a_rival_that_is_sure_to_be_ahead_is_an_objection() -> None:
     def rival(lead: float) -> tuple[GeneralRival, ...]:
         return (GeneralRival(("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)
 
-    assert objection(found, (), general=rival(-4.0)) == ""
-    assert objection(found, (), random=10.0, general=rival(-9.0)) == ""
-    assert objection(found, (), general=rival(-5.0)) == (
+    assert outdone(found, rival(-4.0)) == ""
+    assert outdone(found, rival(-9.0), random=10.0) == ""
+    assert outdone(found, rival(-5.0)) == (
         "a torque that follows other degrees of freedom at x explains the data better than hysteresis at x"
     )
