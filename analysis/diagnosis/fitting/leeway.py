@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,16 +118,18 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
     left = squares_of(setting, best.residuals)
     explained = np.maximum(squares_of(setting, tuned.residuals) - left, 0.0)
 
-    def beside(kept: Sequence[Effect]) -> Array:
+    @cache  # often two of these sets are one, and each is a simulation of all records
+    def beside(kept: tuple[Effect, ...]) -> Array:
         """Return what the other effects explain beside those that are `kept`."""
         if not kept or len(kept) == len(best.effects):
             return np.zeros_like(explained) if kept else explained
         moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), kept)
         return np.clip(squares_of(setting, residuals_of(setting.data.records, moved)) - left, 0.0, explained)
 
-    by_law = beside([e for e in best.effects if e.exact])
-    bent = beside([e for e in best.effects if e.linear_form])
-    by_bent_law = np.minimum(beside([e for e in best.effects if e.exact or e.linear_form]), np.minimum(by_law, bent))
+    by_law = beside(tuple(e for e in best.effects if e.exact))
+    bent = beside(tuple(e for e in best.effects if e.linear_form))
+    neither = beside(tuple(e for e in best.effects if e.exact or e.linear_form))
+    by_bent_law = np.minimum(neither, np.minimum(by_law, bent))
     parts = _LAW * by_law + _EXACT * (explained - by_law)
     # what is linear, by a law and exactly
     lawful, exactly = by_law - by_bent_law, np.maximum((explained - by_law) - (bent - by_bent_law), 0.0)

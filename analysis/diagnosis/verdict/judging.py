@@ -73,9 +73,10 @@ def judge(
     weights = np.exp(-np.array([gap for _, gap in gaps]))
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
-    if not against and adequate(found, allowed):
+    enough = adequate(found, allowed)
+    if enough and not against:
         against = outdone(found, general, random)
-    if against or not adequate(found, allowed):
+    if against or not enough:
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     border = _on_border(found, named)
     if probability >= SURE and border:
@@ -94,7 +95,7 @@ def judge(
     return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
 
 
-def objection(found: Found, left: Sequence[Leftover], random: float = 0.0, general: Sequence[GeneralRival] = ()) -> str:
+def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
     What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that

@@ -16,33 +16,13 @@ from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.general_rival import GeneralRival, general_rivals
 from analysis.diagnosis.verdict.judging import judge, outdone
 from sim_backend.effects import NAMED
-from sim_backend.model import Mode, Model, Port
-from tests.analysis.diagnosis.residuals import RATE_HZ, setting_of
+from tests.analysis.diagnosis.residuals import setting_of
+from tests.analysis.diagnosis.two_axes import AXES, DECAY_1_S, FREQUENCY_HZ, RATE_HZ, two_axes
 
 Array = NDArray[np.float64]
 ROWS, PERIODS = 1500, 4
-OMEGA, DECAY_1_S = 2.0 * np.pi * np.array([20.0, 33.0]), 9.0
+OMEGA = 2.0 * np.pi * np.array([FREQUENCY_HZ[a] for a in AXES])
 NOISE = 2e-3
-AXES = ("x", "y")
-
-
-def _model() -> Model:
-    return Model(
-        name="two axes",
-        sample_rate_hz=RATE_HZ,
-        inputs=[Port(name=f"force_{a}", unit="N", dof=a) for a in AXES],
-        outputs=[Port(name=a, unit="m", dof=a) for a in AXES],
-        modes=[
-            Mode(
-                label=a,
-                frequency_hz=float(OMEGA[i] / (2.0 * np.pi)),
-                decay_rate_1_s=DECAY_1_S,
-                input={f"force_{a}": float(OMEGA[i] ** 2)},
-                output={a: 1.0},
-            )
-            for i, a in enumerate(AXES)
-        ],
-    )
 
 
 def _played(coupling: float = 0.0, friction: float = 0.0) -> Dataset:
@@ -79,7 +59,7 @@ def _played(coupling: float = 0.0, friction: float = 0.0) -> Dataset:
 def _found(data: Dataset, *searched: str) -> Found:
     """Return what a search among these causes alone finds."""
     without = tuple({e.reported() for e in NAMED} - set(searched))
-    return search_causes(data, _model(), Options(without=without))
+    return search_causes(data, two_axes(), Options(without=without))
 
 
 def rivals_of(found: Found) -> list[GeneralRival]:

@@ -21,33 +21,12 @@ from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover, left
 from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.linear import ModalModel, discretise
-from sim_backend.model import Mode, Model, Port
+from tests.analysis.diagnosis.two_axes import AXES, FREQUENCY_HZ, RATE_HZ, two_axes
 
 Array = NDArray[np.float64]
-RATE_HZ, ROWS = 1000.0, 3000
-AXES = ("x", "y")
-FREQUENCY_HZ = {"x": 20.0, "y": 33.0}
+ROWS = 3000
 TOLERANCE = 0.02
 WAYS = {False: TORQUES, True: READINGS}
-
-
-def _model() -> Model:
-    return Model(
-        name="two axes",
-        sample_rate_hz=RATE_HZ,
-        inputs=[Port(name=f"force_{a}", unit="N", dof=a) for a in AXES],
-        outputs=[Port(name=a, unit="m", dof=a) for a in AXES],
-        modes=[
-            Mode(
-                label=a,
-                frequency_hz=FREQUENCY_HZ[a],
-                decay_rate_1_s=9.0,
-                input={f"force_{a}": (2.0 * np.pi * FREQUENCY_HZ[a]) ** 2},
-                output={a: 1.0},
-            )
-            for a in AXES
-        ],
-    )
 
 
 def _drive(seed: int) -> Array:
@@ -58,7 +37,7 @@ def _drive(seed: int) -> Array:
 
 def _setting(residual: Array, seed: int = 1) -> tuple[Setting, Fit]:
     """Return two records with white noise of unit size, and the nominal model's fit that leaves `residual` of them."""
-    model, half = _model(), ROWS // 2
+    model, half = two_axes(), ROWS // 2
     linear, drive = model.linear(), _drive(seed)
     y = simulate(discretise(linear, RATE_HZ), drive)
     warm = 80.0 + 3.0 * np.arange(ROWS) / ROWS
@@ -195,7 +174,7 @@ def test_coloured_noise_is_not_found_again_in_itself() -> None:
         assert found[0].p_value() > ONE_IN_A_MILLION, seed
 
 
-_U, _X, _V = _motion(_model().linear())
+_U, _X, _V = _motion(two_axes().linear())
 _T = (np.arange(ROWS) + 0.5) / ROWS
 
 
@@ -246,7 +225,7 @@ def test_what_is_missing_is_heard_where_it_acts(what: str, reading: bool) -> Non
     if reading:
         added[:, 0] = ERRORS[what]
     else:
-        added = _through(FORCES[what], 0, _model().linear())
+        added = _through(FORCES[what], 0, two_axes().linear())
     residual = _noise(7) + 30.0 * added / np.linalg.norm(added)
     found = leftovers(*_setting(residual))
     assert _at(found, what, "x", reading).p_value() < ONE_IN_A_MILLION
@@ -264,7 +243,7 @@ def test_noise_that_is_loud_around_a_wave_is_no_wave() -> None:
         assert max(one.louder for one in lines) > 3.0
 
 
-def test_what_random_causes_may_explain_is_not_held_against_a_model() -> None:
+def test_what_random_causes_may_explain_is_not_held_against_atwo_axes() -> None:
     """Sixty of the gain put down to them: 70 becomes 10 of 10 columns, of which there are as many in noise."""
     one = Leftover("a torque that follows time", "x", 70.0, 70.0, 10)
     assert one.p_value() < 1e-9
