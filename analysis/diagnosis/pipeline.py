@@ -25,7 +25,8 @@ from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis
-from analysis.diagnosis.search.exchange import exchanged
+from analysis.diagnosis.search.adequacy import adequate
+from analysis.diagnosis.search.exchange import exchangeable, exchanged
 from analysis.diagnosis.search.rounds import Found, Progress, search
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
@@ -33,7 +34,7 @@ from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
 from analysis.diagnosis.verdict.barely import doubted
 from analysis.diagnosis.verdict.general_rival import general_rivals
-from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, shortfall
+from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, outdone, shortfall
 from analysis.diagnosis.verdict.leftover import leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
@@ -124,8 +125,15 @@ def search_causes(
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    found = exchanged(search(setting, tuned, rules, scales, progress), rules, scales, progress)
+    found = search(setting, tuned, rules, scales, progress)
+    if exchangeable(found) and not _enough(found):
+        found = exchanged(found, rules, scales, progress)
     return beside_strangers(found, rules, scales, progress)
+
+
+def _enough(found: Found) -> bool:
+    """Tell whether the best fit leaves nothing to look for: neither much in all, nor what general ways tell better."""
+    return adequate(found) and not outdone(found, general_rivals(found.setting, found))
 
 
 def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:

@@ -2,7 +2,7 @@
 
 Of two effects of one size a flexible one explains most by itself, a loop that stiffens where there are a lag and a
 cubic spring. The second is then found beside it all the same, and beside the second the search finds what the first
-stood for.
+stood for. So it is with two forms of one cause, of which the more flexible one is first found alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import replace
 
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import again, lined_up, score
-from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.rounds import Found, Progress, alone, search
 from analysis.diagnosis.search.shortlist import Rules
 
@@ -22,13 +21,13 @@ _AT = 0.85
 """Share of the whole diagnosis that is done when this begins."""
 
 
-def exchanged(found: Found, rules: Rules, scales: Scales, progress: Progress) -> Found:
-    """Return the best of `found` and what searches find that begin without one of its effects, each in turn.
+def exchangeable(found: Found) -> bool:
+    """Tell whether one of the effects of `found` may be the stand-in of another that shows beside the rest alone."""
+    return 2 <= len(found.best.candidates) <= _MOST
 
-    Only where there are two or three and they are not enough: those that are leave nothing to look for.
-    """
-    if not 2 <= len(found.best.candidates) <= _MOST or adequate(found):
-        return found
+
+def exchanged(found: Found, rules: Rules, scales: Scales, progress: Progress) -> Found:
+    """Return the best of `found` and what searches find that begin without one of its effects, each in turn."""
     best, nominal, numbers = found, again(found.setting, found.tuned), range(len(found.best.candidates))
     for i in numbers:
         progress(f"looking again for what {found.best.effects[i].reported()} is", _AT)
