@@ -32,7 +32,7 @@ from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
-from analysis.diagnosis.verdict.barely import doubted
+from analysis.diagnosis.verdict.barely import doubted, follows_play
 from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, outdone, shortfall
 from analysis.diagnosis.verdict.leftover import leftovers
@@ -225,7 +225,8 @@ def diagnose(
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
     shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model, workers=options.workers)
-    judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady := reservation(judgement.verdict, shown))
+    unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
+    judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady, played)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
@@ -244,7 +245,7 @@ def diagnose(
         before=before,
         after=after,
         considered=judgement.rivals,
-        notes=tuple(filter(None, (*said, *_doubts(found)))),
+        notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
 

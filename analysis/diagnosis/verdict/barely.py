@@ -1,17 +1,19 @@
-"""What held-out rows say against a verdict where nothing repeats.
+"""What held-out rows and evidence say against a verdict that the search has reached.
 
-The noise is then taken from what the model leaves. A model that explains nothing leaves everything, and no search finds
-more than noise in that; causes that follow the fitted rows and no others have bent themselves to them. Rows that no fit
-has seen tell of both. Noise that a bench has by itself is steady: what is not, and is most of the output, is not taken
-for it.
+Where nothing repeats the noise is taken from what the model leaves. A model that explains nothing leaves everything,
+and no search finds more than noise in that; causes that follow the fitted rows and no others have bent themselves to
+them. Rows that no fit has seen tell of both. Noise that a bench has by itself is steady: what is not, and is most of
+the output, is not taken for it. Where periods repeat, nor is any whose size follows what is played.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from analysis.diagnosis.result import Gain
+from analysis.diagnosis.result import Domain, Gain
 from analysis.diagnosis.verdict.judging import Judgement
+from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 
 _MOST = 0.5
 """Part of the squared output from which on what the model leaves of it is most of it."""
@@ -19,25 +21,46 @@ _MOST = 0.5
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of what is left in squares are none."""
 
+_PLAYED = "amplitude", "position", "direction", "rate"
+"""Domains of the evidence that what is played decides."""
+
 
 def barely_explained(gain: Gain | None) -> bool:
     """Tell whether the model leaves most of the held-out output."""
     return gain is not None and gain.rms_before**2 > _MOST
 
 
-def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str) -> Judgement:
-    """Return `judgement`, or *unknown* with the reason where held-out rows speak against it.
+def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
+    """Tell whether the residual's size or mean follows what is played, and no worse than it follows time.
+
+    A shock from outside is large at some time, and so at some position.
+    """
+    played = _least(evidence, _PLAYED)
+    return played * len(evidence) < ONE_IN_A_MILLION and played <= _least(evidence, ("time",))
+
+
+def _least(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:
+    """Return the least p-value of these domains, each times the number of its curves."""
+    found = [min(len(evidence[d]) * curve.p_value, 1.0) for d in domains for curve in evidence.get(d, ())]
+    return min(found, default=1.0)
+
+
+def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str, played: bool = False) -> Judgement:
+    """Return `judgement`, or *unknown* with the reason where held-out rows or evidence speak against it.
 
     `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is no steady noise;
-    nothing where it is. A *consistent* model must not leave most of the output in what is no steady noise; causes that
-    are *named* must gain something, or leave little beside noise.
+    nothing where it is, and `played` whether it follows what is played. A *consistent* model must not leave most of the
+    output in what is no steady noise, and beside a known noise nothing that follows what is played; causes that are
+    *named* must gain something, or leave little beside noise.
     """
     against = ""
-    if repeats or gain is None:
+    if repeats:
+        against = unsteady if judgement.verdict == "consistent" and played else ""
+    elif gain is None:
         return judgement
-    if judgement.verdict == "consistent" and unsteady and barely_explained(gain):
+    elif judgement.verdict == "consistent" and unsteady and barely_explained(gain):
         against = "the model leaves most of the held-out output, and what it leaves is no steady noise"
-    if judgement.verdict == "named" and not gain.measurable and gain.rms_after > _ABOVE * gain.noise_floor:
+    elif judgement.verdict == "named" and not gain.measurable and gain.rms_after > _ABOVE * gain.noise_floor:
         against = (
             "the best explanation follows the rows that it was fitted to and no others: it gains nothing on the "
             "held-out ones, and leaves more than noise of them"

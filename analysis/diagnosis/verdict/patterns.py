@@ -1,18 +1,21 @@
 """Patterns that repeat over position, command or time: looked for in the residual, as no few columns hold them all.
 
-Any function of the position, or of the command, however fine, is a sum of waves over it, and whatever goes on by itself
-one of waves in time. The strongest waves of the residual are tried; that they were chosen among so many is part of
-their price, and noise is taken for as loud as it is at their neighbours.
+Any function of the position, or of the command, however fine, is a sum of waves over it, whatever goes on by itself
+one of waves in time, and whatever answers the command one of waves that die away after it. The strongest of each in the
+residual are tried; that they were chosen among so many is part of their price, and noise is taken for as loud as it is
+at their neighbours.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
@@ -37,20 +40,30 @@ _RUNS = 12
 _PERIODS = 20.0
 """A wave in time of fewer periods is a drift: noise down there is known from a handful of rows."""
 
+_BANDS = 512
+"""A wave in time is a line, and stands out of a narrow band: slow noise would stand out of a wide one."""
+
+_DAMPING = (0.005, 0.05)
+"""Damping ratios of answers to the command: what rings for long, and what is soon over."""
+
+_ANSWERS = 4
+"""The likeliest answers that are tried: what the model's own modes imitate is among the likeliest as well."""
+
+_LATER = (0.236, 0.472, 0.618, 0.854)
+"""Parts of a record by which a command is played later that was not played so: multiples of the golden ratio, which no
+number of periods in a record comes near."""
 
 _BESIDE = (-2.5, -1.5, 1.5, 2.5)
 """Neighbours of a wave, in cycles over its span: next to nothing of it, and all of the noise that is there."""
 
 
 @dataclass(frozen=True)
-class Pattern:
-    """A wave over position, command or time at one place: number `at` of an input, or of an output for a `reading`.
+class Pattern(ABC):
+    """What repeats, at one place: number `at` of an input, or of an output for a `reading`.
 
-    It has so many `cycles` over the `span`: where positions mostly are (in their unit), the range of the commands, or
-    a middling record in seconds. `choices` is among how many it was chosen.
+    It has so many `cycles` over the `span`; `choices` is among how many it was chosen.
     """
 
-    over: Literal["position", "command", "time"]
     reading: bool
     at: int
     cycles: float
@@ -58,30 +71,34 @@ class Pattern:
     choices: int
 
     @property
+    @abstractmethod
     def what(self) -> str:
         """What it follows, in words."""
-        return "time, at one frequency" if self.over == "time" else f"the {self.over}, over and over"
 
     @property
-    def neighbours(self) -> list[Pattern]:
-        """Waves beside this one, which tell how strong noise is there."""
+    def neighbours(self) -> list[Self]:
+        """Patterns beside this one, which tell how strong noise is there."""
         return [replace(self, cycles=self.cycles + by) for by in _BESIDE if self.cycles + by > 1.0]
 
+    @abstractmethod
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
-        """Return the outputs' change (n, n_y, k) in the record with that number, by the wave and a quarter of it later.
+        """Return the outputs' change (n, n_y, k) in the record with that number, all sizes and phases of it spanned."""
 
-        In time each record has a phase of its own, and so columns of its own: what shakes a bench does not wait for
-        the start of a run.
-        """
+
+@dataclass(frozen=True)
+class Wave(Pattern):
+    """A wave over a position or the command; the span is where positions mostly are, or the range of the commands."""
+
+    over: Literal["position", "command"]
+
+    @property
+    def what(self) -> str:
+        """What it follows, in words."""
+        return f"the {self.over}, over and over"
+
+    def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
+        """Return the outputs' change (n, n_y, 2) by the wave and a quarter of it later."""
         motion = motions[record]
-        if self.over == "time":
-            angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
-            own = sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
-            out = np.zeros((*motion.sensed.shape, 2 * len(own)))
-            if record in own:
-                k = 2 * own.index(record)
-                out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            return out
         if self.over == "command":
             seen = motion.u[:, self.at]
         else:
@@ -96,25 +113,94 @@ class Pattern:
         return out
 
 
+@dataclass(frozen=True)
+class Line(Pattern):
+    """A wave in time; the span is a middling record in seconds.
+
+    Each record has a phase of its own, and so columns of its own: what shakes a bench does not wait for the start of a
+    run.
+    """
+
+    @property
+    def what(self) -> str:
+        """What it follows, in words."""
+        return "time, at one frequency"
+
+    def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
+        """Return the outputs' change (n, n_y, 2 r) by the wave and a quarter of it later, for r records."""
+        motion = motions[record]
+        angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
+        own = sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
+        out = np.zeros((*motion.sensed.shape, 2 * len(own)))
+        if record in own:
+            k = 2 * own.index(record)
+            out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return out
+
+
+@dataclass(frozen=True)
+class Ringing(Pattern):
+    """What answers the command `played` (an input) at one frequency and dies away with a `damping` ratio.
+
+    Its span is that of all records in seconds. With `later` the command comes later, by that part of the record.
+    """
+
+    played: int
+    damping: float
+    later: float = 0.0
+
+    @property
+    def what(self) -> str:
+        """What it follows, in words."""
+        return "past commands, at one frequency"
+
+    @property
+    def neighbours(self) -> list[Self]:
+        """The same answer to commands that have all frequencies of this one, and were not played."""
+        return [replace(self, later=later) for later in _LATER]
+
+    def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
+        """Return the outputs' change (n, n_y, 2) by the answer, and by its change from sample to sample.
+
+        Whatever has these poles is a sum of the two.
+        """
+        pole = -self.damping + 1j * np.sqrt(1.0 - self.damping**2)
+        z = np.exp(2.0 * np.pi * self.cycles / self.span / plant.rate_hz * pole)
+        u = motions[record].u[:, self.played]
+        answer = lfilter([0.0, 1.0], [1.0, -2.0 * z.real, abs(z) ** 2], np.roll(u, round(self.later * u.size)))
+        out = np.zeros((*motions[record].sensed.shape, 2))
+        out[:, self.at] = np.stack([answer, np.diff(answer, prepend=0.0)], axis=1)
+        return out
+
+
 def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Pattern]:
-    """Yield the strongest wave at every place; those in time as errors of a reading, which they look like as well."""
+    """Yield the strongest patterns at every place; those in time as errors of a reading, which they resemble."""
     for i, name in enumerate(places.inputs):
         yield from _over_position(views[name], False, i, views[name].force_periods(1))
         yield from _over_command(views[name], i)
     for o, name in enumerate(places.outputs):
         view = views[name]
         yield from _over_position(view, True, o, view.residual_periods(1))
+        if name in places.inputs:
+            yield from _ringing(view, o, places.inputs.index(name))
         span_s = float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
-        for frequency in view.residual_lines_hz(1, _PERIODS / span_s):
+        for frequency in view.residual_lines_hz(1, _PERIODS / span_s, _BANDS):
             if frequency * span_s > _PERIODS:
-                yield Pattern("time", True, o, frequency * span_s, span_s, view.residual.size // 2)
+                yield Line(True, o, frequency * span_s, span_s, view.residual.size // 2)
+
+
+def _ringing(view: RecordView, at: int, played: int) -> Iterator[Pattern]:
+    """Yield the answers to the command that the residual speaks for most."""
+    for frequency, damping in view.likely_modes(_ANSWERS, _DAMPING):
+        choices = len(_DAMPING) * view.residual.size // 2
+        yield Ringing(True, at, frequency * view.duration_s, view.duration_s, choices, played, damping)
 
 
 def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence[float]) -> Iterator[Pattern]:
     span = view.position_spread
     for distance in distances:
         if span > _REPEATED * distance:
-            yield Pattern("position", reading, at, span / distance, span, _DISTANCES)
+            yield Wave(reading, at, span / distance, span, _DISTANCES, "position")
 
 
 def _over_command(view: RecordView, at: int) -> Iterator[Pattern]:
@@ -127,4 +213,4 @@ def _over_command(view: RecordView, at: int) -> Iterator[Pattern]:
     agreed = np.abs(np.fft.rfft(np.bincount(bins, weights=view.wanted), 8 * _LEVELS))[: 2 * _LEVELS]
     first = 2 * round(_PERIODS)
     strongest = first + int(np.argmax(agreed[first:]))
-    yield Pattern("command", False, at, strongest / 2.0, span, agreed.size)
+    yield Wave(False, at, strongest / 2.0, span, agreed.size, "command")

@@ -209,6 +209,7 @@ ERRORS = {
     "the motion in a measure that changes with time": _T * _V[:, 0],
     "other readings": _X[:, 1],
     "the position, over and over": np.sign(np.sin(150.0 * _X[:, 0] / np.ptp(_X[:, 0]))),
+    "past commands, at one frequency": lfilter([1.0], [1.0, -2.0 * 0.98 * np.cos(0.7), 0.98**2], _U[:, 0]),
     "time, at one frequency": np.sin(2.0 * np.pi * 123.4 * np.arange(ROWS) / RATE_HZ + np.where(_T > 0.5, 2.0, 0.0)),
 }
 
