@@ -33,9 +33,10 @@ from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
 from analysis.diagnosis.verdict.barely import doubted, follows_play
+from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, outdone, shortfall
-from analysis.diagnosis.verdict.leftover import leftovers
+from analysis.diagnosis.verdict.leftover import Leftover, leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
@@ -210,7 +211,8 @@ def diagnose(
         judgement = judge_main(found)
     else:
         louder = spread.beside(found.setting, found.best)
-        left, general = leftovers(louder, found.best), general_rivals(louder, found)
+        left = sorted((*leftovers(louder, found.best), *drifts(louder, found.best)), key=Leftover.p_value)
+        general = general_rivals(louder, found)
         judgement = judge(found, spread.allowed, left, spread.share(found.best.rows), general)
     short = "" if even else shortfall(found, judgement, spread.allowed, spread.share(found.best.rows))
     found, judgement, remark = hear(found, judgement, heard, model, bench)

@@ -1,0 +1,100 @@
+"""A reading that drifts: of the slowest that a model leaves, how much is the same in every run, counted from its start?
+
+Slow noise is known from what the model leaves alone, and so a drift is taken for noise. Noise rises towards low
+frequencies no more steeply than a random walk does: each row of the cosine basis times its frequency is then no
+stronger than the next, and a drift is nearly all of the few slowest. What those hold beside it tells the noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of
+from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.records.dataset import Record
+from analysis.diagnosis.verdict.leftover import Leftover
+
+Array = NDArray[np.float64]
+
+_WHAT = "the seconds of a run"
+
+_BANDS = 2
+"""Lowest bands that tell of a drift, and of the noise beside it: a dozen rows each."""
+
+_LEAST = 3
+"""Rows at least that tell the noise beside a drift."""
+
+_SAME = 1e-6
+"""A drift of which less is left than this part is one that the start of a run explains."""
+
+
+def drifts(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
+    """Return how much of the slowest that `fit` leaves of each reading is a drift from the start of every run.
+
+    A drift is a slope and a curvature. Empty where slow noise is known from repetitions, or nothing repeats.
+    """
+    whitener = setting.whitener.flat()
+    if not (whitener.repeats and whitener.guessed):
+        return ()
+    records = setting.data.records
+    starts = starts_of(setting.data, linear_of(setting, fit), whitener)
+    longest = max(record.n for record in records)
+    found = []
+    for o, name in enumerate(setting.places.outputs):
+        parts = [
+            _slowest(whitener, record, start, np.column_stack([residual[:, o], _drift(record.n, longest)]), o)
+            for record, start, residual in zip(records, starts, fit.residuals, strict=True)
+        ]
+        one = _part(np.concatenate([rows for rows, _ in parts]), sum(taken for _, taken in parts))
+        if one is not None:
+            gain, columns, known_from = one
+            shares = tuple(float(k == o) for k in range(setting.data.n_outputs))
+            what = f"an error of the reading that follows {_WHAT}"
+            found.append(Leftover(what, name, gain, gain, columns, known_from=known_from, shares=shares))
+    return tuple(found)
+
+
+def _drift(n: int, longest: int) -> Array:
+    """Return a constant, a slope and a curvature over `n` rows (n, 3), one at the end of the `longest` record."""
+    return np.vander(np.arange(n) / longest, 3, increasing=True)
+
+
+def _slowest(whitener: Whitener, record: Record, start: Start, columns: Array, o: int) -> tuple[Array, float]:
+    """Return the lowest rows of `columns` (n, 4) at output `o`, times their frequency, without the second: (rows, 3).
+
+    The unknown start is out of them as well; and how many rows that and the second column take.
+    """
+    mask = record.fitted()
+    values = np.zeros((record.n, len(whitener.outputs), columns.shape[1]))
+    values[:, o] = columns
+    white = start.project(stack_white(whitener, record, values))
+    # a constant is as low as a quarter of a line
+    frequency = np.concatenate([np.maximum(np.arange(n), 0.5) / (2.0 * n) for n in (b - a for a, b in runs_of(mask))])
+    band = whitener.band_of_rows(mask)
+    slowest = np.flatnonzero((band >= 0) & (band < min(_BANDS, whitener.guessed)))
+    at = o * frequency.size + slowest
+    rows = white[at] * frequency[slowest, None]
+    constant = rows[:, 1] / max(float(np.linalg.norm(rows[:, 1])), np.finfo(float).tiny)
+    rest = rows[:, [0, 2, 3]]
+    return rest - np.outer(constant, constant @ rest), float(np.sum(start.q[at] ** 2)) + 1.0
+
+
+def _part(rows: Array, taken: float) -> tuple[float, int, float] | None:
+    """Return what a drift explains in units of the noise beside it, its columns, and from how many rows that is known.
+
+    `rows` (n, 3) are those of the residual and of the drift. Nothing where there are too few.
+    """
+    residual, drift = rows[:, 0], rows[:, 1:]
+    size = np.linalg.norm(drift, axis=0)
+    if rows.shape[0] == 0 or not np.all(size > 0.0):
+        return None
+    basis, strength, _ = np.linalg.svd(drift / size, full_matrices=False)
+    basis = basis[:, strength > _SAME]
+    left = rows.shape[0] - basis.shape[1] - taken
+    if left < _LEAST:
+        return None
+    explained = float(np.sum((basis.T @ residual) ** 2))
+    noise = (float(residual @ residual) - explained) / left
+    return explained / max(noise, np.finfo(float).tiny), basis.shape[1], left
