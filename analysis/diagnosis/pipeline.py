@@ -35,7 +35,7 @@ from analysis.diagnosis.spread.lines import without_lines
 from analysis.diagnosis.verdict.barely import doubted, follows_play
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
-from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, outdone, shortfall
+from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, objection, shortfall
 from analysis.diagnosis.verdict.leftover import Leftover, leftovers
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
@@ -127,14 +127,23 @@ def search_causes(
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
     found = search(setting, tuned, rules, scales, progress)
-    if exchangeable(found) and not _enough(found):
-        found = exchanged(found, rules, scales, progress)
+    if doubtful := _doubtful(found):
+        found = exchanged(found, doubtful, rules, scales, progress)
     return beside_strangers(found, rules, scales, progress)
 
 
-def _enough(found: Found) -> bool:
-    """Tell whether the best fit leaves nothing to look for: neither much in all, nor what general ways tell better."""
-    return adequate(found) and not outdone(found, general_rivals(found.setting, found))
+def _doubtful(found: Found) -> list[int]:
+    """Return the numbers of the effects of the best fit that may be stand-ins, none where there is nothing to look for.
+
+    All may where they leave much; those that general ways outdo, one by one, where nothing else speaks against them.
+    """
+    if not exchangeable(found):
+        return []
+    if not adequate(found):
+        return list(range(len(found.best.candidates)))
+    rivals = (rival for rival in general_rivals(found.setting, found) if len(rival.gone) == 1)
+    outdone = [rival.gone[0] for rival in rivals if rival.ahead()]
+    return [] if outdone and objection(found, leftovers(found.setting, found.best)) else outdone
 
 
 def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:

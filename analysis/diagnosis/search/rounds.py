@@ -80,11 +80,17 @@ class Found:
 
 
 def search(
-    setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress, start: Fit | None = None
+    setting: Setting,
+    tuned: Fit,
+    rules: Rules,
+    scales: Scales,
+    progress: Progress,
+    start: Fit | None = None,
+    rounds: int = MOST,
 ) -> Found:
     """Return the best set of effects, by alternating screening and refitting, and all that came near it.
 
-    The effects of `start` are there to begin with.
+    The effects of `start` are there to begin with; no more are added than there are `rounds`.
     """
     best = tuned if start is None else start
     rivals = [best]
@@ -93,7 +99,7 @@ def search(
     last, beneath = screen_both(setting, flat, best, rules, scales)
     first = last
     passed: dict[tuple[str, str], float] = {}
-    for depth in range(MOST):
+    for depth in range(rounds):
         least = leeway_of(setting, tuned, best)
         # most searches end early: each further effect gets half of what is left of the time to be told
         share = 0.5 ** (depth + 1)

@@ -20,6 +20,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.leeway import target_of
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.leftover import Beside, Way, general_ways, in_words
 from sim_backend.assembly import Places
 
@@ -33,12 +34,17 @@ _MOST = 6
 class GeneralRival:
     """A few columns of general `ways` in place of some effects, and by which natural logarithm these lead it.
 
-    What the form of the effects may be wrong by is in the lead.
+    `gone` are the numbers of the effects. What their form may be wrong by is in the lead.
     """
 
+    gone: tuple[int, ...]
     effects: tuple[str, ...]
     ways: tuple[Way, ...]
     lead: float
+
+    def ahead(self, random: float = 0.0) -> bool:
+        """Tell whether it is sure to explain more, beside what `random` causes may be (twice a log-likelihood)."""
+        return self.lead < -SURE_LEAD - 0.5 * random
 
     def words(self, places: Places) -> str:
         """Return what explains the data better than which effects."""
@@ -64,7 +70,7 @@ def general_rivals(setting: Setting, found: Found) -> Iterator[GeneralRival]:
         if ways:
             names = tuple(f"{best.effects[i].reported()} at {best.effects[i].where}" for i in gone)
             lead = _worth(found, best, rest, len(gone)) + found.leeway.total - gain
-            yield GeneralRival(names, ways, 0.5 * lead)
+            yield GeneralRival(gone, names, ways, 0.5 * lead)
 
 
 def _worth(found: Found, best: Fit, rest: Fit, effects: int) -> float:

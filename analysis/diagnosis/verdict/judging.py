@@ -123,8 +123,7 @@ def outdone(found: Found, general: Iterable[GeneralRival], random: float = 0.0) 
 
     Beside what `random` causes may be. Nothing where none does.
     """
-    ahead = (rival for rival in general if rival.lead < -SURE_LEAD - 0.5 * random)
-    return next((rival.words(found.setting.places) for rival in ahead), "")
+    return next((rival.words(found.setting.places) for rival in general if rival.ahead(random)), "")
 
 
 def _stand_in(found: Found) -> str:

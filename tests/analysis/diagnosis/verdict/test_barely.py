@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from analysis.diagnosis.result import Gain
-from analysis.diagnosis.verdict.barely import barely_explained, doubted
+from analysis.diagnosis.result import Domain, Gain
+from analysis.diagnosis.verdict.barely import barely_explained, doubted, follows_play
 from analysis.diagnosis.verdict.judging import Judgement
 
 UNSTEADY = "the residual is no steady noise"
@@ -63,3 +64,29 @@ def test_most_of_the_output_is_half_of_its_squares() -> None:
     assert barely_explained(gain(0.72, 0.7, 0.1, (0.0, 0.0)))
     assert not barely_explained(gain(0.70, 0.7, 0.1, (0.0, 0.0)))
     assert not barely_explained(None)
+
+
+def evidence(**p_values: tuple[float, ...]) -> dict[str, tuple[Domain, ...]]:
+    one = np.ones(2)
+    return {name: tuple(Domain("run", "x", one, "m", one, one, p, "") for p in ps) for name, ps in p_values.items()}
+
+
+@pytest.mark.parametrize(
+    ("shown", "follows"),
+    [
+        (evidence(position=(0.3, 1e-9), time=(1e-4,)), True),
+        (evidence(rate=(1e-20,), time=(1e-20,)), True),
+        (evidence(position=(0.3, 1e-9), time=(1e-12,)), False),  # a shock is large at some time, and at some position
+        (evidence(frequency=(1e-12,), position=(0.1,), time=()), False),
+        (evidence(position=(4e-7, 0.5, 0.5), time=()), False),  # of three curves, and of two domains
+    ],
+)
+def test_noise_follows_what_is_played(shown: dict[str, tuple[Domain, ...]], follows: bool) -> None:
+    assert follows_play(shown) is follows
+
+
+def test_a_known_noise_that_follows_what_is_played_is_none() -> None:
+    doubt = doubted(CONSISTENT, USELESS, True, UNSTEADY, True)
+    assert (doubt.verdict, doubt.objection) == ("unknown", UNSTEADY)
+    assert doubted(CONSISTENT, gain(0.7, 0.7, 0.1, (0.0, 0.0)), False, UNSTEADY, True) is CONSISTENT
+    assert doubted(NAMED, USELESS, True, "", True) is NAMED

@@ -95,7 +95,7 @@ def test_only_a_rival_that_is_sure_to_be_ahead_is_an_objection() -> None:
     found = replace(found, setting=replace(setting, knobs=[]), best=replace(fit, change=np.zeros(0)))
 
     def rival(lead: float) -> tuple[GeneralRival, ...]:
-        return (GeneralRival(("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)
+        return (GeneralRival((0,), ("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)
 
     assert outdone(found, rival(-4.0)) == ""
     assert outdone(found, rival(-9.0), random=10.0) == ""
