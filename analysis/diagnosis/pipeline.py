@@ -235,7 +235,9 @@ def diagnose(
     noise = setting.whitener if own else remaining
     names = [p.dof for p in model.outputs]
     gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
-    shown = evidence(data, before, _noise_of_evidence(found, data, before, remaining), model, workers=options.workers)
+    floor = _noise_of_evidence(found, data, before, remaining)
+    moving = _without_unseen_starts(data, turned(setting.nominal, setting.knobs, tuned.change), floor, before)
+    shown = evidence(data, moving, floor, model, workers=options.workers)
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady, played)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
@@ -283,6 +285,25 @@ def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], rem
     if found.setting.whitener.even:
         return whitener_from(data, list(before))
     return remaining if found.best.candidates else found.setting.whitener
+
+
+def _without_unseen_starts(
+    data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
+) -> list[Array]:
+    """Return `residuals` without what an unknown start explains in records that no fit has seen.
+
+    A fit finds the start of the others. What still swings from before a record is no evidence against the model.
+    """
+    left = list(residuals)
+    unseen = [i for i, record in enumerate(data.records) if not record.fitted().any()]
+    if not unseen:
+        return left
+    records = [data.records[i] for i in unseen]
+    told = [replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in records]
+    rest = without_starts(replace(data, records=tuple(told)), linear, whitener, [left[i] for i in unseen])
+    for i, one in zip(unseen, rest, strict=True):
+        left[i] = one
+    return left
 
 
 def _doubts(found: Found) -> list[str]:
