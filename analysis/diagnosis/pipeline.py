@@ -215,15 +215,7 @@ def diagnose(
     options = options or Options()
     found, spread = found_and_spread(data.for_fitting(), model, options, progress)
     progress("weighing the evidence", 0.9)
-    even = bool(found.setting.whitener.even)
-    if even:
-        judgement = judge_main(found)
-    else:
-        louder = spread.beside(found.setting, found.best)
-        left = sorted((*leftovers(louder, found.best), *drifts(louder, found.best)), key=Leftover.p_value)
-        general = general_rivals(louder, found)
-        judgement = judge(found, spread.allowed, left, spread.share(found.best.rows), general)
-    short = "" if even else shortfall(found, judgement, spread.allowed, spread.share(found.best.rows))
+    judgement, short = _judged(found, spread)
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     setting, (tuned, best) = found.setting, _answered(found, judgement, model)
@@ -261,6 +253,16 @@ def diagnose(
         notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
+
+
+def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
+    """Return the verdict on what the search found, and in words how far the best model gets where that is *unknown*."""
+    if found.setting.whitener.even:
+        return judge_main(found), ""
+    random, louder = spread.share(found.best.rows), spread.beside(found.setting, found.best)
+    left = sorted((*leftovers(louder, found.best), *drifts(louder, found.best)), key=Leftover.p_value)
+    judgement = judge(found, spread.allowed, left, random, general_rivals(louder, found))
+    return judgement, shortfall(found, judgement, spread.allowed, random)
 
 
 def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fit]:

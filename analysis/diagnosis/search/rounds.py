@@ -132,13 +132,9 @@ def search(
         rivals = [*trials, before]
         flat = _flat(setting, best)
         last, beneath = screen_both(setting, flat, best, rules, scales)
-    whole = best
-    best, pruned = _pruned(setting, whole, tuned, first.price)
+    best, pruned = _pruned(setting, whole := best, tuned, first.price)
     if best is not whole:
-        if not best.candidates:  # the noise was that beside a cause
-            setting = settle(setting, best)
-            best = again(setting, best)
-        best = sharpened(setting, best)
+        setting, best = _needed(setting, best)
         last = screen(setting, best, rules, scales)
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
@@ -383,6 +379,14 @@ def _pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit,
             break
         best = least
     return best, tried
+
+
+def _needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
+    """Return what is left after pruning as exact as what is found, and the setting with the noise beside it."""
+    if not best.candidates:  # the noise was that beside a cause
+        setting = settle(setting, best)
+        best = again(setting, best)
+    return setting, sharpened(setting, best)
 
 
 def alone(setting: Setting, best: Fit, nominal: Fit, keep: Sequence[int]) -> Fit:
