@@ -13,7 +13,8 @@ from dataclasses import replace
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import again, lined_up, score
 from analysis.diagnosis.search.adequacy import adequate
-from analysis.diagnosis.search.rounds import Found, Progress, alone, search
+from analysis.diagnosis.search.pruning import alone
+from analysis.diagnosis.search.rounds import Found, Progress, search
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules
 
 _MOST = 3

@@ -21,11 +21,11 @@ from analysis.diagnosis.fitting.balance import (
 )
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
-from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.fitting.steps import steps_for
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.search.extension import extended
+from analysis.diagnosis.search.pruning import lead_of, needed, pruned
 from analysis.diagnosis.search.rubbing import rubbing
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from sim_backend.effects.base import Effect
@@ -42,9 +42,6 @@ _DRIFTING = 10.0
 _COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD
 """So many trials of a round are refitted with care; where the noise is not known, also those that trail the best of the
 first round by less than this natural logarithm."""
-
-_LOST = 1.0
-"""A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
 
 _FINER = 2
 """A fit that asks for so many times the steps is done again in them."""
@@ -108,7 +105,7 @@ def search(
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:
             trials += _against_white_noise(setting, stage, trials, rules, scales)
-        ahead = [(_lead(setting, f, best), f) for f in trials]
+        ahead = [(lead_of(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             found = _unmasked(flat, best, beneath, last.price)
             # what the slow noise has taken for its own may have stood out there as well, by too little
@@ -132,13 +129,13 @@ def search(
         rivals = [*trials, before]
         flat = _flat(setting, best)
         last, beneath = screen_both(setting, flat, best, rules, scales)
-    best, pruned = _pruned(setting, whole := best, tuned, first.price)
+    best, smaller = pruned(setting, whole := best, tuned, first.price)
     if best is not whole:
-        setting, best = _needed(setting, best)
+        setting, best = needed(setting, best)
         last = screen(setting, best, rules, scales)
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
-    return Found(setting, tuned, best, tuple([*rivals, *pruned]), first, last, explained, leeway, passed)
+    return Found(setting, tuned, best, tuple([*rivals, *smaller]), first, last, explained, leeway, passed)
 
 
 def _against_white_noise(
@@ -183,7 +180,7 @@ def _top(ahead: Sequence[tuple[float, Fit]]) -> float:
 
 def _best_of(setting: Setting, trials: Sequence[Fit], before: Fit) -> Fit:
     """Return the trial that leads most over the fit `before` them all."""
-    return max(trials, key=lambda f: _lead(setting, f, before))
+    return max(trials, key=lambda f: lead_of(setting, f, before))
 
 
 def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
@@ -226,31 +223,9 @@ def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> li
     for trial in trials:
         own = settle(flat, trial)
         refitted, other = again(own, trial), again(own, best)
-        if _lead(own, refitted, other) > price:
+        if lead_of(own, refitted, other) > price:
             upheld.append(refitted)
     return upheld
-
-
-def _lead(setting: Setting, fit: Fit, other: Fit) -> float:
-    """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
-
-    Beside a cause that was found already, slow noise that is guessed from n rows of what it leaves is known no better:
-    a sum of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n),
-    and S only where the variance is certain. Less than the guess is no merit. Noise does not fall towards low
-    frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the guess
-    itself, which noise seldom does.
-    """
-    known = setting.whitener.repeats
-    lead = score(other, known) - score(fit, known)
-    if not (known and other.candidates and setting.whitener.guessed and np.isfinite(lead)):
-        return lead
-    rows, own = guessed_squares(setting, fit.residuals)
-    others = guessed_squares(setting, other.residuals)[1]
-    n = np.maximum(rows, 1.0)
-    levels = setting.whitener.levels[:, : setting.whitener.guessed]
-    part = levels / np.maximum.accumulate(levels[:, ::-1], axis=1)[:, ::-1]
-    told = 2.0 * n * np.log((n + np.maximum(part * others, n)) / (n + np.maximum(part * own, n)))
-    return lead - float(np.sum(others - own - told))
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
@@ -359,45 +334,3 @@ def _brought_into_line(setting: Setting, trials: list[Fit], before: Fit) -> tupl
         if score(other[1], False) < score(own[0][1], False):
             own[0] = other
     return own[0][0], [fit for _, fit in own], before
-
-
-def _pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, list[Fit]]:
-    """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
-
-    The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
-    is no such noise.
-    """
-    tried: list[Fit] = []
-    known = setting.whitener.repeats
-    nominal = again(setting, tuned) if best.candidates else tuned
-    while len(best.candidates) > (0 if known else 1):
-        numbers = range(len(best.candidates))
-        smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
-        tried += smaller
-        least = min(smaller, key=lambda f: score(f, known))
-        if _lead(setting, best, least) > price:
-            break
-        best = least
-    return best, tried
-
-
-def _needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
-    """Return what is left after pruning as exact as what is found, and the setting with the noise beside it."""
-    if not best.candidates:  # the noise was that beside a cause
-        setting = settle(setting, best)
-        best = again(setting, best)
-    return setting, sharpened(setting, best)
-
-
-def alone(setting: Setting, best: Fit, nominal: Fit, keep: Sequence[int]) -> Fit:
-    """Return `best` refitted with those effects only that are numbered in `keep`.
-
-    The knobs are where the others put them, and may find no way back from there: whatever is worse than the `nominal`
-    model, which it could be, begins there once more.
-    """
-    fit = again(setting, best, keep=keep)
-    if fit.objective < nominal.objective + _LOST:
-        return fit
-    candidates, sizes = best.held(keep)
-    other = refit(setting, candidates, sizes, nominal.change, exact=True)
-    return min(fit, other, key=lambda f: f.objective)

@@ -15,7 +15,7 @@ from analysis.diagnosis.fitting.leeway import Leeway, form_error
 from analysis.diagnosis.fitting.sensitivity import exact_sensitivities
 from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.diagnosis.search.rounds import alone
+from analysis.diagnosis.search.pruning import alone
 from analysis.diagnosis.verdict.judging import judge
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import EFFECTS, make_effect

@@ -1,0 +1,78 @@
+"""Which effects are needed: what each is worth beside the others, and the best fit without those that are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.diagnosis.fitting.balance import again, guessed_squares, score, settle, sharpened
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.refit import refit
+
+_LOST = 1.0
+"""A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
+
+
+def lead_of(setting: Setting, fit: Fit, other: Fit) -> float:
+    """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
+
+    Beside a cause that was found already, slow noise that is guessed from n rows of what it leaves is known no better:
+    a sum of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n),
+    and S only where the variance is certain. Less than the guess is no merit. Noise does not fall towards low
+    frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the guess
+    itself, which noise seldom does.
+    """
+    known = setting.whitener.repeats
+    lead = score(other, known) - score(fit, known)
+    if not (known and other.candidates and setting.whitener.guessed and np.isfinite(lead)):
+        return lead
+    rows, own = guessed_squares(setting, fit.residuals)
+    others = guessed_squares(setting, other.residuals)[1]
+    n = np.maximum(rows, 1.0)
+    levels = setting.whitener.levels[:, : setting.whitener.guessed]
+    part = levels / np.maximum.accumulate(levels[:, ::-1], axis=1)[:, ::-1]
+    told = 2.0 * n * np.log((n + np.maximum(part * others, n)) / (n + np.maximum(part * own, n)))
+    return lead - float(np.sum(others - own - told))
+
+
+def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, list[Fit]]:
+    """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
+
+    The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
+    is no such noise.
+    """
+    tried: list[Fit] = []
+    known = setting.whitener.repeats
+    nominal = again(setting, tuned) if best.candidates else tuned
+    while len(best.candidates) > (0 if known else 1):
+        numbers = range(len(best.candidates))
+        smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
+        tried += smaller
+        least = min(smaller, key=lambda f: score(f, known))
+        if lead_of(setting, best, least) > price:
+            break
+        best = least
+    return best, tried
+
+
+def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
+    """Return what is left after pruning as exact as what is found, and the setting with the noise beside it."""
+    if not best.candidates:  # the noise was that beside a cause
+        setting = settle(setting, best)
+        best = again(setting, best)
+    return setting, sharpened(setting, best)
+
+
+def alone(setting: Setting, best: Fit, nominal: Fit, keep: Sequence[int]) -> Fit:
+    """Return `best` refitted with those effects only that are numbered in `keep`.
+
+    The knobs are where the others put them, and may find no way back from there: whatever is worse than the `nominal`
+    model, which it could be, begins there once more.
+    """
+    fit = again(setting, best, keep=keep)
+    if fit.objective < nominal.objective + _LOST:
+        return fit
+    candidates, sizes = best.held(keep)
+    other = refit(setting, candidates, sizes, nominal.change, exact=True)
+    return min(fit, other, key=lambda f: f.objective)
