@@ -27,7 +27,7 @@ from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
-from analysis.diagnosis.search.rounds import Found, Progress, search
+from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
@@ -82,17 +82,13 @@ class Options:
             )
 
 
-def _silent(what: str, part: float) -> None:
-    """Take no notice."""
-
-
 def searched_effects(options: Options, among: Sequence[type[Effect]] = EFFECTS) -> tuple[type[Effect], ...]:
     """Return the effects that are not left out."""
     return tuple(e for e in among if not {e.reported(), e.name} & set(options.without))
 
 
 def search_causes(
-    data: Dataset, model: Model, options: Options, progress: Progress = _silent, added: tuple[Bands, ...] = ()
+    data: Dataset, model: Model, options: Options, progress: Progress = silent, added: tuple[Bands, ...] = ()
 ) -> Found:
     """Return everything the search finds, the noise being at least as strong as `added` say."""
     searched = searched_effects(options)
@@ -141,7 +137,7 @@ def _doubtful(found: Found) -> list[int]:
         return []
     if not adequate(found):
         return list(range(len(found.best.candidates)))
-    rivals = (rival for rival in general_rivals(found.setting, found) if len(rival.gone) == 1)
+    rivals = general_rivals(found.setting, found, together=False)
     outdone = [rival.gone[0] for rival in rivals if rival.ahead()]
     return [] if outdone and objection(found, leftovers(found.setting, found.best)) else outdone
 
@@ -201,7 +197,7 @@ def diagnose(
     data: Dataset,
     model: Model,
     options: Options | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
     bench: Bench | None = None,
     heard: Sequence[Testimony] = (),
     done: Sequence[Plan] = (),

@@ -162,8 +162,7 @@ class Whitener:
 
     def band_of_rows(self, mask: Mask) -> Ints:
         """Return the band of each of the rows that `rows` returns, -1 above all bands or where there are none."""
-        parts = [np.zeros(0), *(np.arange(n) / (2.0 * n) for n in (stop - start for start, stop in runs_of(mask)))]
-        band = band_of(self.edges, np.concatenate(parts))
+        band = band_of(self.edges, frequency_of_rows(mask))
         return np.asarray(np.where(band < self.levels.shape[1], band, -1))
 
     def log_variance(self, mask: Mask) -> float:
@@ -174,6 +173,15 @@ class Whitener:
         for start, stop in runs_of(mask):
             total += sum(float(np.sum(np.log(self.band_levels(stop - start, o)))) for o in self.outputs)
         return total
+
+
+def frequency_of_rows(mask: Mask, least: float = 0.0) -> Array:
+    """Return the frequency of each row that a whitener makes of a mask, in cycles per sample, at least so many lines.
+
+    The first row of an unbroken run is its mean, each further one is half a line higher.
+    """
+    counts = (stop - start for start, stop in runs_of(mask))
+    return np.concatenate([np.zeros(0), *(np.maximum(np.arange(n) / 2.0, least) / n for n in counts)])
 
 
 def louder(whitener: Whitener, added: Sequence[Bands]) -> Whitener:

@@ -14,7 +14,7 @@ from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import again, lined_up, score
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.pruning import alone
-from analysis.diagnosis.search.rounds import Found, Progress, search
+from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules
 
 _MOST = 3
@@ -41,16 +41,12 @@ def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scale
     for i in doubtful:
         progress(f"looking again for what {found.best.effects[i].reported()} is", _AT)
         start = alone(found.setting, found.best, nominal, [k for k in numbers if k != i])
-        other = search(found.setting, found.tuned, rules, scales, _silent, start, rounds)
+        other = search(found.setting, found.tuned, rules, scales, silent, start, rounds)
         if rounds == 1 and score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD:
-            other = search(other.setting, found.tuned, rules, scales, _silent, other.best)
+            other = search(other.setting, found.tuned, rules, scales, silent, other.best)
         # what single effects were worth by themselves was told by the first search, and is not asked again
         best = replace(_better(best, other), first=found.first, passed=found.passed)
     return best
-
-
-def _silent(what: str, part: float) -> None:
-    """Take no notice: how long these take is not known beforehand."""
 
 
 def _better(one: Found, other: Found) -> Found:

@@ -33,6 +33,11 @@ from sim_backend.effects.base import Effect
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
+
+def silent(what: str, part: float) -> None:
+    """Take no notice of progress."""
+
+
 _TUNED, _SEARCH = 0.05, 0.85
 """Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
 

@@ -2,7 +2,8 @@
 
 Slow noise is known from what the model leaves alone, and so a drift is taken for noise. Noise rises towards low
 frequencies no more steeply than a random walk does: each row of the cosine basis times its frequency is then no
-stronger than the next, and a drift is nearly all of the few slowest. What those hold beside it tells the noise.
+stronger than the next, and a drift is nearly all of the few slowest. What those hold beside it, and beside a constant
+of every run's own, tells the noise.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of
-from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Whitener, frequency_of_rows
 from analysis.diagnosis.records.dataset import Record
-from analysis.diagnosis.verdict.leftover import Leftover
+from analysis.diagnosis.verdict.leftover import Leftover, in_words
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def drifts(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     starts = starts_of(setting.data, linear_of(setting, fit), whitener)
     longest = max(record.n for record in records)
     found = []
-    for o, name in enumerate(setting.places.outputs):
+    for o in range(setting.data.n_outputs):
         parts = [
             _slowest(whitener, record, start, np.column_stack([residual[:, o], _drift(record.n, longest)]), o)
             for record, start, residual in zip(records, starts, fit.residuals, strict=True)
@@ -51,8 +52,11 @@ def drifts(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
         if one is not None:
             gain, columns, known_from = one
             shares = tuple(float(k == o) for k in range(setting.data.n_outputs))
-            what = f"an error of the reading that follows {_WHAT}"
-            found.append(Leftover(what, name, gain, gain, columns, known_from=known_from, shares=shares))
+            found.append(
+                Leftover(
+                    *in_words(_WHAT, True, o, setting.places), gain, gain, columns, known_from=known_from, shares=shares
+                )
+            )
     return tuple(found)
 
 
@@ -71,7 +75,7 @@ def _slowest(whitener: Whitener, record: Record, start: Start, columns: Array, o
     values[:, o] = columns
     white = start.project(stack_white(whitener, record, values))
     # a constant is as low as a quarter of a line
-    frequency = np.concatenate([np.maximum(np.arange(n), 0.5) / (2.0 * n) for n in (b - a for a, b in runs_of(mask))])
+    frequency = frequency_of_rows(mask, least=0.25)
     band = whitener.band_of_rows(mask)
     slowest = np.flatnonzero((band >= 0) & (band < min(_BANDS, whitener.guessed)))
     at = o * frequency.size + slowest

@@ -52,8 +52,8 @@ class GeneralRival:
         return f"{' and '.join(named)} explains the data better than {' and '.join(self.effects)}"
 
 
-def general_rivals(setting: Setting, found: Found) -> Iterator[GeneralRival]:
-    """Yield general ways in place of all effects of the best fit, then in place of each by itself.
+def general_rivals(setting: Setting, found: Found, *, together: bool = True) -> Iterator[GeneralRival]:
+    """Yield general ways in place of all effects of the best fit, if `together`, then in place of each by itself.
 
     The ways are those at the degrees of freedom where these effects are seen. All are weighed in the noise of
     `setting`, which may be louder than that in which the effects were found.
@@ -62,7 +62,7 @@ def general_rivals(setting: Setting, found: Found) -> Iterator[GeneralRival]:
         return
     best = found.best if setting is found.setting else again(setting, found.best)
     numbers = range(len(best.effects))
-    for gone in [tuple(numbers), *((i,) for i in numbers if len(numbers) > 1)]:
+    for gone in [*([tuple(numbers)] if together else []), *((i,) for i in numbers if len(numbers) > 1)]:
         keep = [i for i in numbers if i not in gone]
         rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
         seen = {target_of(best.effects[i].where) for i in gone}

@@ -244,7 +244,7 @@ def test_noise_that_is_loud_around_a_wave_is_no_wave() -> None:
         assert max(one.louder for one in lines) > 3.0
 
 
-def test_what_random_causes_may_explain_is_not_held_against_atwo_axes() -> None:
+def test_what_random_causes_may_explain_is_not_held_against_a_model() -> None:
     """Sixty of the gain put down to them: 70 becomes 10 of 10 columns, of which there are as many in noise."""
     one = Leftover("a torque that follows time", "x", 70.0, 70.0, 10)
     assert one.p_value() < 1e-9
