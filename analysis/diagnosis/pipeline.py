@@ -15,8 +15,8 @@ from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
 from analysis.diagnosis.fitting.balance import plainly_better, tune
-from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_on
-from analysis.diagnosis.fitting.starts import starts_of, without_starts
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on
+from analysis.diagnosis.fitting.starts import starts_of, without_starts, without_unseen_starts
 from analysis.diagnosis.fitting.steps import steps_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
@@ -216,16 +216,17 @@ def diagnose(
     judgement = spread.joined(judgement)
     setting, (tuned, best) = found.setting, _answered(found, judgement, model)
     linear = turned(setting.nominal, setting.knobs, best.change)
+    first, last = (linear_of(setting, fit) for fit in (tuned, best))
     before, after = (residuals_on(data, setting, fit) for fit in (tuned, best))
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     own = setting.whitener.repeats and not setting.added
     remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
     noise = setting.whitener if own else remaining
     names = [p.dof for p in model.outputs]
-    gain = gain_of(data, before, after, noise, setting.nominal, linear, names, options.seed)
+    gain = gain_of(data, before, after, noise, first, last, names, options.seed)
     floor = _noise_of_evidence(found, data, before, remaining)
-    moving = _without_unseen_starts(data, turned(setting.nominal, setting.knobs, tuned.change), floor, before)
-    shown = evidence(data, moving, floor, model, workers=options.workers)
+    begun = without_unseen_starts(data, first, floor, before)
+    shown = evidence(data, begun, floor, model, workers=options.workers)
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady, played)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
@@ -283,25 +284,6 @@ def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], rem
     if found.setting.whitener.even:
         return whitener_from(data, list(before))
     return remaining if found.best.candidates else found.setting.whitener
-
-
-def _without_unseen_starts(
-    data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
-) -> list[Array]:
-    """Return `residuals` without what an unknown start explains in records that no fit has seen.
-
-    A fit finds the start of the others. What still swings from before a record is no evidence against the model.
-    """
-    left = list(residuals)
-    unseen = [i for i, record in enumerate(data.records) if not record.fitted().any()]
-    if not unseen:
-        return left
-    records = [data.records[i] for i in unseen]
-    told = [replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in records]
-    rest = without_starts(replace(data, records=tuple(told)), linear, whitener, [left[i] for i in unseen])
-    for i, one in zip(unseen, rest, strict=True):
-        left[i] = one
-    return left
 
 
 def _doubts(found: Found) -> list[str]:

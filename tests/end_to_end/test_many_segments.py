@@ -44,6 +44,9 @@ def test_what_is_hidden_in_many_realisations_is_named(
     found = diagnose(loaded.data, nominal)
     assert found.verdict == verdict, found.sentence
     assert [(c.effect, c.where) for c in found.causes] == causes
+    # the held-out segment begins in the swing of one that was left out: that is no error of a model
+    assert found.gain is not None
+    assert found.gain.rms_after < 1.1 * found.gain.noise_floor
     if not causes:
-        # the held-out segment begins in the swing of one that was left out: that is no evidence
+        # nor is it evidence
         assert min(c.p_value for curves in found.evidence.values() for c in curves) > 1e-4

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
+from analysis.diagnosis.evidence.outstanding import least_by_chance
 from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
 from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
@@ -108,7 +107,7 @@ def _little(gain: Gain | None) -> str:
 
 def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> str:
     """Return what a reader of a *consistent* verdict has to know: where the residual is no steady noise."""
-    least = _least_by_chance(evidence) if verdict == "consistent" else None
+    least = least_by_chance(evidence) if verdict == "consistent" else None
     if least is None or not least[0] * len(evidence) < ONE_IN_A_MILLION:
         return ""
     p, name, curve = least
@@ -120,29 +119,10 @@ def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> s
 
 def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
     """Return the domain in which the residual stands out least by chance, and where in it; nothing if nowhere."""
-    least = _least_by_chance(evidence)
+    least = least_by_chance(evidence)
     if least is None:
         return ""
     p, name, curve = least
     if not p < SIGNIFICANT:
         return "; the remarks say what is left"
     return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
-
-
-def _least_by_chance(evidence: Mapping[str, Sequence[Domain]]) -> tuple[float, str, Domain] | None:
-    """Return the curve with the least p-value, its domain, and that p-value times the number of curves there."""
-    found = [
-        (min(len(curves) * curve.p_value, 1.0), -_height(curve), name, curve)
-        for name, curves in evidence.items()
-        for curve in curves
-    ]
-    if not found:
-        return None
-    p, _, name, curve = min(found, key=lambda one: one[:3])
-    return p, name, curve
-
-
-def _height(curve: Domain) -> float:
-    """Return the largest level of a curve in units of its floor; zero where none is known."""
-    ratio = curve.level / np.where(curve.floor > 0.0, curve.floor, np.inf)
-    return float(np.max(ratio[np.isfinite(ratio)], initial=0.0))

@@ -30,7 +30,7 @@ def gain_of(
     before: Sequence[Array],
     after: Sequence[Array],
     whitener: Whitener,
-    nominal: ModalModel,
+    first: ModalModel,
     extended: ModalModel,
     outputs: Sequence[str],
     seed: int = 0,
@@ -40,22 +40,22 @@ def gain_of(
     `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
     relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
     noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. Where a record
-    is held out as a whole, no fit knows the state it started in, so that what a start can add under `nominal` and
-    `extended` is taken out of it first.
+    is held out as a whole, no fit knows the state it started in, so that what a start can add under `first` and
+    `extended`, the linear models that left `before` and `after`, is taken out of it.
     """
     windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
     if not windows:
         return None
     # what a start adds dies away, and would pass for noise that differs between periods; so would motion that the
     # model gets wrong after a change of what is played, which the better of both models leaves less of
-    left = _cleaned(data, before, nominal, windows), _cleaned(data, after, extended, windows)
+    left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
     noise = np.minimum(*(_noise_rms(clean, data.n_outputs, whitener, windows) for clean in left))
     size = _output_size(data, windows)
     moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
     size = np.where(moved | ~np.any(moved), size, np.inf)
-    first, second = (_squares(clean, windows, size) for clean in left)
-    rms_before, rms_after = _rms(first), _rms(second)
-    draws = _bootstrap(first, second, _block(data, nominal), np.random.default_rng(seed))
+    one, other = (_squares(clean, windows, size) for clean in left)
+    rms_before, rms_after = _rms(one), _rms(other)
+    draws = _bootstrap(one, other, _block(data, first), np.random.default_rng(seed))
     counted = np.isfinite(size)
     names = tuple(f"{data.records[i].name}#{w.label}" for i, w in windows)
     own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]

@@ -12,7 +12,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
-from analysis.diagnosis.noise.whitener import louder
+from analysis.diagnosis.noise.whitener import Whitener, louder
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.linear import ModalModel
@@ -50,6 +50,11 @@ def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array],
     )
     states = tuple(_added(old, new) for old, new in zip(setting.states, found, strict=True))
     return replace(setting, whitener=whitener, starts=starts, states=states)
+
+
+def in_noise(setting: Setting, whitener: Whitener, fit: Fit) -> Setting:
+    """Return the setting with another noise, and the start bases that go with it and `fit`."""
+    return replace(setting, whitener=whitener, starts=starts_of(setting.data, linear_of(setting, fit), whitener))
 
 
 def _added(a: Array, b: Array) -> Array:

@@ -21,31 +21,55 @@ _PASSES = 20
 _FLAT = 6.0
 """Rise of the objective at the widest distance that ends a likelihood: a twentieth is left."""
 
-_CLOSE = 0.1
-"""A pass that gains less (twice a log-likelihood) was the last."""
+_SPARSE = 3
+"""One in so many distances is tried first: while those still gain, the ones between are not needed."""
 
 
-def sharpened(objective: Callable[[float], float], at: float, reach: float) -> tuple[float, float]:
+def sharpened(objective: Callable[[float], float], at: float, reach: float, close: float) -> tuple[float, float]:
     """Return where `objective`, twice a negative log-likelihood, is least within `reach` of `at`, and the deviation.
 
-    The standard deviation is that of the likelihood itself, all else being held; infinite where it does not end.
+    A step that gains less than `close` is none. The standard deviation is that of the likelihood itself, all else being
+    held; infinite where it does not end.
     """
-    distances = reach * np.geomspace(1.0, _FINEST, _DISTANCES)
-
-    def around() -> Array:
-        """Return how much higher the objective is at every distance on either side, shape (2, n)."""
-        return np.array([[objective(at + side * d) - here for d in distances] for side in (-1.0, 1.0)])
-
-    here = objective(at)
-    higher = around()
+    distances = _distances(reach)
     for _ in range(_PASSES):
-        side, lowest = np.unravel_index(int(np.argmin(higher)), higher.shape)
-        if higher[side, lowest] > -_CLOSE:
+        step, higher = _around(objective, at, distances, close)
+        if not step:
             break
-        at += float((-1.0, 1.0)[side] * distances[lowest])
-        here = objective(at)
-        higher = around()
+        at += step
+    else:
+        higher = _around(objective, at, distances, np.inf)[1]
     return at, _deviation(distances, higher)
+
+
+def approached(objective: Callable[[float], float], at: float, reach: float, close: float) -> float:
+    """Return a point near which `sharpened` would end, by steps of the sparse distances alone."""
+    distances = _distances(reach)[::_SPARSE]
+    for _ in range(_PASSES):
+        step, _ = _around(objective, at, distances, close)
+        if not step:
+            break
+        at += step
+    return at
+
+
+def _distances(reach: float) -> Array:
+    return reach * np.geomspace(1.0, _FINEST, _DISTANCES)
+
+
+def _around(objective: Callable[[float], float], at: float, distances: Array, close: float) -> tuple[float, Array]:
+    """Return the best step that gains `close`, zero for none, and by how much `objective` is higher around, (2, n).
+
+    Some of that is not known, and infinite, where there is such a step.
+    """
+    here, higher = objective(at), np.full((2, distances.size), np.inf)
+    for first in range(_SPARSE):
+        some = distances[first::_SPARSE]
+        higher[:, first::_SPARSE] = [[objective(at + side * d) - here for d in some] for side in (-1.0, 1.0)]
+        side, lowest = np.unravel_index(int(np.argmin(higher)), higher.shape)
+        if higher[side, lowest] < -close:
+            return float((-1.0, 1.0)[side] * distances[lowest]), higher
+    return 0.0, higher
 
 
 def _deviation(distances: Array, higher: Array) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from analysis.diagnosis.candidates.parameters import Scale
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.cusp import sharpened
+from analysis.diagnosis.fitting.cusp import approached, sharpened
 from analysis.diagnosis.fitting.descent import Descent, inverse_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
@@ -41,7 +41,7 @@ _HALVINGS = 4
 
 _ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
 """How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
-else in between; and the gain below which that ends."""
+else in between; and the gain (twice a log-likelihood) below which that ends."""
 
 
 @dataclass(frozen=True)
@@ -164,26 +164,24 @@ class Problem:
         What else is fitted follows, and the cusp with it, until neither gains.
         """
         deviations: dict[int, float] = {}
+        # as in a descent: where far more than noise is left, so much more is no gain
+        close = _GAINED * max(1.0, at.objective / self.setting.rows)
         for i in (len(self.setting.knobs) + k for k, s in enumerate(self.scales) if s.cusp):
             for _ in range(_ROUNDS):
                 before = at.objective
-                x = self._at_cusp(x, i)[0]
+                x = _with(x, i, approached(*self._cusp(x, i, close)))
                 x, at = self.descend(normal, x, _FOLLOWING)
-                if before - at.objective < _GAINED:
+                if before - at.objective < close:
                     break
-            x, deviations[i] = self._at_cusp(x, i)
+            there, deviations[i] = sharpened(*self._cusp(x, i, close))
+            x = _with(x, i, there)
             at = self.evaluate(x)
         return x, at, deviations
 
-    def _at_cusp(self, x: Array, i: int) -> tuple[Array, float]:
-        there, grain = x.copy(), self.scales[i - len(self.setting.knobs)].grain
-        there[i], deviation = sharpened(partial(self._along, x, i), float(x[i]), max(_ROOF, 2.0 * grain))
-        return there, deviation
-
-    def _along(self, x: Array, i: int, value: float) -> float:
-        there = x.copy()
-        there[i] = value
-        return self.evaluate(there).objective
+    def _cusp(self, x: Array, i: int, close: float) -> tuple[Callable[[float], float], float, float, float]:
+        """Return the objective over parameter `i`, where it is, how far a cusp is sought, and what is no gain."""
+        grain = self.scales[i - len(self.setting.knobs)].grain
+        return (lambda value: self.evaluate(_with(x, i, value)).objective), float(x[i]), max(_ROOF, 2.0 * grain), close
 
     def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
         """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
@@ -260,3 +258,9 @@ class Problem:
                 energy = float(x[own] @ seen[np.ix_(own, own)] @ x[own]) / (count + 1)
                 price += 0.5 * count * math.log1p(2.0 * math.pi * energy)
         return price
+
+
+def _with(x: Array, i: int, value: float) -> Array:
+    there = x.copy()
+    there[i] = value
+    return there

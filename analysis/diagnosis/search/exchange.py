@@ -12,10 +12,9 @@ from dataclasses import replace
 
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import again, lined_up, score
-from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.pruning import alone
 from analysis.diagnosis.search.rounds import Found, Progress, search, silent
-from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules
+from analysis.diagnosis.search.shortlist import SURE_LEAD, Rules
 
 _MOST = 3
 """Effects that are looked for again at most: more are mostly modes, which imitate what is no listed cause."""
@@ -32,17 +31,16 @@ def exchangeable(found: Found) -> bool:
 def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return the best of `found` and what searches find that begin without one of its `doubtful` effects, each in turn.
 
-    Where all together are enough, one other effect is looked for in its place, and more only beside one that is sure to
-    be better: most often there is none, and each search is as long as the first.
+    One other effect is looked for in its place, and more only beside one that is sure to be better: most often there is
+    none, and each search is as long as the first.
     """
     known = found.setting.whitener.repeats
     best, nominal, numbers = found, again(found.setting, found.tuned), range(len(found.best.candidates))
-    rounds = 1 if adequate(found) else MOST
     for i in doubtful:
         progress(f"looking again for what {found.best.effects[i].reported()} is", _AT)
         start = alone(found.setting, found.best, nominal, [k for k in numbers if k != i])
-        other = search(found.setting, found.tuned, rules, scales, silent, start, rounds)
-        if rounds == 1 and score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD:
+        other = search(found.setting, found.tuned, rules, scales, silent, start, rounds=1)
+        if score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD:
             other = search(other.setting, found.tuned, rules, scales, silent, other.best)
         # what single effects were worth by themselves was told by the first search, and is not asked again
         best = replace(_better(best, other), first=found.first, passed=found.passed)

@@ -13,15 +13,15 @@ from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import (
     again,
     guessed_squares,
+    in_noise,
     lined_up,
     score,
     settle,
     sharpened,
     squares_of,
 )
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
-from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.fitting.steps import steps_for
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.search.extension import extended
@@ -201,7 +201,7 @@ def _flat(setting: Setting, fit: Fit) -> Setting | None:
     flat = replace(setting, whitener=setting.whitener.flat())
     if not setting.whitener.repeats or _rise(setting, flat) < 2.0 * SURE_LEAD:
         return None
-    return replace(flat, starts=starts_of(setting.data, linear_of(setting, fit), flat.whitener))
+    return in_noise(setting, flat.whitener, fit)
 
 
 def _rise(setting: Setting, flat: Setting) -> float:

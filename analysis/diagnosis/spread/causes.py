@@ -10,9 +10,9 @@ import math
 from collections.abc import Container
 from dataclasses import dataclass, replace
 
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
+from analysis.diagnosis.fitting.balance import in_noise
+from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.leeway import Leeway
-from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
@@ -60,8 +60,7 @@ class Spread:
         """Return the setting in which the noise is as strong as these causes make it."""
         if not self.louder:
             return setting
-        whitener = louder(setting.whitener, self.louder)
-        return replace(setting, whitener=whitener, starts=starts_of(setting.data, linear_of(setting, fit), whitener))
+        return in_noise(setting, louder(setting.whitener, self.louder), fit)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

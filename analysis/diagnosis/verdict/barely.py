@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
+from analysis.diagnosis.evidence.outstanding import least_by_chance
 from analysis.diagnosis.result import Domain, Gain
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
@@ -35,14 +36,14 @@ def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
 
     A shock from outside is large at some time, and so at some position.
     """
-    played = _least(evidence, _PLAYED)
-    return played * len(evidence) < ONE_IN_A_MILLION and played <= _least(evidence, ("time",))
+    played = _chance(evidence, _PLAYED)
+    return played * len(evidence) < ONE_IN_A_MILLION and played <= _chance(evidence, ("time",))
 
 
-def _least(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:
-    """Return the least p-value of these domains, each times the number of its curves."""
-    found = [min(len(evidence[d]) * curve.p_value, 1.0) for d in domains for curve in evidence.get(d, ())]
-    return min(found, default=1.0)
+def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:
+    """Return how likely chance does what stands out most in these domains; one where they hold nothing."""
+    least = least_by_chance({name: curves for name, curves in evidence.items() if name in domains})
+    return least[0] if least else 1.0
 
 
 def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str, played: bool = False) -> Judgement:

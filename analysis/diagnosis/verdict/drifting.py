@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
-from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of
+from analysis.diagnosis.fitting.balance import in_noise
+from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.noise.whitener import Whitener, frequency_of_rows
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.verdict.leftover import Leftover, in_words
@@ -36,11 +37,10 @@ def drifts(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
 
     A drift is a slope and a curvature. Empty where slow noise is known from repetitions, or nothing repeats.
     """
-    whitener = setting.whitener.flat()
+    whitener, records = setting.whitener.flat(), setting.data.records
     if not (whitener.repeats and whitener.guessed):
         return ()
-    records = setting.data.records
-    starts = starts_of(setting.data, linear_of(setting, fit), whitener)
+    starts = in_noise(setting, whitener, fit).starts
     longest = max(record.n for record in records)
     found = []
     for o in range(setting.data.n_outputs):
