@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from analysis.diagnosis.evidence.outstanding import least_by_chance
+from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
 from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from analysis.diagnosis.evidence.outstanding import least_by_chance
+from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.diagnosis.result import Domain, Gain
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
