@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
 from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.quantities import chance, share
 
 SIGNIFICANT = 1e-3

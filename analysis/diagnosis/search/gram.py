@@ -177,6 +177,18 @@ class Gram:
         return ratios
 
 
+def beside_start(products: Array, seen: Array) -> Array:
+    """Return products (n, n) without what of each column lies along an unknown start; `seen` (n_start, n) is that.
+
+    A column that is a start itself, and nothing else, would leave its rounding, of either sign: it leaves zero.
+    """
+    left = products - seen.T @ seen
+    # up to 1.4e-14 of the energy was left of such columns in records of a campaign
+    nothing = np.diag(left) <= 10.0 * _ROUNDING * np.diag(products)
+    left[nothing], left[:, nothing] = 0.0, 0.0
+    return np.asarray(left)
+
+
 def _not_negative(basis: Array, r: Array) -> tuple[Array, Array]:
     """Return x (n,) of which none is negative where 2 r x - x basis x is largest, and the `basis` (n, n) it is of.
 

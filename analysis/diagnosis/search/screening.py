@@ -15,7 +15,7 @@ from analysis.diagnosis.noise.whitener import TOGETHER, Whitener, runs_of
 from analysis.diagnosis.nominal.prior import root_of
 from analysis.diagnosis.nominal.tuning import Knob
 from analysis.diagnosis.records.dataset import Dataset, Record
-from analysis.diagnosis.search.gram import IMITATED, Gram
+from analysis.diagnosis.search.gram import IMITATED, Gram, beside_start
 from sim_backend.assembly import Places
 from sim_backend.linear import ModalModel
 
@@ -190,7 +190,7 @@ def _products(
             few, q = white[at], start.q[o * rows : (o + 1) * rows]
             totals[k][np.ix_(live, live)] += own + few.T @ ((louder**2 - 1.0)[:, None] * few) if at.size else own
             seen[k][:, live] += q.T @ white + q[at].T @ ((louder - 1.0)[:, None] * few)
-    return [total - s.T @ s for total, s in zip(totals, seen, strict=True)], energies
+    return [beside_start(total, s) for total, s in zip(totals, seen, strict=True)], energies
 
 
 def _whitened(columns: Sequence[Array], mask: Mask, whitener: Whitener, output: int, workers: int) -> Array:

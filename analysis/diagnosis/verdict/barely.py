@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.diagnosis.result import Domain, Gain
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
 """Part of the squared output from which on what the model leaves of it is most of it."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.search.gram import Gram
+from analysis.diagnosis.search.gram import Gram, beside_start
 
 
 def gram_of(columns: np.ndarray, one_sided: bool) -> Gram:
@@ -130,3 +130,25 @@ def test_products_that_rounding_left_not_positive_do_no_harm() -> None:
     truth = (noise + 1e-9 * slow) @ slow / np.linalg.norm(slow)
     assert abs(drop / truth**2 - 1.0) < 1e-3
     assert np.all(sizes >= 0.0)
+
+
+def test_a_column_that_is_a_start_and_nothing_else_leaves_nothing() -> None:
+    """What rounding leaves of it is of either sign, and beside it any other column would be endlessly large."""
+    signs = set()
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        start = np.linalg.qr(rng.standard_normal((4000, 4)))[0]
+        is_start = 1e7 * start @ rng.standard_normal((4, 2))
+        columns = np.column_stack([rng.standard_normal((4000, 3)), is_start])
+        seen = start.T @ columns
+        products = columns.T @ columns
+        signs |= set(np.sign(np.diag(products - seen.T @ seen)[3:]).tolist())
+        left = beside_start(products, seen)
+        assert not left[3:].any() and not left[:, 3:].any()
+        free = columns[:, :3] - start @ seen[:, :3]
+        np.testing.assert_allclose(left[:3, :3], free.T @ free, rtol=1e-9, atol=1e-9)
+        gram = Gram(left, 0, (np.array([1, 2, 3, 4]),), (False,), 4000, True)
+        gain, ways = gram.fresh(left, gram.groups[0], 1e-4)
+        inner, seen_by = left[1:3, 1:3], left[1:3, 0]
+        assert ways == 2 and gain == pytest.approx(seen_by @ np.linalg.solve(inner, seen_by), rel=1e-9)
+    assert {-1.0, 1.0} <= signs
