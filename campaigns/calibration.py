@@ -17,8 +17,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from sim_backend.along import torque_along
 from sim_backend.control.feedback import theta_controller
@@ -163,7 +163,7 @@ def largest_normal(count: int) -> float:
     """Return the expectation of the largest of `count` independent standard normal numbers."""
     x = np.linspace(-9.0, 9.0, 20_001)
     density = np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi)
-    return float(np.trapezoid(x * count * density * ndtr(x) ** (count - 1), x))
+    return float(np.trapezoid(x * count * density * scipy.special.ndtr(x) ** (count - 1), x))
 
 
 def scatter_of_sigma(density: Array, step_hz: float, observed_s: float) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_backend import layout
 from sim_backend.effects.base import Aux, Effect, Site
-from sim_backend.effects.compiled import WIRES, reads
+from sim_backend.effects.compiled import WIRES
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
 from sim_backend.linear import ModalModel, delay_taps, discretise
@@ -207,7 +207,6 @@ def effects_of(
         site=np.searchsorted([int(batch[0][0].site) for batch in batches], np.arange(int(Site.READING) + 2)),
         batch=ends,
         steps=tuple(e.step for e in ordered),
-        address=np.array([e.step.address for e in ordered], dtype=np.int64),
         channel=np.array([w.index for w in wires], dtype=np.int64),
         p0=(np.cumsum(sizes) - sizes).astype(np.int64),
         s0=(np.cumsum(states) - states).astype(np.int64),
@@ -230,8 +229,8 @@ def effects_of(
 def _coordinates(wires: Sequence[_Wire], effects: Sequence[Effect]) -> tuple[Array, layout.Ints, int]:
     """Return the coordinates that steps look at, whose they are, and of how many, the first, a rate is wanted too."""
     at_mid_step = [w.read for w in wires if w.site is Site.DRIVE]
-    rates = at_mid_step + [w.read for w, e in zip(wires, effects, strict=True) if reads(e.step, "rate")]
-    positions = [w.read for w, e in zip(wires, effects, strict=True) if reads(e.step, "position")]
+    rates = at_mid_step + [w.read for w, e in zip(wires, effects, strict=True) if e.step.reads("rate")]
+    positions = [w.read for w, e in zip(wires, effects, strict=True) if e.step.reads("position")]
     n_y = wires[0].read.size if wires else 0
     fast, _ = _rows(rates, [], n_y)
     return *_rows(rates + positions, [w.read for w in wires], n_y), fast.shape[0]

@@ -9,8 +9,8 @@ rate. What is left of the error are the images above, which a plant that falls o
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 Array = NDArray[np.float64]
 
@@ -30,10 +30,10 @@ def steps_for(u: Array, *, period: int = 0) -> Array:
     # odd reflection keeps value and slope at the ends
     longer = np.concatenate([2.0 * u[:1] - u[pad:0:-1], u, 2.0 * u[-1:] - u[-2 : -pad - 2 : -1]]) if pad else u
     rows = longer.shape[0]
-    spectrum = fft.rfft(longer, axis=0) / hold_response(np.arange(rows // 2 + 1) / rows)[:, None]
+    spectrum = scipy.fft.rfft(longer, axis=0) / hold_response(np.arange(rows // 2 + 1) / rows)[:, None]
     if rows % 2 == 0:
         spectrum[-1] = 0.0
-    return np.ascontiguousarray(fft.irfft(spectrum, rows, axis=0)[pad : pad + n])
+    return np.ascontiguousarray(scipy.fft.irfft(spectrum, rows, axis=0)[pad : pad + n])
 
 
 def hold_response(cycles_per_sample: Array) -> NDArray[np.complex128]:

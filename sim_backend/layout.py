@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sim_backend.effects.compiled import Step
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -62,20 +64,18 @@ class Effects(NamedTuple):
 
     Neighbours that are the same effect at different places are called together: `batch` (n_batches + 1,) delimits such
     calls, `site` (n_sites + 1,) says which of them are at a site.
-    Per effect: its compiled step in `steps` and the `address` of that, `channel`, its number at the site, offsets `p0`
-    and `s0` into `parameters` and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read`
-    (n_e, n_y), the coordinate it watches. Of these rows, and of those of the inputs it acts on, `coordinates` and
-    `levers` hold the different ones that are needed, of the first `fast` coordinates also the rate, and `watched` and
-    `moved` their numbers; where an effect acts on a mode, rows go on with a column for every mode. `wires` (n_e, 7) are
-    the addresses of its signals, filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one
-    by one.
+    Per effect: its compiled step in `steps`, `channel`, its number at the site, offsets `p0` and `s0` into `parameters`
+    and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read` (n_e, n_y), the coordinate it
+    watches. Of these rows, and of those of the inputs it acts on, `coordinates` and `levers` hold the different ones
+    that are needed, of the first `fast` coordinates also the rate, and `watched` and `moved` their numbers; where an
+    effect acts on a mode, rows go on with a column for every mode. `wires` (n_e, 7) are the addresses of its signals,
+    filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one by one.
     """
 
     first: Ints
     site: Ints
     batch: Ints
-    steps: tuple[Any, ...]
-    address: Ints
+    steps: tuple[Step, ...]
     channel: Ints
     p0: Ints
     s0: Ints

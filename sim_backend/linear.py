@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from sim_backend.errors import ConfigError
 
@@ -241,7 +241,7 @@ def discretise(model: ModalModel, rate_hz: float) -> DiscreteModel:
     joint[:, 0, 1] = 1.0
     joint[:, 1, 0], joint[:, 1, 1] = -(model.omega_rad_s**2), -2.0 * model.sigma_1_s
     joint[:, 0, 2:], joint[:, 1, 2:] = model.b_direct, model.b
-    step = expm(joint / rate_hz)
+    step = scipy.linalg.expm(joint / rate_hz)
     a, b = np.ascontiguousarray(step[:, :2, :2]), np.ascontiguousarray(step[:, :2, 2:])
     c = np.stack([model.c, model.c_rate], axis=2)
     rate_c = np.einsum("ymk,mkl->yml", c, joint[:, :2, :2])

@@ -11,46 +11,54 @@ import math
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import extending, njit, types
-from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
 from numpy.typing import NDArray
 
-_intrinsic: Any = extending.intrinsic
-_WIDE = ir.IntType(128)
+from sim_backend.jit import Deferred, intrinsic, njit
+
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _HALF = (1 << 64) - 1
-_PAIR = types.UniTuple(types.uint64, 2)
+
+_TABLES = "numba.np.random._constants"
+fi_double: Any = Deferred(_TABLES, "fi_double")
+ki_double: Any = Deferred(_TABLES, "ki_double")
+wi_double: Any = Deferred(_TABLES, "wi_double")
+ziggurat_nor_inv_r: Any = Deferred(_TABLES, "ziggurat_nor_inv_r")
+ziggurat_nor_r: Any = Deferred(_TABLES, "ziggurat_nor_r")
 
 
-@_intrinsic
+@intrinsic
 def _advanced(typingctx, high, low, add_high, add_low):  # type: ignore[no-untyped-def]
     """Return the generator's next state, state · multiplier + increment modulo 2^128, each as upper and lower half."""
+    from llvmlite import ir
+    from numba import types
+
+    wide_type = ir.IntType(128)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        shift = ir.Constant(_WIDE, 64)
-        wide = [builder.zext(a, _WIDE) for a in args]
+        shift = ir.Constant(wide_type, 64)
+        wide = [builder.zext(a, wide_type) for a in args]
         state, add = (builder.or_(builder.shl(wide[i], shift), wide[i + 1]) for i in (0, 2))
-        state = builder.add(builder.mul(state, ir.Constant(_WIDE, _MULTIPLIER)), add)
+        state = builder.add(builder.mul(state, ir.Constant(wide_type, _MULTIPLIER)), add)
         halves = [builder.trunc(s, args[0].type) for s in (builder.lshr(state, shift), state)]
         return context.make_tuple(builder, signature.return_type, halves)
 
-    return _PAIR(types.uint64, types.uint64, types.uint64, types.uint64), codegen
+    pair = types.UniTuple(types.uint64, 2)
+    return pair(types.uint64, types.uint64, types.uint64, types.uint64), codegen
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _scrambled(high, low):  # type: ignore[no-untyped-def]
     """Return the 64 random bits of a state: its halves' exclusive or, rotated by its six highest bits."""
     mixed, turn = high ^ low, high >> np.uint64(58)
     return (mixed >> turn) | (mixed << ((np.uint64(64) - turn) & np.uint64(63)))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _fraction(bits):  # type: ignore[no-untyped-def]
     return (bits >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def _fill(state, out):  # type: ignore[no-untyped-def]
     """Fill `out` (n,) from the generator's state (4,): upper and lower half of the state and of the increment."""
     high, low, add_high, add_low = state[0], state[1], state[2], state[3]

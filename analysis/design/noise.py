@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
-from scipy.signal import welch
 
 from analysis.measurements.arrays import finite, positive
 from sim_backend.control.lqg import Noise
@@ -55,7 +54,7 @@ def measure_noise(reading_rad: ArrayLike, plant: ModalModel, rate_hz: float) -> 
     rate = positive("noise: the sample rate", rate_hz)
     stretch = round(STRETCH_S * rate)
     y = finite("noise at rest", reading_rad, 1, least=4 * stretch)
-    f, measured = welch(y - y.mean(), rate, nperseg=stretch)
+    f, measured = scipy.signal.welch(y - y.mean(), rate, nperseg=stretch)
     modes_hz = plant.omega_rad_s / (2.0 * np.pi)
     ringing = np.any(np.abs(f[:, None] - modes_hz) < RINGING * modes_hz, axis=1)
     use = (f >= LOWEST_HZ) & (f < 0.49 * rate) & ~ringing
@@ -78,7 +77,10 @@ def measure_noise(reading_rad: ArrayLike, plant: ModalModel, rate_hz: float) -> 
         unit = np.mean(measured[slow]) / np.mean(gain[slow] * Noise(1.0, bandwidth, 1.0).colour(f, rate)[slow] ** 2)
         starts.append(np.log([np.sqrt(unit * rate / 2.0), bandwidth, reading]))
     options = {"xatol": 1e-4, "fatol": 1e-6, "maxiter": 2000}
-    found = min((minimize(cost, s, method="Nelder-Mead", options=options) for s in starts), key=lambda r: float(r.fun))
+    found = min(
+        (scipy.optimize.minimize(cost, s, method="Nelder-Mead", options=options) for s in starts),
+        key=lambda r: float(r.fun),
+    )
     if not np.all(np.isfinite(found.x)):
         raise DataError("noise at rest: no torque and reading noise fit the spectrum; record a bench that moves freely")
     fitted = density(found.x)

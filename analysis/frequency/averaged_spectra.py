@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.signal.windows import hann
+import scipy
 
 from analysis.frequency.cross_spectra import ComplexArray
 from analysis.frequency.frf import FrequencyResponse
@@ -76,7 +75,7 @@ def averaged_spectra(records: Iterable[Iterable[Array]], piece: int, channels: i
 
     `offset` (channels,) is taken off first: a constant does not matter, but a large one would cost digits.
     """
-    window = hann(piece, sym=False)[:, None] / np.sqrt(3.0 / 8.0)
+    window = scipy.signal.windows.hann(piece, sym=False)[:, None] / np.sqrt(3.0 / 8.0)
     hop, count = piece // 2, 0
     total = np.zeros((piece // 2 + 1, channels, channels), dtype=np.complex128)
     for blocks in records:
@@ -85,7 +84,7 @@ def averaged_spectra(records: Iterable[Iterable[Array]], piece: int, channels: i
             rows = np.concatenate([rows, block - offset])
             pieces = max((rows.shape[0] - piece) // hop + 1, 0)
             for start in range(0, pieces * hop, hop):
-                x = fft.rfft(rows[start : start + piece] * window, axis=0, norm="forward")
+                x = scipy.fft.rfft(rows[start : start + piece] * window, axis=0, norm="forward")
                 total += x[:, :, None] * x[:, None, :].conj()
             rows, count = rows[pieces * hop :], count + pieces
     return AveragedSpectra(piece, count, total)

@@ -8,19 +8,24 @@ blocks are also solved one by one.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
+
+from sim_backend.jit import Deferred, njit
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+prange: Any = Deferred("numba", "prange")
 
 
 _CHUNK = 256
 """Lines taken together: long enough for the inner loops over them, short enough for the processor's cache."""
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _gather(data: ComplexArray, at: NDArray[np.intp], parts: Array, mean: Array) -> None:
     """Fetch lines `at` of (channel, experiment, period, line) into (…, 2, line), and their `mean` over the periods.
 
@@ -49,7 +54,7 @@ def _gather(data: ComplexArray, at: NDArray[np.intp], parts: Array, mean: Array)
                 total[1, k] *= 1.0 / n_p
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _products(a: Array, b: Array, out: Array) -> None:
     """Fill `out` (n_a, n_b, 2, line) with A B' over the experiments, of averages (channel, experiment, 2, line)."""
     for i in range(a.shape[0]):
@@ -63,7 +68,7 @@ def _products(a: Array, b: Array, out: Array) -> None:
                     total[1, k] += x[1, k] * y[0, k] - x[0, k] * y[1, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _times(a: Array, first: int, b: Array, out: Array) -> None:
     """Fill `out` (n, m, 2, line) with A B at every line, of B (q, m, 2, line) and A's q columns from `first` on."""
     for i in range(a.shape[0]):
@@ -77,14 +82,14 @@ def _times(a: Array, first: int, b: Array, out: Array) -> None:
                     total[1, k] += x[0, k] * y[1, k] + x[1, k] * y[0, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _power(values: Array, out: Array) -> None:
     """Fill `out` (line,) with the squared magnitude of `values` (2, line)."""
     for k in range(out.size):
         out[k] = values[0, k] * values[0, k] + values[1, k] * values[1, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _exchange(a: Array, b: Array, swap: NDArray[np.bool_]) -> None:
     """Exchange `a` and `b` (2, line) at the lines where `swap` says so."""
     for part in range(2):
@@ -93,7 +98,7 @@ def _exchange(a: Array, b: Array, swap: NDArray[np.bool_]) -> None:
             x[k], y[k] = (y[k], x[k]) if swap[k] else (x[k], y[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def _inverses(matrix: Array, first: int, inverse: Array, good: NDArray[np.bool_]) -> None:
     """Fill `inverse` (n, n, 2, line) with that of `matrix`, of whose columns n from `first` on are taken.
 
@@ -135,7 +140,7 @@ def _inverses(matrix: Array, first: int, inverse: Array, good: NDArray[np.bool_]
                     _subtract(factor, inverse[c, j], inverse[i, j])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _scale(values: Array, factor: Array) -> None:
     """Multiply `values` by `factor`, both (2, line)."""
     for k in range(values.shape[1]):
@@ -143,7 +148,7 @@ def _scale(values: Array, factor: Array) -> None:
         values[0, k], values[1, k] = re * factor[0, k] - im * factor[1, k], re * factor[1, k] + im * factor[0, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _weights(w: Array, inverse: Array, size: Array) -> None:
     """Fill `size` (n_u, line) with the diagonal of S: row e of W' (U W')^-1 weighs experiment e in each column of G."""
     weight = np.empty((2, size.shape[1]))
@@ -160,7 +165,7 @@ def _weights(w: Array, inverse: Array, size: Array) -> None:
                 size[j, k] += weight[0, k] * weight[0, k] + weight[1, k] * weight[1, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _add_spread(u: Array, y: Array, g: Array, inverse: Array, spread: Array, good: NDArray[np.bool_]) -> None:
     """Add |Y U^-1 - G|² of each block of n_u experiments to `spread` (n_y, n_u, line).
 
@@ -179,7 +184,7 @@ def _add_spread(u: Array, y: Array, g: Array, inverse: Array, spread: Array, goo
                     spread[i, j, k] += re * re + im * im
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _squares(u: Array, y: Array, um: Array, ym: Array, g: Array, sums: Array) -> None:
     """Fill `sums` (3, n_y, line): scatter over the periods, misfit of the averages and power of the averaged output."""
     n_y, n_u = g.shape[:2]
@@ -207,7 +212,7 @@ def _squares(u: Array, y: Array, um: Array, ym: Array, g: Array, sums: Array) ->
                     scatter[k] += away[0, k] * away[0, k] + away[1, k] * away[1, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _subtract(gain: Array, drive: Array, away: Array) -> None:
     """Take gain times drive off `away`, all (2, line)."""
     for k in range(away.shape[1]):
@@ -215,7 +220,7 @@ def _subtract(gain: Array, drive: Array, away: Array) -> None:
         away[1, k] -= gain[0, k] * drive[1, k] + gain[1, k] * drive[0, k]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _solve_chunk(
     u: ComplexArray,
     y: ComplexArray,
@@ -264,13 +269,15 @@ def solve_lines(
     # here and not in compiled code: numpy asks the system for large pages, of which far fewer have to be fetched
     response, gain = np.empty((n_l, n_y, n_u), dtype=np.complex128), np.empty((n_l, n_u))
     squares, spreads, flag = np.empty((3, n_l, n_y)), np.empty((n_l, n_y, n_u)), np.empty(n_l, dtype=np.bool_)
+    from numba import get_num_threads
+
     parts = get_num_threads()
     us, ys = (np.empty((parts, *x.shape[:3], 2, _CHUNK)) for x in (u, y))
     _solve(u, y, w, lines, own, blocked, us, ys, response, gain, squares, spreads, flag)
     return response, gain, squares, spreads, flag
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(parallel=True)
 def _solve(
     u: ComplexArray,
     y: ComplexArray,

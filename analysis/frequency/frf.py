@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from analysis.frequency.cross_spectra import ComplexArray, solve_lines
 from sim_backend.errors import ConfigError, DataError
@@ -104,7 +104,7 @@ def _spectra(records: Array, workers: int) -> ComplexArray:
 
     They carry 1 / n, so that a line's power does not depend on the record's length.
     """
-    return np.asarray(fft.rfft(np.moveaxis(records, 0, -1), norm="forward", workers=workers))
+    return np.asarray(scipy.fft.rfft(np.moveaxis(records, 0, -1), norm="forward", workers=workers))
 
 
 def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:

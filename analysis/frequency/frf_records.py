@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from analysis.frequency.averaged_spectra import averaged_spectra
 from analysis.frequency.cross_spectra import ComplexArray
@@ -62,7 +62,7 @@ def frequency_response_local(
         )
     drive = inputs if reference is None else reference
     both = outputs if reference is None else np.concatenate([inputs, outputs], axis=1)
-    w, z = (fft.rfft(x - x.mean(axis=0), axis=0, norm="forward") for x in (drive, both))
+    w, z = (scipy.fft.rfft(x - x.mean(axis=0), axis=0, norm="forward") for x in (drive, both))
     centre = np.arange(1 + width, bins - width + 1, span if step is None else step)
     response, cross, gain = _local_fit(w, z, centre, width, degree, dof)
     if reference is not None:

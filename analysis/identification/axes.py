@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from analysis.identification.determined import SIGNIFICANT
 from analysis.identification.free_axis import fit_free_axis, lags_for_certain
@@ -67,7 +67,7 @@ def moved_by(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) 
         return None
     found = [[balance_of(_only(inputs, [i]), _only(outputs, [j]), rate_hz) for i in range(n_u)] for j in range(n_y)]
     explained = np.array([[0.0 if one is None else one.explained for one in row] for row in found])
-    readings, of = linear_sum_assignment(explained, maximize=True)
+    readings, of = scipy.optimize.linear_sum_assignment(explained, maximize=True)
     drives = np.argmax(explained, axis=1)
     drives[readings] = of
     balances = [row[i] for row, i in zip(found, drives, strict=True)]

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from sim_backend.jit import njit
 from sim_backend.linear import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -51,7 +51,7 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
     return BlockMatrices(step[0, :, :2, :2], step[0, :, :2, 2], step[:, :, :2, 3:5], step[:, :, :2, 5])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def exponentials(stack: Array) -> Array:
     """Return the exponentials of a stack (k, n, n) of small matrices, by scaling, a Taylor series and squaring.
 
@@ -79,7 +79,7 @@ def exponentials(stack: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _product(first: Array, second: Array) -> Array:
     """Return the product of two small square matrices."""
     n = first.shape[0]
@@ -98,7 +98,7 @@ def block_spectra(matrices: BlockMatrices, point: ComplexArray) -> tuple[Complex
     return _resolved(matrices.a, matrices.b, matrices.da, matrices.db, point)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def _resolved(a: Array, b: Array, da: Array, db: Array, point: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """Return x = (lambda I - A)^-1 b and its slopes (lambda I - A)^-1 (dA x + db), by Cramer's rule for each block."""
     m, n = a.shape[0], point.size
@@ -120,7 +120,7 @@ def _resolved(a: Array, b: Array, da: Array, db: Array, point: ComplexArray) -> 
     return state, slopes
 
 
-@njit(cache=True, nogil=True)
+@njit
 def entry_jacobian(
     state: ComplexArray, slopes: ComplexArray, weights: Array, d: float, factor: ComplexArray, delayed: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.fft import rfft
-from scipy.signal import get_window
+import scipy
 
 from analysis.identification.time_residual import TimeTarget
 from analysis.linear.modal_form import block_of
@@ -56,8 +55,8 @@ def _peak_hz(target: TimeTarget, rest: Sequence[Array]) -> float:
     """Return where the spectrum of what is left has its largest peak, in the record that holds most of it."""
     scaled = [r * target.whitening[:, 0] for r in rest]
     most = max(scaled, key=lambda r: float(np.sum(r**2)))
-    window = get_window("hann", most.shape[0])[:, None]
-    power = np.sum(np.abs(rfft(most * window, axis=0)) ** 2, axis=1)
+    window = scipy.signal.get_window("hann", most.shape[0])[:, None]
+    power = np.sum(np.abs(scipy.fft.rfft(most * window, axis=0)) ** 2, axis=1)
     line = 1 + int(np.argmax(power[1:]))
     return float(line * target.rate_hz / most.shape[0])
 

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs
-from scipy.signal.windows import hann
 
 from analysis.identification.determined import SIGNIFICANT
 from sim_backend.linear import ModalModel
@@ -69,7 +68,9 @@ class Balance:
     def starts(self, y: Array, rate_hz: float) -> tuple[float, float]:
         """Return position and rate at the first row of readings `y` (n,), of the cubic through the first few."""
         first = y[: max(self.window // 4, _FEWEST)]  # a kernel counts in the middle half of its window
-        taps = [savgol_coeffs(first.size, 3, deriv=d, delta=1.0 / rate_hz, pos=0, use="dot") for d in range(2)]
+        taps = [
+            scipy.signal.savgol_coeffs(first.size, 3, deriv=d, delta=1.0 / rate_hz, pos=0, use="dot") for d in range(2)
+        ]
         return float(taps[0] @ first), float(taps[1] @ first)
 
 
@@ -181,7 +182,7 @@ def _terms(u: Array, y: Array, rate_hz: float, window: int) -> _Part:
     the numbers come out wrong by per cents.
     Source: the modulating functions of M. Shinbrot, Trans. ASME 79 (1957).
     """
-    kernel = hann(window + 2)[1:-1] ** 2
+    kernel = scipy.signal.windows.hann(window + 2)[1:-1] ** 2
     kernel /= kernel.sum()
     half = window // 2
 

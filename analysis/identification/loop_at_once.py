@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from analysis.identification.timefit import TimeFit, whitening_filters
 from sim_backend.linear import Array
@@ -43,7 +43,7 @@ class Echo:
     @property
     def comes_back(self) -> bool:
         """Whether the inputs answer the residual, and it not them."""
-        least = max(chi2.isf(_CHANCE, self.tests), _LEAST * self.rows)
+        least = max(scipy.stats.chi2.isf(_CHANCE, self.tests), _LEAST * self.rows)
         return bool(self.after > least and self.after > _RATIO * self.before)
 
 

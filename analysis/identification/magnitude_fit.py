@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.response_fit import RationalFit, Target, make_target, refine
@@ -68,7 +68,7 @@ def fit_magnitude(
 def _peaks(target: Target, blocks: int) -> tuple[Array, Array]:
     """Return starts for omega and sigma: the most prominent peaks, else spread over the decades of the band."""
     f, level = target.frequency_hz, np.log(np.abs(target.response[:, 0, 0]))
-    found, facts = find_peaks(level, prominence=0.0)
+    found, facts = scipy.signal.find_peaks(level, prominence=0.0)
     best = found[np.argsort(facts["prominences"])[::-1][:blocks]]
     low = f[f > 0.0][0]
     spare = np.geomspace(low, f[-1], blocks - best.size + 2)[1:-1]

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Array = NDArray[np.float64]
 
@@ -76,11 +76,11 @@ def _step(normal: Normal, damping: float, limit: Array | float) -> tuple[Array, 
     boost = damping
     while True:
         try:
-            factor = cho_factor(scaled + boost * np.eye(scale.size), check_finite=False)
+            factor = scipy.linalg.cho_factor(scaled + boost * np.eye(scale.size), check_finite=False)
             break
-        except LinAlgError:
+        except np.linalg.LinAlgError:
             boost = max(10.0 * boost, 1e-14)
-    step = -cho_solve(factor, gradient, check_finite=False)
+    step = -scipy.linalg.cho_solve(factor, gradient, check_finite=False)
     # each on its own: one parameter without influence that runs away must not hold up the others
     step = np.clip(step, -limit * scale, limit * scale)
     predicted = -float(step @ (2.0 * gradient + scaled @ step))

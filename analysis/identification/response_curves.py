@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.frequency.frf import FrequencyResponse
@@ -66,6 +65,8 @@ def save_curves(curves: tuple[ResponseCurve, ...], path: Path) -> None:
         raise ConfigError(f"{path}: this record gives a model but no response by frequency; excite it periodically")
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
+    import pandas as pd  # a third of a second, which only this needs
+
     frames = [pd.DataFrame({name: getattr(curve, name) for name in curve.__dataclass_fields__}) for curve in curves]
     path.parent.mkdir(parents=True, exist_ok=True)
     pd.concat(frames).to_csv(path, index=False)

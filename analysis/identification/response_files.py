@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from analysis.identification.response_curves import ResponseCurve, save_curves
 from sim_backend.errors import ConfigError, DataError
@@ -47,6 +46,8 @@ def load_response(path: Path) -> tuple[ResponseCurve, ...]:
 
 
 def _from_csv(path: Path) -> tuple[ResponseCurve, ...]:
+    import pandas as pd  # a third of a second, which only this needs
+
     table = pd.read_csv(path)
     missing = [name for name in _COLUMNS if name not in table]
     if missing:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from analysis.identification.modal_parameters import Structure, participation
 from analysis.identification.response_fit import Target, block_states, model_response
@@ -78,7 +78,7 @@ def _realise(fitted: PoleResidues) -> tuple[Array, Array, Array]:
                 # states are sqrt(2) (Re, -Im) of the complex one, which follows x' = p x + into u
                 b.append(np.sqrt(2.0) * np.stack([into.real, -into.imag]))
                 c.append(np.sqrt(2.0) * np.stack([out.real, out.imag], axis=1))
-    return block_diag(*a), np.concatenate(b), np.concatenate(c, axis=1)
+    return scipy.linalg.block_diag(*a), np.concatenate(b), np.concatenate(c, axis=1)
 
 
 def _as_mechanical(model: ModalModel, target: Target) -> ModalModel:

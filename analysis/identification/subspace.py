@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lstsq, svd
 
 from analysis.linear.modal_form import modal_from_poles
 from sim_backend.errors import DataError
@@ -29,13 +29,13 @@ def subspace_model(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: f
         )
     rows = [_regression(u - u.mean(axis=0), y - y.mean(axis=0), past) for u, y in zip(inputs, outputs, strict=True)]
     history, now_u, now_y = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-    markov = lstsq(np.concatenate([history, now_u], axis=1), now_y, cond=1e-12)[0][: past * (n_u + n_y)].T
+    markov = scipy.linalg.lstsq(np.concatenate([history, now_u], axis=1), now_y, cond=1e-12)[0][: past * (n_u + n_y)].T
     # row block i of observability times controllability: Markov parameters shifted i steps into the past
     width = n_u + n_y
     product = np.zeros((past * n_y, past * width))
     for i in range(past):
         product[i * n_y : (i + 1) * n_y, i * width :] = markov[:, : (past - i) * width]
-    _, size, right = svd(product @ history.T, full_matrices=False)
+    _, size, right = scipy.linalg.svd(product @ history.T, full_matrices=False)
     states = right[:order].T * np.sqrt(size[:order])
     c, d, a, b = _matrices(states, now_u, now_y, [r[1].shape[0] for r in rows], order)
     return _continuous(a, b, c, d, rate_hz)
@@ -53,11 +53,11 @@ def _matrices(
 ) -> tuple[Array, Array, Array, Array]:
     """Return (C, D, A, B) by least squares on the states, with the innovation as a further input to them."""
     joint = np.concatenate([states, u], axis=1)
-    out = lstsq(joint, y)[0].T
+    out = scipy.linalg.lstsq(joint, y)[0].T
     innovation = y - joint @ out.T
     end = np.cumsum(lengths)
     step = np.setdiff1d(np.arange(states.shape[0]), end - 1)
-    found = lstsq(np.concatenate([joint, innovation], axis=1)[step], states[step + 1])[0].T
+    found = scipy.linalg.lstsq(np.concatenate([joint, innovation], axis=1)[step], states[step + 1])[0].T
     n_u = u.shape[1]
     return out[:, :order], out[:, order:], found[:, :order], found[:, order : order + n_u]
 

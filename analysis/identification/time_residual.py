@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from analysis.identification.block_basis import block_matrices
 from analysis.identification.modal_parameters import Layout, participation, unpack
 from analysis.identification.normal_equations import Normal
 from analysis.linear.simulate import delayed, simulate_linear, weighted
+from sim_backend.jit import njit
 from sim_backend.linear import Array, ModalModel, delay_taps, discretise
 
 # samples per pass: the Jacobian of one output over this many samples stays small enough for the cache
@@ -56,7 +56,7 @@ def nuisances(layout: Layout, records: int) -> list[Nuisance]:
     return [Nuisance(np.arange(s, s + 2 * m).reshape(m, 2), np.arange(s + 2 * m, s + size)) for s in starts]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _block_signals(a: Array, b: Array, da: Array, db: Array, u: Array, state: Array, out: Array) -> None:
     """Step every block for every input with both sensitivities, `state` and `out` (m, n_u + 2, 6, …).
 
@@ -100,7 +100,7 @@ def whitened_cost(target: TimeTarget, vector: Array, layout: Layout) -> float:
     skip, cost = target.whitening.shape[1] - 1, 0.0
     for measured, modelled in zip(target.outputs, model_outputs(target, vector, layout), strict=True):
         for o in range(measured.shape[1]):
-            error = lfilter(target.whitening[o], [1.0], modelled[:, o] - measured[:, o])[skip:]
+            error = scipy.signal.lfilter(target.whitening[o], [1.0], modelled[:, o] - measured[:, o])[skip:]
             cost += float(error @ error)
     return cost
 
@@ -121,7 +121,7 @@ def time_normal_equations(target: TimeTarget, vector: Array, layout: Layout) -> 
                 history = tails[o]
                 joined = rows if history is None else np.concatenate([history, rows], axis=1)
                 tails[o] = joined[:, joined.shape[1] - skip :] if skip else None
-                white = lfilter(target.whitening[o], [1.0], joined, axis=1)[:, skip:]
+                white = scipy.signal.lfilter(target.whitening[o], [1.0], joined, axis=1)[:, skip:]
                 cost += float(white[-1] @ white[-1])
                 gradient[index] += white[:-1] @ white[-1]
                 hessian[np.ix_(index, index)] += white[:-1] @ white[:-1].T

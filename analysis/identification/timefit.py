@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, toeplitz
+import scipy
 
 from analysis.frequency.frf import smoothed
 from analysis.frequency.frf_records import frequency_response_local
@@ -185,7 +185,7 @@ def _starts(target: TimeTarget, blocks: int, structure: Structure) -> Iterator[M
         for method in (_response_start, _subspace_start):
             try:
                 yield method(inputs, outputs, target.rate_hz, blocks, structure)
-            except (MccdError, LinAlgError):
+            except (MccdError, np.linalg.LinAlgError):
                 # the other starts remain; that none is found is told by the caller
                 continue
         steps = tuple(np.diff(y, axis=0) for y in outputs)
@@ -284,7 +284,9 @@ def whitening_filters(errors: Sequence[Array], order: int | None) -> Array:
         lags[0] = max(lags[0] * (1.0 + 1e-12), np.finfo(float).tiny)
         best: tuple[float, Array] | None = None
         for p in range(most + 1) if order is None else [most]:
-            taps = np.linalg.lstsq(toeplitz(lags[:p]), lags[1 : p + 1], rcond=1e-12)[0] if p else np.zeros(0)
+            taps = (
+                np.linalg.lstsq(scipy.linalg.toeplitz(lags[:p]), lags[1 : p + 1], rcond=1e-12)[0] if p else np.zeros(0)
+            )
             power = max(lags[0] - float(taps @ lags[1 : p + 1]), np.finfo(float).tiny)
             score = n * np.log(power) + p * np.log(n)
             if best is None or score < best[0]:

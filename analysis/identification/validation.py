@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.stats import chi2
+import scipy
 
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array
@@ -55,7 +54,7 @@ def whiteness(residual: Array, lags: int = 25, fitted: int = 0) -> Whiteness:
         raise DataError(f"residual of {n} samples is too short for {lags} lags; needs more than {2 * lags}")
     rho = _correlation(residual, residual, lags)[1:]
     statistic = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return Whiteness(rho, statistic, float(chi2.sf(statistic, lags - fitted)))
+    return Whiteness(rho, statistic, float(scipy.stats.chi2.sf(statistic, lags - fitted)))
 
 
 @dataclass(frozen=True)
@@ -84,13 +83,13 @@ def input_correlation(residual: Array, u: Array, lags: int = 25) -> InputCorrela
     spread = np.array([np.sum(auto_r[np.abs(shift)] * auto_u[np.abs(shift + k)]) for k in range(lags + 1)]) / n
     index = np.abs(np.arange(lags + 1)[:, None] - np.arange(lags + 1))
     statistic = float(cross @ np.linalg.lstsq(spread[index], cross, rcond=1e-10)[0])
-    return InputCorrelation(cross, statistic, float(chi2.sf(statistic, lags + 1)))
+    return InputCorrelation(cross, statistic, float(scipy.stats.chi2.sf(statistic, lags + 1)))
 
 
 def _correlation(first: Array, second: Array, lags: int) -> Array:
     """Return the correlation coefficients of first(t) with second(t - k), k = 0 … lags, biased as usual."""
     n = first.size
     a, b = first - first.mean(), second - second.mean()
-    size = fft.next_fast_len(2 * n, real=True)
-    product = fft.irfft(fft.rfft(a, size) * np.conj(fft.rfft(b, size)), size)[: lags + 1]
+    size = scipy.fft.next_fast_len(2 * n, real=True)
+    product = scipy.fft.irfft(scipy.fft.rfft(a, size) * np.conj(scipy.fft.rfft(b, size)), size)[: lags + 1]
     return product / (n * a.std() * b.std())

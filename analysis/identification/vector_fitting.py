@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
+from sim_backend.jit import njit
 from sim_backend.linear import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -89,7 +89,7 @@ def _starting_poles(s_abs: Array, n_poles: int) -> ComplexArray:
     return np.stack([upper, upper.conj()], axis=1).ravel()
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _basis(point: ComplexArray, poles: ComplexArray) -> ComplexArray:
     """Return the partial fractions (n, n_f) whose coefficients are real: sums and differences for complex pairs."""
     basis = np.empty((poles.size, point.size), dtype=np.complex128)
@@ -103,7 +103,7 @@ def _basis(point: ComplexArray, poles: ComplexArray) -> ComplexArray:
     return basis
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _joint(basis: ComplexArray, data: ComplexArray, weights: Array, feedthrough: bool) -> Array:
     """Return the weighted columns of the model, then of minus the data times sigma, real above imaginary parts.
 
@@ -137,7 +137,7 @@ def _relocate(
     width, blocks = n + 1 if feedthrough else n, []
     for e in range(data.shape[1]):
         columns = _joint(basis, data[:, e], weights[:, e], feedthrough)
-        factor = lapack.dgeqrf(columns.T, overwrite_a=True)[0]
+        factor = scipy.linalg.lapack.dgeqrf(columns.T, overwrite_a=True)[0]
         blocks.append(np.triu(factor[width : width + n + 1, width:]))
     stacked = np.concatenate(blocks)
     # relaxed normalisation: the real part of sigma sums to the number of lines

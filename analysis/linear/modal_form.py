@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_continuous_lyapunov, svd
 
 from sim_backend.errors import DataError
 from sim_backend.linear import Array, ModalModel
@@ -106,9 +106,9 @@ def balanced_truncation(
     Gramian cannot be computed.
     """
     shifted = a - shift_1_s * np.eye(a.shape[0])
-    control = _factor(solve_continuous_lyapunov(shifted, -b @ b.T))
-    observe = _factor(solve_continuous_lyapunov(shifted.T, -c.T @ c))
-    left, hankel, right = svd(observe.T @ control)
+    control = _factor(scipy.linalg.solve_continuous_lyapunov(shifted, -b @ b.T))
+    observe = _factor(scipy.linalg.solve_continuous_lyapunov(shifted.T, -c.T @ c))
+    left, hankel, right = scipy.linalg.svd(observe.T @ control)
     keep = min(order, int(np.sum(hankel > 1e-14 * hankel[0])))
     root = np.sqrt(hankel[:keep])
     to_full, to_small = control @ right[:keep].T / root, (observe @ left[:, :keep] / root).T

@@ -8,18 +8,18 @@ linear.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from sim_backend.errors import ConfigError
+from sim_backend.jit import njit
 from sim_backend.linear import Array, DiscreteModel, delay_taps
 
 # a pass takes so many stretches of so many samples: what it needs of them stays in the processor's cache
 _LANES, _STRETCH = 64, 128
 
 
-@njit(cache=True, nogil=True)
+@njit
 def recur(a: Array, drive: Array, x: Array) -> None:
     """Turn each block's drive (m, 2, n) into its states (q, v) in place; `x` (m, 2) is the state before and after."""
     m, _, n = drive.shape
@@ -54,7 +54,7 @@ def delayed(u: Array, delay_samples: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _respond_from_rest(a: Array, b: Array, c: Array, u: Array, x: Array, y: Array) -> None:
     """Add one block's response from rest to `y` (n_y, stretch, lanes), for `u` alike; `x` (2, lanes) is its end.
 
@@ -80,7 +80,7 @@ def _respond_from_rest(a: Array, b: Array, c: Array, u: Array, x: Array, y: Arra
                     v[s] += b1 * drive[s]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _add_swing(a: Array, c: Array, x: Array, y: Array) -> None:
     """Add one block's swing from the states `x` (2, lanes) to `y` (n_y, stretch, lanes)."""
     q, v = x[0], x[1]
@@ -95,7 +95,7 @@ def _add_swing(a: Array, c: Array, x: Array, y: Array) -> None:
             c0, c1 = c0 * a[0, 0] + c1 * a[1, 0], c0 * a[0, 1] + c1 * a[1, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _respond(
     a: Array, over: Array, stretch: int, b: Array, c: Array, d: Array, drive: Array, state: Array, out: Array
 ) -> None:
@@ -172,6 +172,6 @@ def periodic_response(response: NDArray[np.complex128], u: Array) -> Array:
         raise ConfigError(
             f"response has shape {response.shape}; a period of shape {u.shape} needs ({n // 2 + 1}, n_y, {u.shape[1]})"
         )
-    spectrum = fft.rfft(u, axis=0)
+    spectrum = scipy.fft.rfft(u, axis=0)
     out = np.einsum("fyu,fu...->fy...", response, spectrum)
-    return fft.irfft(out, n, axis=0)
+    return scipy.fft.irfft(out, n, axis=0)

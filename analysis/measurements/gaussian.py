@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import curve_fit
 
 from analysis.measurements.arrays import finite, positive
 from sim_backend.errors import DataError
@@ -59,7 +59,7 @@ def gaussian_fit(samples_rad: ArrayLike, bin_rad: float = BIN_RAD) -> GaussianFi
     mean, sigma = float(x.mean()), float(x.std())
     # in units of the samples' own scale, so that the fit's steps have the same size in every parameter
     start_peak = x.size * step / (sigma * np.sqrt(2.0 * np.pi))
-    (peak, shift, width), _ = curve_fit(
+    (peak, shift, width), _ = scipy.optimize.curve_fit(
         lambda z, p, s, w: p * np.exp(-0.5 * ((z - s) / w) ** 2),
         (centre - mean) / sigma,
         count / start_peak,

@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from analysis.measurements.arrays import finite, positive
 from sim_backend import kernel
@@ -91,7 +91,9 @@ def fit_loops(
     rate = positive("loop fit: the sample rate", rate_hz)
     problem = _Problem(torque, angle, rate, held, tuple(starts[0]), counts)
     found = [
-        least_squares(problem.residual, problem.packed(start), bounds=_LOG_BOUNDS, diff_step=_STEP, max_nfev=60)
+        scipy.optimize.least_squares(
+            problem.residual, problem.packed(start), bounds=_LOG_BOUNDS, diff_step=_STEP, max_nfev=60
+        )
         for start in starts
     ]
     best = min(found, key=lambda solution: float(solution.cost))

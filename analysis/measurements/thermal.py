@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from analysis.measurements.arrays import finite
 from sim_backend.errors import DataError
@@ -47,7 +47,7 @@ def drift(time_s: ArrayLike, position_rad: ArrayLike) -> Drift:
     effective = np.maximum(t.size * (1.0 - correlation) / (1.0 + correlation), 3.0)
     error = np.sqrt(power / (effective - 2.0) / (dt @ dt))  # n_eff of n positions also hold n_eff/n of sum dt²
     span = float(np.ptp(t))
-    half_width = stats.t.ppf(0.975, effective - 2.0) * error * span
+    half_width = scipy.stats.t.ppf(0.975, effective - 2.0) * error * span
     return Drift(
         total_rad=slope * span,
         half_width_rad=half_width,
@@ -97,5 +97,5 @@ def compare_sweeps(
     k = int(np.argmax(np.abs(difference)))
     chi2 = float(np.sum(np.divide(difference, std, out=np.zeros_like(std), where=std > 0.0) ** 2))
     return SweepDifference(
-        difference, std, float(difference[k]), float(f[k]), chi2 / f.size, float(stats.chi2.sf(chi2, f.size))
+        difference, std, float(difference[k]), float(f[k]), chi2 / f.size, float(scipy.stats.chi2.sf(chi2, f.size))
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.constants import mu_0
 
 from analysis.measurements.loop_fit import magnetisation
 from analysis.paper.high_mode import high_mode
@@ -95,7 +95,7 @@ def pinning() -> Evidence:
         Design.load("design", RATE_HZ).axis("theta_x").frequency_response(np.array([0.0]))[0, 0, 0].real
     )
     rows = []
-    for name, field in (("k/µ0, as printed", k / mu_0), ("k·µ0", k * mu_0)):
+    for name, field in (("k/µ0, as printed", k / scipy.constants.mu_0), ("k·µ0", k * scipy.constants.mu_0)):
         shares = [_remanence(field, amplitude, stiffness) / amplitude for amplitude in (4.5e-3, 7.2e-3, 8.5e-3)]
         rows.append((name, f"{field:.3g}", *(f"{100 * s:.3f}" for s in shares)))
     rows.insert(0, ("paper", "", "about 0.7", "about 0.7", "about 0.7"))

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import RATE_HZ
@@ -177,10 +177,12 @@ def mode_of_row() -> tuple[float, float]:
     frequency, decay = float(np.mean(_NEAR_HZ)), BENCH_DECAY_1_S
     for _ in range(_STEPS):
         frequency = float(
-            brentq(lambda f, s=decay: _settled(printed.with_mode(f, s).plant())[0] - overshoot, *_NEAR_HZ, xtol=0.01)
+            scipy.optimize.brentq(
+                lambda f, s=decay: _settled(printed.with_mode(f, s).plant())[0] - overshoot, *_NEAR_HZ, xtol=0.01
+            )
         )
         decay = float(
-            brentq(
+            scipy.optimize.brentq(
                 lambda s, f=frequency: _settled(printed.with_mode(f, s).plant())[1] - settling, 20.0, 60.0, xtol=0.05
             )
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.constants import mu_0
+import scipy
 
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
@@ -24,7 +24,7 @@ def table_6_3(measured: Measured) -> dict[str, Ours]:
         **held,
         **fitted,
         # the bench's pinning is k · µ0; in the paper's numbers that is k
-        "k": Ours(value["pinning"] / mu_0, std["pinning"] / mu_0),
+        "k": Ours(value["pinning"] / scipy.constants.mu_0, std["pinning"] / scipy.constants.mu_0),
         "kc": Ours(value["size"], std["size"]),
         "p6": Ours(value["constant"], std["constant"], "the drive's trim takes the constant part up"),
         "p5": Ours(np.nan, note="not told from the spring: their difference is fitted as the stiffness"),

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from analysis.study.definition import Swept
 from analysis.study.kinds import Column
@@ -35,7 +35,7 @@ class Share:
         """Return the share; nothing is known when there is nothing to count."""
         if of == 0:
             return cls(0, 0, float("nan"), (0.0, 1.0))
-        interval = binomtest(hits, of).proportion_ci(LEVEL, method="wilson")
+        interval = scipy.stats.binomtest(hits, of).proportion_ci(LEVEL, method="wilson")
         return cls(hits, of, hits / of, (float(interval.low), float(interval.high)))
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.stats import beta, binom, norm
 
 Array = NDArray[np.float64]
 
@@ -23,8 +22,8 @@ def share_interval(hits: int, n: int) -> tuple[float, float]:
     if n == 0:
         return 0.0, 1.0
     tail = (1.0 - LEVEL) / 2.0
-    low = float(beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
-    high = float(beta.isf(tail, hits + 1, n - hits)) if hits < n else 1.0
+    low = float(scipy.stats.beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
+    high = float(scipy.stats.beta.isf(tail, hits + 1, n - hits)) if hits < n else 1.0
     return low, high
 
 
@@ -35,7 +34,7 @@ def quantile_interval(values: Sequence[float], part: float) -> tuple[float, floa
     Source: H. A. David and H. N. Nagaraja, Order Statistics (2003), section 7.1.
     """
     n, tail, ordered = len(values), (1.0 - LEVEL) / 2.0, sorted(values)
-    below = binom.cdf(np.arange(n), n, part)  # chance that at most so many values lie below the quantile
+    below = scipy.stats.binom.cdf(np.arange(n), n, part)  # chance that at most so many values lie below the quantile
     low = int(np.searchsorted(below, tail, side="right")) - 1
     high = int(np.searchsorted(below, 1.0 - tail))
     return (ordered[low], ordered[high]) if low >= 0 and high < n else None
@@ -67,9 +66,9 @@ def half_points(sizes: Sequence[Array], seen: Sequence[NDArray[np.bool_]]) -> Ar
         total = float(np.sum((x[:n] / 2.0) ** 2) / 2.0 + (x[n] - 1.0) ** 2 / 2.0)
         for at, s, hit in zip(x[:n], sizes, seen, strict=True):
             z = slope * (np.log(s) - at)
-            total -= float(np.sum(norm.logcdf(np.where(hit, z, -z))))
+            total -= float(np.sum(scipy.stats.norm.logcdf(np.where(hit, z, -z))))
         return total
 
     start = np.zeros(n + 1)
     start[n] = 1.0
-    return np.asarray(np.exp(minimize(cost, start, method="L-BFGS-B").x[:n]))
+    return np.asarray(np.exp(scipy.optimize.minimize(cost, start, method="L-BFGS-B").x[:n]))

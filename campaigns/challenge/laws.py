@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from sim_backend.jit import njit
 
 CUBIC, FRICTION, BOUC_WEN, JILES_ATHERTON, IWAN, CREEP, STOP, PLAY, COGGING, FORCE_CONSTANT, THERMAL = range(11)
 
@@ -20,7 +21,7 @@ MEMORY = 32
 """Room for the memory of one law, in numbers."""
 
 
-@njit(cache=True, nogil=True)
+@njit
 def friction(v, dx, p, s):  # type: ignore[no-untyped-def]
     """LuGre: bristles of stiffness p[2] slip at p[0], at rest at p[0] p[1] (Canudas de Wit et al., IEEE TAC 40, 1995).
 
@@ -33,7 +34,7 @@ def friction(v, dx, p, s):  # type: ignore[no-untyped-def]
     return -p[2] * s[0]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def bouc_wen(dx, p, s):  # type: ignore[no-untyped-def]
     """Bouc–Wen, exponent 1: dz/dx = 1 - |z| (beta sign(z dx) + gamma) / reach, torque -p[0] z (Wen, ASCE EM2, 1976)."""
     way = 1.0 if dx > 0.0 else -1.0
@@ -47,7 +48,7 @@ def bouc_wen(dx, p, s):  # type: ignore[no-untyped-def]
     return -p[0] * s[0]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def langevin(x):  # type: ignore[no-untyped-def]
     """Return coth x - 1/x."""
     if abs(x) < 0.05:
@@ -55,7 +56,7 @@ def langevin(x):  # type: ignore[no-untyped-def]
     return 1.0 / math.tanh(x) - 1.0 / x
 
 
-@njit(cache=True, nogil=True)
+@njit
 def jiles_atherton(x, dx, p, s):  # type: ignore[no-untyped-def]
     """Jiles and Atherton 1986 without coupling, in the irreversible magnetisation s[0]; M = (1 - c) Mirr + c Man.
 
@@ -72,7 +73,7 @@ def jiles_atherton(x, dx, p, s):  # type: ignore[no-untyped-def]
     return p[0] * ((1.0 - p[3]) * s[0] + p[3] * langevin(x / p[1]))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def iwan(dx, p, s):  # type: ignore[no-untyped-def]
     """Thirty equal springs in parallel that slip at reaches evenly spread up to p[1] (Iwan, J. Appl. Mech. 1966)."""
     total = 0.0
@@ -83,7 +84,7 @@ def iwan(dx, p, s):  # type: ignore[no-untyped-def]
     return -p[0] * total / 30.0
 
 
-@njit(cache=True, nogil=True)
+@njit
 def torque(law, x, v, dx, u, kelvin, dt_s, p, s):  # type: ignore[no-untyped-def]
     """Return the torque of a law; see the module for the arguments."""
     if law == CUBIC:
@@ -113,7 +114,7 @@ def torque(law, x, v, dx, u, kelvin, dt_s, p, s):  # type: ignore[no-untyped-def
     return -p[0] * kelvin * x
 
 
-@njit(cache=True, nogil=True)
+@njit
 def advance(whole, half, b, c, drive, kelvin, laws, axes, p, memory, dt_s, q, position, rate):  # type: ignore[no-untyped-def]
     """Fill `position` and `rate` step by step; `whole` and `half` are (transition, response) of those steps."""
     step, push = whole

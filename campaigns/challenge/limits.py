@@ -24,9 +24,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.stats import norm
 
 from campaigns.challenge.campaign import Campaign
 from campaigns.challenge.families import FAMILIES, Hidden, Scene, members
@@ -37,7 +36,7 @@ from campaigns.challenge.power import energy_beyond_amplifiers, random_energy
 Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.01
-THRESHOLD = float(norm.isf(FALSE_ALARMS / 2.0))
+THRESHOLD = float(scipy.stats.norm.isf(FALSE_ALARMS / 2.0))
 _ROUNDS = 12
 _CLOSE = 0.02
 """Rounds of the search for a limit, and the relative accuracy at which it ends."""
@@ -260,7 +259,9 @@ def _left(products: Array, one_sided: int = 0) -> float:
     columns = np.column_stack([others, -free])
     # a hundred-thousandth of each weight is charged, so that no two nearly equal signatures are set against each other
     charged = np.vstack([columns, _CHARGE * np.eye(columns.shape[1])])
-    weights, _ = nnls(charged, np.concatenate([target, np.zeros(columns.shape[1])]), maxiter=50 * columns.shape[1])
+    weights, _ = scipy.optimize.nnls(
+        charged, np.concatenate([target, np.zeros(columns.shape[1])]), maxiter=50 * columns.shape[1]
+    )
     return float(scale[0] * np.linalg.norm(target - columns @ weights))
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from campaigns.challenge.campaign import Campaign
 from campaigns.challenge.families import Hidden
@@ -85,7 +85,7 @@ class Metric:
         # knobs are scaled to unit prior; a start is known no better than to a thousand times what the noise leaves of
         # it
         prior = np.concatenate([np.ones(knobs.size), 1e-6 * np.maximum(np.diag(products)[knobs.size :], 1e-300)])
-        return cls(coarse, noise, knobs, readings, blocks, cholesky(products + np.diag(prior), lower=True))
+        return cls(coarse, noise, knobs, readings, blocks, scipy.linalg.cholesky(products + np.diag(prior), lower=True))
 
     def signature(self, hidden: Sequence[Hidden]) -> Array:
         """Return the whitened change of all fitted readings by `hidden`, one long vector (rows + knobs,).
@@ -104,11 +104,13 @@ class Metric:
 
     def seen(self, vectors: Array) -> Seen:
         """Return signatures (knobs + rows, k) with the part of them that the nuisances explain."""
-        return Seen(vectors, solve_triangular(self.factor, self._onto(vectors), lower=True))
+        return Seen(vectors, scipy.linalg.solve_triangular(self.factor, self._onto(vectors), lower=True))
 
     def step(self, vector: Array) -> Array:
         """Return the change of the knobs that explains most of one signature, shape (knobs,)."""
-        return np.asarray(cho_solve((self.factor, True), self._onto(vector[:, None]))[: self.knobs.size, 0])
+        return np.asarray(
+            scipy.linalg.cho_solve((self.factor, True), self._onto(vector[:, None]))[: self.knobs.size, 0]
+        )
 
     def _whitened(self, readings: Sequence[Array], knobs: Array) -> Array:
         parts = [knobs]

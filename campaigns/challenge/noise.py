@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import freqz, lfilter
 
 Array = NDArray[np.float64]
 
@@ -30,17 +30,17 @@ class Noise:
         """Return `n` samples of stationary noise: a first stretch, long against the slowest pole, is thrown away."""
         numerator, denominator = self.coefficients()
         lead = int(8.0 / (1.0 - max((0.0, *self.poles)))) + 1
-        return np.asarray(self.std * lfilter(numerator, denominator, rng.standard_normal(lead + n))[lead:])
+        return np.asarray(self.std * scipy.signal.lfilter(numerator, denominator, rng.standard_normal(lead + n))[lead:])
 
     def whiten(self, values: Array) -> Array:
         """Return `values` (n, k) through the inverse of H, over `std`."""
         numerator, denominator = self.coefficients()
-        return np.asarray(lfilter(denominator, numerator, values, axis=0) / self.std)
+        return np.asarray(scipy.signal.lfilter(denominator, numerator, values, axis=0) / self.std)
 
     def density(self, frequency_hz: Array, rate_hz: float) -> Array:
         """Return the spectrum in units of that of white noise of unit variance per sample."""
         numerator, denominator = self.coefficients()
-        _, response = freqz(numerator, denominator, worN=frequency_hz, fs=rate_hz)
+        _, response = scipy.signal.freqz(numerator, denominator, worN=frequency_hz, fs=rate_hz)
         return np.asarray(self.std**2 * np.abs(response) ** 2)
 
 

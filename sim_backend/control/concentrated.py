@@ -8,8 +8,8 @@ should not contain it. Source: D. Slepian, Bell System Technical Journal 57 (197
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal.windows import dpss
 
 from sim_backend.errors import ConfigError
 
@@ -27,7 +27,7 @@ def concentrated_move(n_samples: int, concentration: float) -> Array:
             f"move of {n_samples} samples with concentration {concentration}; it needs four samples or more, and a "
             "concentration from 1 to a quarter of them"
         )
-    velocity = dpss(n_samples, concentration)
+    velocity = scipy.signal.windows.dpss(n_samples, concentration)
     return np.concatenate([[0.0], np.cumsum(velocity) / velocity.sum()])
 
 

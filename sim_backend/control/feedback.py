@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from sim_backend.control.blocks import DiscreteFilter, filter_from_zpk, tustin_zpk
 from sim_backend.errors import ConfigError
@@ -141,9 +141,11 @@ def loop_margins(loop: Response, low_hz: float, high_hz: float, points: int = 5_
     def at(frequency: float) -> complex:
         return complex(loop(np.array([frequency]))[0])
 
-    real_axis = [brentq(lambda x: at(x).imag, f[k], f[k + 1]) for k in _sign_changes(response.imag)]
+    real_axis = [scipy.optimize.brentq(lambda x: at(x).imag, f[k], f[k + 1]) for k in _sign_changes(response.imag)]
     gains = [(-20.0 * np.log10(abs(at(x))), x) for x in real_axis if at(x).real < 0.0]
-    unit_circle = [brentq(lambda x: abs(at(x)) - 1.0, f[k], f[k + 1]) for k in _sign_changes(np.abs(response) - 1.0)]
+    unit_circle = [
+        scipy.optimize.brentq(lambda x: abs(at(x)) - 1.0, f[k], f[k + 1]) for k in _sign_changes(np.abs(response) - 1.0)
+    ]
     # the lag that turns L onto -1: an angle from 0 to 360 degrees
     phases = [(np.rad2deg(np.angle(-at(x))) % 360.0, x) for x in unit_circle]
     gain, gain_hz = min(gains, key=lambda g: abs(g[0]), default=(np.inf, np.nan))
@@ -161,7 +163,9 @@ def _sign_changes(values: Array) -> NDArray[np.intp]:
 def _peak(function: Callable[[float], float], f: Array, values: Array) -> tuple[float, float]:
     k = int(np.argmax(values))
     low, high = f[max(k - 1, 0)], f[min(k + 1, f.size - 1)]
-    best = minimize_scalar(lambda x: -function(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * high})
+    best = scipy.optimize.minimize_scalar(
+        lambda x: -function(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * high}
+    )
     return max((-float(best.fun), float(best.x)), (float(values[k]), float(f[k])))
 
 

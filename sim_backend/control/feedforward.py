@@ -12,9 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import qr, solve_triangular
-from scipy.optimize import linprog
 
 from sim_backend.errors import ConfigError
 from sim_backend.linear import DiscreteModel, ModalModel, discretise
@@ -106,8 +105,8 @@ def least_norm(
     _require_samples(w, n_samples)
     # rows made orthonormal: q' u = wanted, which no scaling of the states can spoil
     scale = 1.0 / _nonzero(np.linalg.norm(w, axis=1))
-    q, r = qr((w * scale[:, None]).T, mode="economic")
-    wanted = solve_triangular(r, target * scale, trans="T")
+    q, r = scipy.linalg.qr((w * scale[:, None]).T, mode="economic")
+    wanted = scipy.linalg.solve_triangular(r, target * scale, trans="T")
     u = q @ wanted if peak is None else _bounded(q, wanted, peak)
     move = np.atleast_1d(np.asarray(step, dtype=float))
     return StepInput(u.reshape(n_samples, -1), holding, move, n_samples, rate_hz)
@@ -159,7 +158,9 @@ def _least_peak(q: Array, wanted: Array) -> float:
     equal = np.hstack([q.T, np.zeros((wanted.size, 1))])
     cost = np.concatenate([np.zeros(n), [1.0]])
     size = np.linalg.norm(wanted) or 1.0
-    found = linprog(cost, rows, np.zeros(2 * n), equal, wanted / size, bounds=[(None, None)] * n + [(0.0, None)])
+    found = scipy.optimize.linprog(
+        cost, rows, np.zeros(2 * n), equal, wanted / size, bounds=[(None, None)] * n + [(0.0, None)]
+    )
     return float(found.fun * size)
 
 
@@ -197,7 +198,7 @@ def least_peak_within(
     no_peak, peak = np.zeros((output.shape[0], 1)), np.ones((n, 1))
     rows = np.block([[output, no_peak], [-output, no_peak], [np.eye(n), -peak], [-np.eye(n), -peak]])
     scale = 1.0 / _nonzero(np.linalg.norm(w, axis=1))
-    found = linprog(
+    found = scipy.optimize.linprog(
         np.concatenate([np.zeros(n), [1.0]]),
         rows,
         np.concatenate([centre + 1.0, 1.0 - centre, np.zeros(2 * n)]),

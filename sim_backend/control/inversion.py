@@ -11,8 +11,8 @@ of the inverse that looks ahead.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eigvals
 
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.errors import ConfigError
@@ -84,7 +84,7 @@ def transmission_zeros(plant: DiscreteModel) -> ComplexArray:
     n = a.shape[0]
     unit = np.zeros((n + 1, n + 1))
     unit[:n, :n] = np.eye(n)
-    found = eigvals(np.block([[a, b], [c, np.zeros((1, 1))]]), unit)
+    found = scipy.linalg.eigvals(np.block([[a, b], [c, np.zeros((1, 1))]]), unit)
     return np.asarray(found[np.isfinite(found) & (np.abs(found) < _FAR_ZERO)], dtype=complex)
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import LinAlgError, solve_discrete_are
 
 from sim_backend.control.blocks import DiscreteFilter, filter_from_state_space
 from sim_backend.control.inversion import siso_matrices
@@ -113,8 +113,8 @@ def _with_disturbance(
 
 def _riccati(a: Array, b: Array, q: Array, r: Array) -> Array:
     try:
-        return np.asarray(solve_discrete_are(a, b, q, r))
-    except (LinAlgError, ValueError) as error:
+        return np.asarray(scipy.linalg.solve_discrete_are(a, b, q, r))
+    except (np.linalg.LinAlgError, ValueError) as error:
         raise ConfigError(f"feedback: a Riccati equation has no solution ({error}); use another model") from None
 
 

@@ -1,32 +1,35 @@
 """How the step of an effect becomes machine code: a loop over all its places, called once per sample.
 
 A bench holds the same effect at several places (noise of three amplifiers, the iron of two axes), so one call serves
-all of them, with the step inlined: signals that a step does not use are not even read.
+all of them, with the step inlined: signals that a step does not use are not even read. Nothing is compiled before a
+bench is played.
 """
 
 from __future__ import annotations
 
 import dis
-import types as python
+import json
 from collections.abc import Callable
-from functools import cache
-from typing import Any
+from functools import cached_property, update_wrapper
+from types import CodeType, FunctionType
+from typing import Any, cast
 from zlib import crc32
 
-from llvmlite import ir
-from numba import cfunc, extending, njit, types
+from sim_backend.jit import Callback, Kernel, entry_name, intrinsic
+from sim_backend.kernel_cache import keep_entry, read_entry
 
 WIRES = 7
 """Addresses of one place: signal, position, rate, aux, target, parameters, state."""
 
-intrinsic: Any = extending.intrinsic  # what it makes is called without the first argument, which its types do not know
-
-_LOOP = types.void(types.intp, types.CPointer(types.intp), types.float64)
+_LOOP = "void(intp, CPointer(intp), float64)"
+_ALONE = f"float64({'float64, ' * 5}CPointer(float64), CPointer(float64))"
 
 
 @intrinsic
 def load(typingctx, address):  # type: ignore[no-untyped-def]
     """Return the float64 at an address."""
+    from llvmlite import ir
+    from numba import types
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         return builder.load(builder.inttoptr(args[0], ir.DoubleType().as_pointer()))
@@ -37,6 +40,8 @@ def load(typingctx, address):  # type: ignore[no-untyped-def]
 @intrinsic
 def store(typingctx, address, value):  # type: ignore[no-untyped-def]
     """Write a float64 to an address."""
+    from llvmlite import ir
+    from numba import types
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         builder.store(args[1], builder.inttoptr(args[0], ir.DoubleType().as_pointer()))
@@ -48,6 +53,8 @@ def store(typingctx, address, value):  # type: ignore[no-untyped-def]
 @intrinsic
 def _numbers(typingctx, address):  # type: ignore[no-untyped-def]
     """Return an address as a pointer to float64 numbers."""
+    from llvmlite import ir
+    from numba import types
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         return builder.inttoptr(args[0], ir.DoubleType().as_pointer())
@@ -58,6 +65,8 @@ def _numbers(typingctx, address):  # type: ignore[no-untyped-def]
 @intrinsic
 def call_loop(typingctx, address, n, wires, dt_s):  # type: ignore[no-untyped-def]
     """Call the compiled loop at `address` for `n` places, whose addresses begin at the address `wires`."""
+    from llvmlite import ir
+    from numba import types
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         whole = args[1].type
@@ -77,43 +86,67 @@ def _loop(n, wires, dt_s):  # type: ignore[no-untyped-def]
         store(target, load(target) + added)
 
 
-def compiled(step: Callable[..., float]) -> Any:
+class Step:
+    """The compiled step of an effect; the Python function stays as `__wrapped__`.
+
+    `key` names the step and what it was made from. Two steps are equal when they are the same object.
+    """
+
+    __name__: str
+    __qualname__: str
+
+    def __init__(self, function: Callable[..., float]) -> None:
+        update_wrapper(cast(Any, self), function)
+        self._function: Any = function
+        self.key = f"{function.__module__}.{function.__qualname__}.{_checksum(self._function.__code__)}"
+        self._read = {name for i in dis.get_instructions(self._function) for name in _loaded(i)}
+
+    @cached_property
+    def address(self) -> int:
+        """The address of the loop over the places of one effect, compiled or read from disk now."""
+        own = {"_step": Kernel(self._function, forceinline=True, error_model="numpy")}
+        loop = FunctionType(_loop.__code__, {**globals(), **own, "__name__": self.__module__}, self.__name__)
+        loop.__qualname__ = self.__qualname__
+        return Callback(loop, _LOOP, forceinline=True, error_model="numpy").address
+
+    @cached_property
+    def alone(self) -> tuple[str, str]:
+        """The step for one place, as LLVM's text and the name of its function, compiled or read from disk now.
+
+        It takes signal, position, rate, aux and dt_s as float64, then the addresses of parameters and state.
+        """
+        made = Callback(self._function, _ALONE, error_model="numpy")
+        entry = entry_name(self.__name__.strip("_") + "-text", made.stamp())
+        if kept := read_entry(entry):
+            text, name = json.loads(kept)
+            return text, name
+        # numba forbids to inline what it wraps for callers in C
+        text, name = made.made.inspect_llvm().replace("noinline", "alwaysinline"), made.made.native_name
+        keep_entry(entry, json.dumps([text, name]).encode())
+        return text, name
+
+    def reads(self, argument: str) -> bool:
+        """Tell whether the step looks at one of its arguments, by name."""
+        return argument in self._read
+
+
+def compiled(step: Callable[..., float]) -> Step:
     """Compile `step`(signal, position, rate, aux, dt_s, parameters, state) -> contribution into a loop over its places.
 
     `signal` is the value at the effect's place before it (command, current, torque, sensor, reading), `position` and
     `rate` the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step.
-    `parameters` and `state` are pointers to this place's own numbers. The Python function stays as `__wrapped__`.
+    `parameters` and `state` are pointers to this place's own numbers.
     """
-    # a loop of the step's own, in its file's name: numba keeps the machine code until that file changes. The checksum
-    # is that of the loop above, which is in another file
-    code = _loop.__code__.replace(co_filename=step.__code__.co_filename, co_firstlineno=step.__code__.co_firstlineno)
-    names = {**globals(), "_step": njit(forceinline=True, error_model="numpy")(step), "__name__": step.__module__}
-    loop = python.FunctionType(code, names, step.__name__)
-    loop.__qualname__ = f"{step.__qualname__}_{crc32(_loop.__code__.co_code):08x}"
-    made: Any = cfunc(_LOOP, cache=True, forceinline=True, error_model="numpy")(loop)
-    made.__wrapped__ = step
-    made.key = f"{step.__module__}.{step.__qualname__}.{_checksum(step.__code__)}"
-    return made
+    return Step(step)
 
 
-def _checksum(code: python.CodeType) -> str:
+def _checksum(code: CodeType) -> str:
     return f"{crc32(repr((code.co_code, code.co_consts, code.co_names)).encode()):08x}"
 
 
-def plain(made: Any) -> tuple[str, str]:
-    """Return a compiled step alone, for one place, as LLVM's text and the name of its function.
-
-    It takes signal, position, rate, aux and dt_s as float64, then the addresses of parameters and state.
-    """
-    numbers = types.CPointer(types.float64)
-    signature = types.float64(*[types.float64] * 5, numbers, numbers)
-    alone: Any = cfunc(signature, error_model="numpy")(made.__wrapped__)
-    # numba forbids to inline what it wraps for callers in C
-    return alone.inspect_llvm().replace("noinline", "alwaysinline"), alone.native_name
-
-
-@cache
-def reads(made: Any, argument: str) -> bool:
-    """Tell whether a compiled step looks at one of its arguments, by name."""
-    loaded = (i.argval for i in dis.get_instructions(made.__wrapped__) if i.opname.startswith("LOAD_FAST"))
-    return any(argument in (names if isinstance(names, tuple) else (names,)) for names in loaded)
+def _loaded(instruction: dis.Instruction) -> tuple[str, ...]:
+    """Return the local variables that an instruction reads."""
+    if not instruction.opname.startswith("LOAD_FAST"):
+        return ()
+    names = instruction.argval
+    return names if isinstance(names, tuple) else (names,)

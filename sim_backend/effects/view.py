@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len, rfft
+
+from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,7 +26,7 @@ LEAST_PART = 0.25
 """A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@njit(fastmath={"reassoc", "contract"})
 def _rounding_scores(u, wanted, energy, steps, scores):  # type: ignore[no-untyped-def]
     """Fill `scores` with by how much rounding levels `u` (n,) to each of `steps` would lower the sum of squares.
 
@@ -50,7 +51,7 @@ def _rounding_scores(u, wanted, energy, steps, scores):  # type: ignore[no-untyp
         scores[i] = part * q * (2.0 * agreed[i] - part * q * size[i])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _mode_scores(u, r, weight, centres, damping, scores):  # type: ignore[no-untyped-def]
     """Fill `scores` with how well a mode at each of `centres` (in lines) explains `r` by `u`, lines weighed."""
     for k in range(centres.size):
@@ -68,10 +69,10 @@ def _mode_scores(u, r, weight, centres, damping, scores):  # type: ignore[no-unt
 
 def _squares_of_answers(answer: Array, rows: int) -> Callable[[Array], float]:
     """Return a function that gives the squared answer of the readings to a change (rows,) of the input."""
-    n = next_fast_len(rows, real=True)
-    gain = np.sum(np.abs(rfft(answer[:n], n, axis=0)) ** 2, axis=1)
+    n = scipy.fft.next_fast_len(rows, real=True)
+    gain = np.sum(np.abs(scipy.fft.rfft(answer[:n], n, axis=0)) ** 2, axis=1)
     gain[1 : (n + 1) // 2] *= 2.0  # each stands for its conjugate too
-    return lambda change: float(gain @ np.abs(rfft(change, n)) ** 2) / n
+    return lambda change: float(gain @ np.abs(scipy.fft.rfft(change, n)) ** 2) / n
 
 
 def _energy_of_levels(answer: Array, levels: Ints) -> Array:

@@ -1,8 +1,8 @@
 """The compiled time loop: emitted once for the structure of a bench, run for any numbers in it.
 
 A loop calls the effects by the addresses of their compiled steps, so that a search over causes has one for all of
-them. A bench that has been played for long gets one with its effects inlined (docs/decisions/0002), to the last bit the
-same.
+them. A bench that is played for long gets one with its effects inlined (docs/decisions/0002), to the last bit the
+same: from disk at once, or made in a thread while the other one plays.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ import numpy as np
 from sim_backend import layout
 from sim_backend.kernel.arguments import entries, fixed_entries
 from sim_backend.kernel.called import along
-from sim_backend.kernel.machine import is_made, loop_of
 from sim_backend.kernel.structure import NO_DELAY, Structure, structure_of
 
-LONG = 2_000_000
-"""Samples after which a bench gets a loop with its effects inlined: that takes about a second, and saves some 0.1 s per
-million samples, of which there are more to come, here and in later processes."""
+LONG = 200_000
+"""Samples after which a bench gets a loop with its effects inlined: that takes a core about a second, aside, and saves
+some 0.1 s per million samples, of which there are more to come, here and in later processes."""
 
 played: Counter[Structure] = Counter()
 """Samples that benches of a structure have played while no such loop was there."""
@@ -34,25 +33,42 @@ class Loop:
     """
 
     def __init__(self, parts: layout.Parts, *, lasting: bool = False) -> None:
+        from sim_backend.kernel import machine  # it brings LLVM, which nothing needs before something is played
+
+        self._machine = machine
         self._parts = parts  # the table holds the addresses of their arrays: they must live as long
-        self._called = structure_of(parts, inlined=False)
         self._inlined = structure_of(parts, inlined=True) if lasting else None
-        self._fixed = fixed_entries(parts)
+        if self._inlined is not None:
+            self._machine.load(self._inlined)
         self._steps = np.array([parts.plant.dt_s, parts.plant.dt_s / parts.plant.substeps])
+        self._tables: dict[bool, tuple[Structure, list[int], layout.Ints]] = {}
 
     def play(self, n: int, wave: layout.Waveform, out: layout.Output) -> None:
         """Play `n` samples of `wave` and keep them in `out`."""
-        table = np.array(self._fixed + entries(n, wave, self._parts.mem, out), dtype=np.int64)
-        loop_of(self._structure(n))(table.ctypes.data, self._steps.ctypes.data)
+        structure, fixed, _ = self._table(self._is_inlined(n))
+        table = np.array(fixed + entries(n, wave, self._parts.mem, out), dtype=np.int64)
+        self._machine.loop_of(structure)(table.ctypes.data, self._steps.ctypes.data)
         self._parts.mem.samples[0] += n
 
-    def _structure(self, n: int) -> Structure:
+    def _table(self, inlined: bool) -> tuple[Structure, list[int], layout.Ints]:
+        """Return a structure, the part of its table that stays, and the addresses in there, which it does not copy."""
+        if inlined not in self._tables:
+            # where they are inlined nobody calls the steps, so they need not be compiled for that
+            addresses = np.array([0 if inlined else step.address for step in self._parts.fx.steps], dtype=np.int64)
+            structure = structure_of(self._parts, inlined=inlined)
+            self._tables[inlined] = structure, fixed_entries(self._parts, addresses), addresses
+        return self._tables[inlined]
+
+    def _is_inlined(self, n: int) -> bool:
+        """Tell whether the next `n` samples are played with the effects inlined; see to it that later ones are."""
         if self._inlined is None:
-            return self._called
-        if is_made(self._inlined):
-            return self._inlined
+            return False
+        if self._machine.is_loaded(self._inlined):
+            return True
         played[self._inlined] += n
-        return self._inlined if played[self._inlined] > LONG else self._called
+        if played[self._inlined] > LONG:
+            self._machine.make_aside(self._inlined)
+        return False
 
 
 def contribution_along(
@@ -70,7 +86,7 @@ def contribution_along(
     own: list[Any] = [cell + 8 * i for i in range(5)]
     own += [fx.parameters.ctypes.data + 8 * fx.p0[e], fx.states.ctypes.data + 8 * fx.s0[e]]
     wires = np.array(own, dtype=np.int64)
-    along(fx.address[e], wires, fx.cells, signal, position, rate, aux, dt_s, out)
+    along(fx.steps[e].address, wires, fx.cells, signal, position, rate, aux, dt_s, out)
 
 
 __all__ = ["LONG", "NO_DELAY", "Loop", "contribution_along", "played"]

@@ -17,7 +17,7 @@ RECORDED = ("command", "torque", "current", "position", "reading", "head", "temp
 _ARRAYS: dict[str, tuple[str, ...]] = {
     "plant": ("a", "b", "push", "c", "d", "rate_d", "delay_first", "delay_taps"),
     "hw": ("to_current", "to_torque", "to_heads", "to_reading", "heating"),
-    "fx": ("batch", "address", "coordinates", "levers", "parameters", "states", "wires"),
+    "fx": ("batch", "coordinates", "levers", "parameters", "states", "wires"),
     "ctl": ("fa", "fb", "fc", "fd", "integrator", "period", "lead", "learning", "taps", "gain", "la", "lb", "lc", "ld"),
     "wave": ("reference", "feedforward", "events", "exogenous"),
     "mem": ("x", "past", "has_past", "queue", "acting", "xf", "xl", "closed", "ring", "learned", "temperature"),
@@ -25,7 +25,7 @@ _ARRAYS: dict[str, tuple[str, ...]] = {
     "out": RECORDED,
 }
 _PREFIXED = {"ctl": "ctl.", "out": "out."}  # their names occur elsewhere, too
-_FIXED_NUMBERS = ("gate", "learn", "substeps", "depth", "n_blocks", "n_blocks_l", "n_taps", "length")
+_FIXED_NUMBERS = ("address", "gate", "learn", "substeps", "depth", "n_blocks", "n_blocks_l", "n_taps", "length")
 _NUMBERS = ("n", "samples", "first", "period", "n_events", "n_drawn", *(f"columns.{name}" for name in RECORDED))
 
 
@@ -37,11 +37,11 @@ TABLE = (*_names(*layout.Parts._fields), *_FIXED_NUMBERS, *_names("wave", "out")
 """Names of the table's entries, in order: what stays with a bench, then what a run brings."""
 
 
-def fixed_entries(parts: layout.Parts) -> list[int]:
-    """Return the part of the table that stays with a bench."""
+def fixed_entries(parts: layout.Parts, steps: layout.Ints) -> list[int]:
+    """Return the part of the table that stays with a bench; `steps` (n_e,) are the addresses of its effects' steps."""
     plant, _, _, ctl, mem, _ = parts
-    numbers = [gate.address, learn.address, plant.substeps, mem.queue.shape[1], ctl.fb.shape[1], ctl.lb.shape[1]]
-    numbers += [ctl.taps.shape[1], mem.ring.shape[1]]
+    numbers = [steps.ctypes.data, gate.address, learn.address, plant.substeps, mem.queue.shape[1]]
+    numbers += [ctl.fb.shape[1], ctl.lb.shape[1], ctl.taps.shape[1], mem.ring.shape[1]]
     return [*_addresses(**parts._asdict()), *numbers]
 
 

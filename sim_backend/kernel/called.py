@@ -5,14 +5,20 @@ Every array is a bare pointer to its numbers, in the layout that `sim_backend.la
 
 from __future__ import annotations
 
-from numba import cfunc, njit, types
+from typing import Any
 
 from sim_backend.effects.compiled import call_loop, load, store
+from sim_backend.jit import Deferred, cfunc, njit
 
-_WHOLE, _NUMBERS, _WHOLES = types.intp, types.CPointer(types.float64), types.CPointer(types.intp)
+types: Any = Deferred("numba", "types")
+_WHOLE, _NUMBERS, _WHOLES = "intp", "CPointer(float64)", "CPointer(intp)"
 
 
-@cfunc(types.intp(*[_WHOLE] * 4, _NUMBERS, _WHOLES, _NUMBERS, _NUMBERS, _WHOLES), cache=True)
+def _signature(returned: str, *arguments: str) -> str:
+    return f"{returned}({', '.join(arguments)})"
+
+
+@cfunc(_signature("intp", *[_WHOLE] * 4, _NUMBERS, _WHOLES, _NUMBERS, _NUMBERS, _WHOLES))
 def gate(k, event, n_events, n_blocks, events, integrator, c, x, closed):  # type: ignore[no-untyped-def]
     """Open and close the feedback at the events (n_events, 4) of sample `k`; return the row of the next event.
 
@@ -33,7 +39,7 @@ def gate(k, event, n_events, n_blocks, events, integrator, c, x, closed):  # typ
     return event
 
 
-@cfunc(types.void(*[_WHOLE] * 5, *[_WHOLES] * 3, *[_NUMBERS] * 11), cache=True)
+@cfunc(_signature("void", *[_WHOLE] * 5, *[_WHOLES] * 3, *[_NUMBERS] * 11))
 def learn(  # type: ignore[no-untyped-def]
     i, now, length, n_taps, n_blocks, period, lead, active, taps, gain, a, b, c, d, x, ring, learned, error, command
 ):
@@ -64,7 +70,7 @@ def learn(  # type: ignore[no-untyped-def]
     command[0] += out
 
 
-@njit(cache=True, nogil=True)
+@njit
 def along(address, wires, cells, signal, position, rate, aux, dt_s, out):  # type: ignore[no-untyped-def]
     """Fill `out` (n,) with what the step at `address` adds along signals (n,); `cells` (5,) are those of a sample."""
     cell = types.intp(cells.ctypes.data)

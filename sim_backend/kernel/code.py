@@ -14,9 +14,9 @@ import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
+from sim_backend.kernel.structure import ONE, ZERO
+
 F64, I64 = ir.DoubleType(), ir.IntType(64)
-ZERO, ONE, ANY = 0, 1, 2
-"""What the structure of a bench says of a weight: it is 0 and left out, 1 and not multiplied, or any number."""
 
 
 class Number:

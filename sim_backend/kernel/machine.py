@@ -1,30 +1,29 @@
-"""From an emitted loop to machine code, which is kept on disk beside that of numba: made once on a machine."""
+"""From an emitted loop to machine code, which is kept on disk: made once on a machine."""
 
 from __future__ import annotations
 
 import ctypes
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from itertools import count
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Thread
 from typing import Any
 
-import llvmlite
-import numba
 from llvmlite import binding as llvm
 
-from sim_backend.effects.compiled import plain
-from sim_backend.kernel.called import along
+from sim_backend.jit import entry_name
 from sim_backend.kernel.sample import NAME, Sample
 from sim_backend.kernel.structure import Structure, step_symbol
+from sim_backend.kernel_cache import keep_entry, read_entry
 
 Play = Callable[[int, int], None]
 _lock = Lock()
 _loaded: dict[Structure, tuple[Play, Any]] = {}
 """Every loop of this process with what holds its code."""
+_locks: dict[Structure, Lock] = {}
+"""One for each loop that is being made: different ones are made side by side."""
 _numbers = count()
 
 
@@ -33,15 +32,33 @@ def loop_of(structure: Structure) -> Play:
     found = _loaded.get(structure)
     if found is None:
         with _lock:
+            own = _locks.setdefault(structure, Lock())
+        with own:
             found = _loaded.get(structure)
             if found is None:
-                found = _loaded[structure] = _made(structure)
+                found = _loaded[structure] = _kept(structure) or _made(structure)
     return found[0]
 
 
-def is_made(structure: Structure) -> bool:
-    """Tell whether the loop of a structure is in this process or on disk."""
-    return structure in _loaded or _file(structure).exists()
+def is_loaded(structure: Structure) -> bool:
+    """Tell whether the loop of a structure is ready in this process."""
+    return structure in _loaded
+
+
+def load(structure: Structure) -> bool:
+    """Load the loop of a structure if it is on disk; tell whether it is ready now."""
+    if structure not in _loaded and (found := _kept(structure)):
+        _loaded.setdefault(structure, found)
+    return structure in _loaded
+
+
+def make_aside(structure: Structure) -> None:
+    """Make the loop of a structure in a thread of its own, unless it is being made; the process's end waits for it."""
+    with _lock:
+        if structure in _locks:
+            return
+        _locks[structure] = Lock()
+    Thread(target=loop_of, args=(structure,), name="kernel").start()
 
 
 @cache
@@ -54,41 +71,35 @@ def _target() -> Any:
 
 
 @cache
-def _made_by() -> str:
-    """Return all that decides on the code besides the structure: its source, the compiler, the processor."""
+def _made_by() -> tuple[str, str]:
+    """Return all that decides on the code besides the structure and the versions: its source and the processor."""
     here = Path(__file__).parent
     around = [here.parent / "linear.py", *(here.parent / "effects" / name for name in ("base.py", "compiled.py"))]
     sources = b"".join(path.read_bytes() for path in [*sorted(here.glob("*.py")), *around])
-    cpu = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()
-    return f"{sha256(sources).hexdigest()} {numba.__version__} {llvmlite.__version__} {cpu}"
+    return sha256(sources).hexdigest(), llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()
 
 
-def _file(structure: Structure) -> Path:
-    name = sha256(f"{_made_by()} {structure.text()}".encode()).hexdigest()[:32]
-    return Path(str(along.stats.cache_path)) / f"loop-{name}.o"
+def _entry(structure: Structure) -> str:
+    return entry_name("loop", *_made_by(), structure.text())
+
+
+def _kept(structure: Structure) -> tuple[Play, Any] | None:
+    """Return a loop from disk, or None if it is not there."""
+    code = read_entry(_entry(structure))
+    return None if code is None else _load(code)
 
 
 def _made(structure: Structure) -> tuple[Play, Any]:
-    """Return a loop from disk or made now, which is then written to disk where that can be."""
-    file = _file(structure)
-    try:
-        return _load(file.read_bytes())
-    except (OSError, RuntimeError):  # it is not there, or damaged
-        code = _compiled(structure)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
-            part.write(code)
-        Path(part.name).replace(file)
-    except OSError:
-        pass  # a folder that nobody may write to: the next process makes it again
+    """Return a loop made now, and keep it on disk."""
+    code = _compiled(structure)
+    keep_entry(_entry(structure), code)
     return _load(code)
 
 
 def _compiled(structure: Structure) -> bytes:
     module = llvm.parse_assembly(str(Sample(structure).emit()))
     for step in dict.fromkeys(structure.steps):
-        text, name = plain(step)
+        text, name = step.alone
         part = llvm.parse_assembly(text)
         part.get_function(name).name = step_symbol(step.key)
         module.link_in(part)

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import layout
-from sim_backend.kernel.code import ANY, ONE, ZERO
+
+ZERO, ONE, ANY = 0, 1, 2
+"""What the structure of a bench says of a weight: it is 0 and left out, 1 and not multiplied, or any number."""
 
 NO_DELAY = 0
 """Columns of a queue in which nothing waits."""

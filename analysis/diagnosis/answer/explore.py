@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categories, is_steep, level_label
 from analysis.diagnosis.noise.whitener import Whitener
@@ -157,7 +157,7 @@ def density(x: Array, rate_hz: float) -> tuple[Array, Array]:
 
     Welch's estimate with a Hann window, its mean over logarithmic bands.
     """
-    f, power = welch(x, rate_hz, nperseg=min(x.size, LINES), detrend="constant")
+    f, power = scipy.signal.welch(x, rate_hz, nperseg=min(x.size, LINES), detrend="constant")
     return _banded(f[1:], power[1:])
 
 

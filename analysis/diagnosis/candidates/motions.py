@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.noise.whitener import Whitener
@@ -60,7 +60,7 @@ def _clean(x: Array, whitener: Whitener, output: int) -> Array:
     longer = np.concatenate([2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]])
     spectrum = np.fft.rfft(longer)
     power = np.abs(spectrum) ** 2 / longer.size
-    total = uniform_filter1d(power, max(power.size // 200, 5), mode="nearest")
+    total = scipy.ndimage.uniform_filter1d(power, max(power.size // 200, 5), mode="nearest")
     if whitener.repeats:
         noise = 1.0 / np.abs(np.fft.rfft(whitener.taps[output], longer.size)) ** 2
     else:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.stats import f as f_distribution
+
+from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -50,7 +50,7 @@ def moving_rms(x: Array, length: int) -> Array:
     Rows to come answer this row's noise where there is a loop.
     """
     length = min(length, x.size)
-    squares = uniform_filter1d((x - x.mean()) ** 2, length, mode="nearest", origin=(length - 1) // 2)
+    squares = scipy.ndimage.uniform_filter1d((x - x.mean()) ** 2, length, mode="nearest", origin=(length - 1) // 2)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
@@ -59,7 +59,7 @@ def rate_of(x: Array, rate_hz: float) -> Array:
     return np.diff(x, prepend=2.0 * x[0] - x[min(1, x.size - 1)]) * rate_hz
 
 
-@njit(cache=True, nogil=True)
+@njit
 def accumulate(taps, index, w, parts, n_bins):  # type: ignore[no-untyped-def]
     """Return the normal equations (gram, cross) of `w` (n,) on the bins' indicators, whitened by `taps`.
 
@@ -111,10 +111,10 @@ def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: in
     if rank < 1 or dof < 1:
         return 1.0
     noise = 1.0 if noise_rows else rest / dof
-    return float(f_distribution.sf(max(explained, 0.0) / rank / noise, rank, noise_rows or dof))
+    return float(scipy.stats.f.sf(max(explained, 0.0) / rank / noise, rank, noise_rows or dof))
 
 
 def largest_test(ratio: Array, dof: Array, other_dof: Array) -> float:
     """Return the p-value of the largest of several independent variance ratios, F with `dof` over `other_dof` (n,)."""
-    least = float(np.min(f_distribution.sf(ratio, dof, other_dof)))
+    least = float(np.min(scipy.stats.f.sf(ratio, dof, other_dof)))
     return float(-np.expm1(ratio.size * np.log1p(-min(least, 1.0 - 1e-16))))

@@ -16,9 +16,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
-from scipy.stats import f as f_distribution
 
 from analysis.diagnosis.evidence.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms, rate_of
 from analysis.diagnosis.evidence.slow_noise import excess_of_indicators, first_of_fast, levelled, low_levels
@@ -272,7 +271,7 @@ def _through_plant(s: _Series, force: Force, found: Binned, parts: NDArray[np.in
         for k in range(n):
             acting = (found.index[a:b] == k).astype(float)
             moved = response(force.plant, acting, force.input)[:, force.output]
-            columns[:, k] = levelled(lfilter(s.taps, [1.0], moved), levels)
+            columns[:, k] = levelled(scipy.signal.lfilter(s.taps, [1.0], moved), levels)
         gram += columns.T @ columns
         cross += columns.T @ s.w[a:b]
     return gram, cross
@@ -325,7 +324,7 @@ def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:
         dof = s.w.size - 6
         noise = 1.0 if s.noise_rows else (float(left @ left) - shifted[0]) / dof
         explained[i] = np.sqrt(shifted[0] / s.w.size)
-        against_noise = float(f_distribution.sf(shifted[0] / 3.0 / noise, 3, s.noise_rows or dof))
+        against_noise = float(scipy.stats.f.sf(shifted[0] / 3.0 / noise, 3, s.noise_rows or dof))
         p_values[i] = max(against_noise, float(np.mean(shifted >= shifted[0])))
     i = int(np.argmin(p_values))
     floor = np.full(len(others), np.sqrt(3.0 / s.w.size))

@@ -8,9 +8,8 @@ A^T L^2 w. L differs from one in the lowest rows only, and A^T L^2 A = A^T A - (
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dct, idct, next_fast_len
-from scipy.signal import lfilter
 
 from analysis.diagnosis.noise.whitener import Whitener
 
@@ -29,7 +28,7 @@ def first_of_fast(n: int, least: int) -> int:
 
     One in a thousand more or less: a length with a large prime factor takes ten times as long.
     """
-    return n - next(m for m in range(n - least, 0, -1) if next_fast_len(m) == m)
+    return n - next(m for m in range(n - least, 0, -1) if scipy.fft.next_fast_len(m) == m)
 
 
 def low_levels(whitener: Whitener, n: int, output: int) -> Array:
@@ -43,9 +42,9 @@ def levelled(values: Array, levels: Array) -> Array:
     """Return `values` (n,) or (n, k), whitened but for the `levels` of their lowest rows, with these divided out."""
     if not levels.size:
         return values
-    rows = dct(values, axis=0, norm="ortho")
+    rows = scipy.fft.dct(values, axis=0, norm="ortho")
     rows[: levels.size] /= np.sqrt(levels).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(idct(rows, axis=0, norm="ortho", overwrite_x=True))
+    return np.asarray(scipy.fft.idct(rows, axis=0, norm="ortho", overwrite_x=True))
 
 
 def excess_of_indicators(taps: Array, index: Indices, count: int, levels: Array) -> Array:
@@ -57,5 +56,7 @@ def excess_of_indicators(taps: Array, index: Indices, count: int, levels: Array)
     for some in range(0, count, _TOGETHER):
         bins = np.arange(some, min(some + _TOGETHER, count))
         acting = (index[:, None] == bins).astype(float)
-        low[:, bins] = dct(lfilter(taps, [1.0], acting, axis=0), axis=0, norm="ortho")[: levels.size]
+        low[:, bins] = scipy.fft.dct(scipy.signal.lfilter(taps, [1.0], acting, axis=0), axis=0, norm="ortho")[
+            : levels.size
+        ]
     return np.asarray((low * (1.0 - 1.0 / levels)[:, None]).T @ low)

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from analysis.identification.loop_at_once import echo_of
 
@@ -95,9 +94,9 @@ def repeat_test(w: Array, repeats: Sequence[Repeat], rate_hz: float) -> float:
 
 def _over_bands(ratio: Array, dof: Array, other_dof: Array) -> float:
     """Return one p-value of independent variance ratios: twice the smaller of Šidák's (one) and Fisher's (many)."""
-    p = np.maximum(f_distribution.sf(ratio, dof, other_dof), np.finfo(float).tiny)
+    p = np.maximum(scipy.stats.f.sf(ratio, dof, other_dof), np.finfo(float).tiny)
     one = float(-np.expm1(p.size * np.log1p(-min(float(p.min()), 1.0 - 1e-16))))
-    many = float(chi2.sf(-2.0 * np.sum(np.log(p)), 2 * p.size))
+    many = float(scipy.stats.chi2.sf(-2.0 * np.sum(np.log(p)), 2 * p.size))
     return min(1.0, 2.0 * min(one, many))
 
 
@@ -110,7 +109,7 @@ def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> 
     cuts = np.cumsum(parts)[:-1]
     echo = echo_of(np.split(w, cuts), np.split(u, cuts))
     if echo.comes_back:
-        return float(chi2.sf(echo.before, echo.tests))
+        return float(scipy.stats.chi2.sf(echo.before, echo.tests))
     edges = _edges(max(parts), rate_hz)
     pieces: list[list[Array]] = [[] for _ in range(edges.size - 1)]
     at = 0

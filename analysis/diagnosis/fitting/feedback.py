@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from analysis.diagnosis.candidates.signature import Motion, force_along
 from analysis.diagnosis.nominal.responses import coasting, simulate
@@ -57,11 +57,11 @@ class Answering:
         """Return changes of the outputs, (n, n_y, k), with what the effects do in turn."""
         if self.closing is None:
             return moved
-        held = rfft(moved.T, self.length)  # (k, n_y, n_f)
+        held = scipy.fft.rfft(moved.T, self.length)  # (k, n_y, n_f)
         out = np.empty_like(held)
         for o, row in enumerate(self.closing):
             out[:, o] = sum(weights * held[:, i] for i, weights in enumerate(row))
-        return np.asarray(irfft(out, self.length)[..., : moved.shape[0]].T)
+        return np.asarray(scipy.fft.irfft(out, self.length)[..., : moved.shape[0]].T)
 
 
 def answering(
@@ -86,11 +86,11 @@ def answering(
         m = mode_of(linear, effect.where, effect.name)
         omega[m], sigma[m] = _mode_with(linear, m, effect, places, smooth, start[m : m + 1], rate_hz)
     own = linear.with_(omega_rad_s=omega, sigma_1_s=sigma)
-    length = int(next_fast_len(2 * motion.u.shape[0], real=True))
+    length = int(scipy.fft.next_fast_len(2 * motion.u.shape[0], real=True))
     fading = bool(np.all(linear.omega_rad_s * linear.sigma_1_s > 0.0))
     if not (outside and fading):
         return Answering(own, smooth, None, length)
-    frequency_hz = rfftfreq(length, 1.0 / rate_hz)
+    frequency_hz = scipy.fft.rfftfreq(length, 1.0 / rate_hz)
     back = np.zeros((frequency_hz.size, linear.n_inputs, linear.n_outputs), complex)
     for effect, (force, read, onto) in zip(outside, told, strict=True):
         gain = _gain(effect, places, motion, force, read, frequency_hz, rate_hz)
@@ -137,9 +137,9 @@ def _gain(
     """
     x = motion.position @ row
     n, phases = x.size, np.random.default_rng(_SEED).random(x.size // 2 + 1)
-    spectrum = rfft(x - x.mean()) * np.exp(2j * np.pi * phases)
-    turning = 2j * np.pi * rfftfreq(n, 1.0 / rate_hz)
-    columns = np.stack([irfft(part * spectrum, n) for part in (1.0, -1j, turning)], axis=1)
+    spectrum = scipy.fft.rfft(x - x.mean()) * np.exp(2j * np.pi * phases)
+    turning = 2j * np.pi * scipy.fft.rfftfreq(n, 1.0 / rate_hz)
+    columns = np.stack([scipy.fft.irfft(part * spectrum, n) for part in (1.0, -1j, turning)], axis=1)
     along = _SMALL * row / float(row @ row)
     nearby = replace(
         motion,

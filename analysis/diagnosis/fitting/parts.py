@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Setting
@@ -58,7 +58,7 @@ def parts_of(setting: Setting, candidates: Sequence[Candidate], effects: Sequenc
     wired = _wired(setting, acting)
     if wired is None:
         return []
-    _, label = connected_components(wired, directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(wired, directed=False)
     n_y = linear.n_outputs
     names = {name: int(label[n_y + j]) for j, name in enumerate(places.inputs)}
     names |= {name: int(label[o]) for o, name in enumerate(places.outputs)}

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from analysis.diagnosis.candidates.parameters import Scale
 from analysis.diagnosis.candidates.signature import Candidate
@@ -98,12 +98,14 @@ class Problem:
     @cached_property
     def factor(self) -> Array:
         """The lower factor U (n, n) of the covariance U U' of all parameters before the data speak."""
-        return np.asarray(block_diag(factor_of(self.setting.knobs), np.diag([s.sd for s in self.scales])))
+        return np.asarray(scipy.linalg.block_diag(factor_of(self.setting.knobs), np.diag([s.sd for s in self.scales])))
 
     @cached_property
     def root(self) -> Array:
         """The inverse of `factor`: it makes unit white numbers of the parameters' distances from their means."""
-        return np.asarray(block_diag(root_of(self.setting.knobs), np.diag([1.0 / s.sd for s in self.scales])))
+        return np.asarray(
+            scipy.linalg.block_diag(root_of(self.setting.knobs), np.diag([1.0 / s.sd for s in self.scales]))
+        )
 
     def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
         """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""

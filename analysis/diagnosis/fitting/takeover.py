@@ -6,8 +6,8 @@ from contextlib import suppress
 from dataclasses import fields
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -48,5 +48,5 @@ def part_to_take(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array)
             return strain_of(setting.knobs, taken_over(setting, fit, candidate, part * sizes)[0])
         return np.inf
 
-    found = minimize_scalar(left, bounds=(0.0, 2.0), method="bounded")
+    found = scipy.optimize.minimize_scalar(left, bounds=(0.0, 2.0), method="bounded")
     return float(found.x) if found.fun < left(1.0) else 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.fft import dct
+import scipy
 
 from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
 from analysis.diagnosis.noise.levels import levels_of_means, levels_of_medians
@@ -105,7 +105,7 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
     for x, mask in parts:
         white = plain.apply(x[:, None], output)[:, 0]
         for start, stop in runs_of(mask):
-            power.append(dct(white[start:stop], norm="ortho") ** 2)
+            power.append(scipy.fft.dct(white[start:stop], norm="ortho") ** 2)
             frequency.append(np.arange(stop - start) / (2.0 * (stop - start)))
     return np.concatenate(frequency), np.concatenate(power)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import f
+import scipy
 
 from analysis.diagnosis.noise.whitener import Array, band_of
 
@@ -78,6 +78,6 @@ def _pooled(noise: Array, left: Array) -> float:
     own, count = float(noise.mean()), _EFFICIENCY * left.size
     other = float(np.median(left)) / _MEDIAN_OF_SQUARE if left.size else 0.0
     ratio = other / max(own, np.finfo(float).tiny)
-    if not _BY_CHANCE < f.sf(ratio, count, noise.size) < 1.0 - _BY_CHANCE:
+    if not _BY_CHANCE < scipy.stats.f.sf(ratio, count, noise.size) < 1.0 - _BY_CHANCE:
         return own
     return (noise.size * own + count * other) / (noise.size + count)

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dct
+
+from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -154,7 +155,7 @@ class Whitener:
             for k, (start, stop) in enumerate(runs):
                 part = white[:, start:stop]
                 if factors:
-                    part = dct(part, axis=1, norm="ortho", overwrite_x=True)
+                    part = scipy.fft.dct(part, axis=1, norm="ortho", overwrite_x=True)
                     part[:, : factors[k].size] /= factors[k]
                 kept[:, first : first + stop - start] = part
                 first += stop - start
@@ -202,7 +203,7 @@ def runs_of(mask: Mask) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _fir(taps, series, out):  # type: ignore[no-untyped-def]
     """Fill `out` (k, n) with each row of `series` filtered by `taps`; stretches of it stay in the fastest memory.
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from analysis.diagnosis.nominal.tuning import Knob
 
@@ -35,7 +35,7 @@ def spreads_of(knobs: Sequence[Knob]) -> Array:
 
 def root_of(knobs: Sequence[Knob]) -> Array:
     """Return W (n, n) that makes unit white numbers of the knobs' changes: W'W is the inverse of their covariance."""
-    return np.asarray(solve_triangular(factor_of(knobs), np.eye(len(knobs)), lower=True))
+    return np.asarray(scipy.linalg.solve_triangular(factor_of(knobs), np.eye(len(knobs)), lower=True))
 
 
 def factor_of(knobs: Sequence[Knob]) -> Array:

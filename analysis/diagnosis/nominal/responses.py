@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from analysis.linear.simulate import delayed
+from sim_backend.jit import njit
 from sim_backend.linear import DiscreteModel
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _mode(a, b, c, f, start, scale, out):  # type: ignore[no-untyped-def]
     """Add to `out` (n, n_y) `scale` times what one block gives that begins at `start` (2,) under forces `f` (n, n_u).
 
@@ -31,7 +31,7 @@ def _mode(a, b, c, f, start, scale, out):  # type: ignore[no-untyped-def]
             x1 += b[1, j] * f[k, j]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
     """Add to `out` (n, n_y) the response of all blocks to one input `f` (n,): b (m, 2), c (n_y, m, 2), d (n_y,)."""
     n_y = out.shape[1]

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from sim_backend.effects.view import LEAST_PART
 
@@ -201,7 +201,7 @@ def _not_negative(basis: Array, r: Array) -> tuple[Array, Array]:
         values, vectors = np.linalg.eigh(basis)
         there = values > 1e-6 * values[-1]
         root = vectors[:, there] * np.sqrt(values[there])
-        x, _ = nnls(root.T, vectors[:, there].T @ r / np.sqrt(values[there]))
+        x, _ = scipy.optimize.nnls(root.T, vectors[:, there].T @ r / np.sqrt(values[there]))
         return x, root @ root.T
-    x, _ = nnls(root.T, np.linalg.solve(root, r))
+    x, _ = scipy.optimize.nnls(root.T, np.linalg.solve(root, r))
     return x, basis

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener, runs_of
@@ -51,11 +51,11 @@ def _levelled(whitener: Whitener, white: Array, mask: Mask, output: int) -> Arra
     """Return filtered values (n,) divided by the noise's levels in its low bands, zero outside the mask."""
     out = np.zeros(white.size)
     for start, stop in runs_of(mask):
-        spectrum = dct(white[start:stop], norm="ortho")
+        spectrum = scipy.fft.dct(white[start:stop], norm="ortho")
         if whitener.levels.size:
             levels = whitener.band_levels(spectrum.shape[0], output)
             spectrum[: levels.size] /= levels
-        out[start:stop] = idct(spectrum, norm="ortho")
+        out[start:stop] = scipy.fft.idct(spectrum, norm="ortho")
     return out
 
 

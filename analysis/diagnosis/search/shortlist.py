@@ -7,8 +7,8 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from analysis.diagnosis.candidates.motions import measured_motion
 from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates
@@ -191,7 +191,7 @@ def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: floa
     once in a hundred times, than that of a single known signature, so that it does not raise the limit of the others.
     """
     own = {key: np.max(ratios[[i for i, k in enumerate(keys) if k == key]], axis=0) for key in dict.fromkeys(keys)}
-    usual = float(chi2.isf(_RARE, 1))
+    usual = float(scipy.stats.chi2.isf(_RARE, 1))
     larger = {key: max(float(np.quantile(best, 1.0 - _RARE)) - usual, 0.0) for key, best in own.items()}
     if not own:
         return np.zeros(0)

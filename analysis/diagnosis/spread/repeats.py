@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import binom, norm, poisson
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.spread.chance import Chance
@@ -66,7 +66,9 @@ def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
         chances += int(np.sum(rare[1:] & same[:-1]))
         where.append(np.concatenate([[False], same]))
     share = equal / max(pairs, 1)
-    tail = 2.0 * min(binom.cdf(together, chances, share), binom.sf(together - 1, chances, share))
+    tail = 2.0 * min(
+        scipy.stats.binom.cdf(together, chances, share), scipy.stats.binom.sf(together - 1, chances, share)
+    )
     return Repeats(equal, pairs, expected, bool(tail > _ORDERED), tuple(where))
 
 
@@ -85,10 +87,10 @@ def _chance_of_equal(move: Array, sd: float, step: float) -> Array:
     sd = max(sd, 1e-6 * step)
     d = np.abs(move)
     if step < 0.01 * sd:  # the triangle is as narrow as a point beside the normal curve
-        return np.asarray(step * norm.pdf(d / sd) / sd)
+        return np.asarray(step * scipy.stats.norm.pdf(d / sd) / sd)
     a, b, c = (d - step) / sd, d / sd, (d + step) / sd
     # the triangle is a second difference of ramps, and E[max(0, δ - k)] of a normal δ is sd (pdf + z cdf)
-    ramp = [norm.pdf(z) + z * norm.cdf(z) for z in (a, b, c)]
+    ramp = [scipy.stats.norm.pdf(z) + z * scipy.stats.norm.cdf(z) for z in (a, b, c)]
     return np.asarray(np.clip(sd / step * (ramp[0] - 2.0 * ramp[1] + ramp[2]), 0.0, 1.0))
 
 
@@ -112,7 +114,7 @@ def lost_samples(setting: Setting, fit: Fit) -> list[Chance]:
                 DroppedSamples(where, fraction=min(share, 0.99)),
                 {"fraction": math.sqrt(share * (1.0 - share) / seen.pairs)},
                 seen.equal * math.log(seen.equal / expected) - (seen.equal - expected),
-                float(poisson.sf(seen.equal - 1, expected)),
+                float(scipy.stats.poisson.sf(seen.equal - 1, expected)),
                 power / rows / setting.data.n_outputs,
                 math.sqrt(power),
             )

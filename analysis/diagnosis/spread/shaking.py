@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.starts import without_starts
@@ -143,7 +143,7 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
     top = max(finite, key=lambda k: best[k][0])
     value, band = best[top]
     # against the most flexible floor of all, at any place of the grid
-    p_value = min(tried * float(chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
+    p_value = min(tried * float(scipy.stats.chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
     forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
     white = max((v for v, other in best.values() if math.isinf(other.width_hz)), default=-math.inf)
     passed = max((v for v, other in best.values() if other.low_pass), default=-math.inf)

@@ -14,10 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dct
-from scipy.optimize import minimize
-from scipy.stats import norm
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.whitener import Bands, Whitener, runs_of
@@ -137,7 +135,7 @@ def blocks_of(setting: Setting, fit: Fit, output: int) -> Blocks | None:
             mask[: setting.whitener.order] = False
             for start, stop in runs_of(mask):
                 rows = slice(start, start + (stop - start) // BLOCK * BLOCK)
-                energy = dct(white[rows].reshape(-1, BLOCK), axis=1, norm="ortho") ** 2
+                energy = scipy.fft.dct(white[rows].reshape(-1, BLOCK), axis=1, norm="ortho") ** 2
                 upper.append(energy[:, _UPPER].mean(axis=1))
                 lower.append(energy[:, _LOWER].mean(axis=1))
                 size = np.abs(position[rows, output])
@@ -169,7 +167,7 @@ def score_test(energy: Array, column: Array) -> float:
     """Return the one-sided p-value of `energy` (n,) growing with `column` (n,), whatever the energies' distribution."""
     x, e = column - column.mean(), energy - energy.mean()
     spread = math.sqrt(float(x @ x) * float(e @ e))
-    return float(norm.sf(math.sqrt(x.size) * float(x @ e) / spread)) if spread > 0.0 else 1.0
+    return float(scipy.stats.norm.sf(math.sqrt(x.size) * float(x @ e) / spread)) if spread > 0.0 else 1.0
 
 
 def apex_law(blocks: Blocks) -> tuple[Law, float, bool, bool]:
@@ -219,7 +217,7 @@ def _fitted(energy: Array, variance: Callable[[Array], tuple[Array, Array]], sta
         return loss / scale, half * ((1.0 / v - energy / v**2) @ slopes) / scale
 
     bounds = [(1e-6, None)] + [(0.0, None)] * (start.size - 1)
-    x = minimize(cost, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-13}).x
+    x = scipy.optimize.minimize(cost, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-13}).x
     v, slopes = variance(x)
     relative = slopes / v[:, None]
     covariance = np.linalg.pinv(half * relative.T @ relative) * np.outer(units, units)

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dct
-from scipy.linalg import helmert
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import band_of, runs_of
@@ -122,7 +121,7 @@ def series_of(setting: Setting, record: Record, white: Array) -> list[Series]:
         begin = w.start + first * w.period
         periods = white[begin : w.start + whole * w.period].reshape(whole - first, w.period, -1)
         played = motion[begin : begin + w.period]
-        out += [Series(np.tensordot(row, periods, axes=1), played, True) for row in helmert(whole - first)]
+        out += [Series(np.tensordot(row, periods, axes=1), played, True) for row in scipy.linalg.helmert(whole - first)]
     return out
 
 
@@ -134,7 +133,7 @@ def spectrum_of(setting: Setting, series: Sequence[Array]) -> Spectrum | None:
         f = np.arange(x.shape[0]) / (2.0 * x.shape[0])
         used = (f >= _CYCLES / (2.0 * x.shape[0])) & (f <= _HIGHEST)
         parts.append(f[used])
-        powers.append((dct(x, axis=0, norm="ortho") ** 2)[used])
+        powers.append((scipy.fft.dct(x, axis=0, norm="ortho") ** 2)[used])
     frequency = np.concatenate(parts) if parts else np.zeros(0)
     if frequency.size < 32 * _LEAST_ROWS:
         return None

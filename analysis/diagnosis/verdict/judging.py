@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import chi2
+import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
@@ -110,7 +109,7 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
     count, off = len(found.setting.knobs), strain_of(found.setting.knobs, found.best.change)
     # what the form of an effect gets wrong, knobs that the data do not hold make up for
-    if count and chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
+    if count and scipy.stats.chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
             f"(rms of {count})"
@@ -203,7 +202,7 @@ def _odds(found: Found, allowed: float, random: float) -> str:
         fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
         lead = max((score(tuned, known) - score(r, known) for r in fits), default=0.0)
         # the lead that being sure takes is the first screening's price
-        chance = expit(0.5 * (lead - found.first.price) + SURE_LEAD)
+        chance = scipy.special.expit(0.5 * (lead - found.first.price) + SURE_LEAD)
         if chance > 1.0 - SURE:
             return (
                 f"{candidate.effect.reported()} at {candidate.where} stands out of the noise and may be it, with a "

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2, f
 
 from analysis.diagnosis.candidates.motions import as_simulated
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -59,8 +59,8 @@ class Leftover:
         """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
         gain = max((self.gain - allowed) / self.louder, 0.0)
         if math.isfinite(self.known_from):
-            return min(self.choices * float(f.sf(gain / self.columns, self.columns, self.known_from)), 1.0)
-        return min(self.choices * float(chi2.sf(gain, self.columns)), 1.0)
+            return min(self.choices * float(scipy.stats.f.sf(gain / self.columns, self.columns, self.known_from)), 1.0)
+        return min(self.choices * float(scipy.stats.chi2.sf(gain, self.columns)), 1.0)
 
     def words(self) -> str:
         """Return what it is, where, and how sure."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
@@ -167,7 +167,9 @@ class Ringing(Pattern):
         pole = -self.damping + 1j * np.sqrt(1.0 - self.damping**2)
         z = np.exp(2.0 * np.pi * self.cycles / self.span / plant.rate_hz * pole)
         u = motions[record].u[:, self.played]
-        answer = lfilter([0.0, 1.0], [1.0, -2.0 * z.real, abs(z) ** 2], np.roll(u, round(self.later * u.size)))
+        answer = scipy.signal.lfilter(
+            [0.0, 1.0], [1.0, -2.0 * z.real, abs(z) ** 2], np.roll(u, round(self.later * u.size))
+        )
         out = np.zeros((*motions[record].sensed.shape, 2))
         out[:, self.at] = np.stack([answer, np.diff(answer, prepend=0.0)], axis=1)
         return out

@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
 from sim_backend.assembly import Places
+from sim_backend.jit import njit
 from sim_backend.linear import DiscreteModel
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ def _beyond(a: Array, tail: Array) -> list[Array]:
     return [*(np.sign(a) * e for e in excess), *excess]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _behind(x, play):  # type: ignore[no-untyped-def]
     """Return what follows `x` (n,) and stays behind by `play` at most (the play operator), begun at `x`."""
     out = np.empty_like(x)
@@ -178,7 +178,7 @@ def _memories(x: Array, longest: int) -> list[Array]:
     """Return `x` (n,) behind first-order lags of a ladder of times, up to a quarter of the `longest` record."""
     count = max(int(np.log(longest / 4.0 / _SHORTEST) / np.log(_LADDER)) + 1, 1)
     poles = np.exp(-1.0 / (_SHORTEST * _LADDER ** np.arange(count)))
-    return [lfilter([1.0 - a], [1.0, -a], x) for a in poles]
+    return [scipy.signal.lfilter([1.0 - a], [1.0, -a], x) for a in poles]
 
 
 def scenes_of(motions: Sequence[Motion], places: Places) -> list[Scene]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from campaigns.challenge import laws
 from campaigns.challenge.families.base import Hidden, Law, Scene, log_uniform, on_axis, sign, some_axis
@@ -136,7 +136,7 @@ class Lag(Hidden):
         held = drive[:, self.axis]
         keep = np.exp(-excitation.fine_s / self.size)
         # state at the end of each step, and the mean of the exponential between
-        end = lfilter([1.0 - keep], [1.0, -keep], held)
+        end = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], held)
         begin = np.concatenate([[0.0], end[:-1]])
         mean = held + (begin - held) * (self.size / excitation.fine_s) * (1.0 - keep)
         return on_axis(drive, self.axis, mean)
@@ -255,7 +255,7 @@ class CoilHeating(Hidden):
         """Return the drive, weakened by the heat of its past."""
         u = drive[:, self.axis]
         keep = np.exp(-excitation.fine_s / self.time_s)
-        heat = lfilter([0.0, 1.0 - keep], [1.0, -keep], u**2)
+        heat = scipy.signal.lfilter([0.0, 1.0 - keep], [1.0, -keep], u**2)
         return on_axis(drive, self.axis, u * (1.0 - self.size / self.u_rms**2 * heat))
 
     def truth(self) -> dict[str, float]:

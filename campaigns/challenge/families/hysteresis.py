@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from campaigns.challenge import laws
 from campaigns.challenge.families.base import Hidden, Law, Scene, log_uniform, on_axis, some_axis
 from campaigns.challenge.motion import Excitation
+from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ class Iwan(Hidden):
         return Law(laws.IWAN, self.axis, (self.size, self.reach))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _plays(u, reaches):  # type: ignore[no-untyped-def]
     out = np.zeros(u.size)
     at = np.zeros(reaches.size)

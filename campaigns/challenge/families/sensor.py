@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from campaigns.challenge.families.base import Coupled, Hidden, Scene, log_uniform, on_axis, sign, some_axis
 from campaigns.challenge.motion import Excitation, Motion
+from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ class SensorQuantisation(Hidden):
         return {"step_size": self.size}
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _miscounts(rate, limit):  # type: ignore[no-untyped-def]
     """Return the fringes lost until each fine step: one per excursion beyond the limit, which ends at half of it."""
     count = np.zeros(rate.size)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter
 
 from campaigns.challenge import laws
 from campaigns.challenge.families.base import Hidden, Law, Scene, log_uniform, on_axis, sign, some_axis
@@ -81,7 +80,7 @@ class BroadbandVibration(Hidden):
         """Return the torques with the vibration, already going on when the run begins."""
         lead = int(4.0 / (self.bandwidth_hz * excitation.fine_s))
         white = rng.standard_normal(lead + drive.shape[0])
-        shaking = self.size * lfilter(*self.filter(excitation.fine_s), white)[lead:]
+        shaking = self.size * scipy.signal.lfilter(*self.filter(excitation.fine_s), white)[lead:]
         return on_axis(drive, self.axis, drive[:, self.axis] + shaking)
 
     def truth(self) -> dict[str, float]:
@@ -138,7 +137,7 @@ class ClockError(Hidden):
         fine = motion.position[:, self.axis]
         n = reading.shape[0]
         at = np.minimum(np.arange(n) * (1.0 + self.size * self.way) * motion.substeps, fine.size - 1.0)
-        spline = make_interp_spline(np.arange(fine.size), fine, k=3)
+        spline = scipy.interpolate.make_interp_spline(np.arange(fine.size), fine, k=3)
         return on_axis(reading, self.axis, reading[:, self.axis] + spline(at) - fine[:: motion.substeps])
 
     def truth(self) -> dict[str, float]:

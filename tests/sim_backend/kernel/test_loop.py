@@ -1,18 +1,21 @@
 """A loop with its effects inlined is the loop that calls them, to the last bit; its code is made once and kept."""
 
 from concurrent.futures import ThreadPoolExecutor
+from threading import current_thread, main_thread
+from threading import enumerate as enumerate_threads
 
 import msgspec
 import numpy as np
 import pytest
 
-from sim_backend import kernel, layout
+from sim_backend import kernel, kernel_cache, layout
 from sim_backend.assembly import places_of
 from sim_backend.bench import Gate, Learning, Segment
 from sim_backend.control.blocks import filter_from_zpk
 from sim_backend.control.feedback import theta_controller, z_controller
 from sim_backend.effects import BENCH_ONLY, NAMED, NOISES
 from sim_backend.kernel import machine
+from sim_backend.kernel_cache import VARIABLE
 from sim_backend.model import EffectEntry, load_model
 from sim_backend.replay import replay
 from sim_backend.simbench import SimBench
@@ -25,19 +28,24 @@ N = 3000
 
 @pytest.fixture
 def asked(monkeypatch):
-    """The structures of which a loop was asked for, in order."""
+    """The structures of which a loop was asked for to play it, in order."""
     found = []
-    loop_of = kernel.loop_of
-    monkeypatch.setattr(kernel, "loop_of", lambda structure: (found.append(structure), loop_of(structure))[1])
+    loop_of = machine.loop_of
+
+    def asking(structure):
+        if current_thread() is main_thread():  # another one makes a loop aside
+            found.append(structure)
+        return loop_of(structure)
+
+    monkeypatch.setattr(machine, "loop_of", asking)
     return found
 
 
 def both(monkeypatch, asked, record):
     """Return what `record` returns with effects called and with effects inlined."""
     results = []
-    monkeypatch.setattr(kernel, "is_made", lambda structure: False)
-    for inlined, long in ((False, np.inf), (True, -1)):
-        monkeypatch.setattr(kernel, "LONG", long)
+    for inlined in (False, True):
+        monkeypatch.setattr(kernel.Loop, "_is_inlined", lambda self, n, inlined=inlined: inlined)
         asked.clear()
         results.append(record())
         assert asked and all(structure.inlined is inlined for structure in asked)
@@ -90,15 +98,36 @@ def test_inlined_effects_give_the_same_bits_for_every_effect(monkeypatch, asked)
         np.testing.assert_array_equal(inlined[name], values, err_msg=name)
 
 
-def test_a_bench_that_is_played_for_long_gets_a_loop_of_its_own(monkeypatch, asked):
-    monkeypatch.setattr(kernel, "is_made", lambda structure: False)
+def empty(monkeypatch, folder):
+    """Let the kernel cache be an empty folder, and no loop be in this process."""
+    monkeypatch.setenv(VARIABLE, str(folder))
+    for name in ("_loaded", "_locks"):
+        monkeypatch.setattr(machine, name, {})
+
+
+def test_a_bench_that_is_played_for_long_gets_a_loop_of_its_own(monkeypatch, asked, tmp_path):
+    empty(monkeypatch, tmp_path)
     monkeypatch.setattr(kernel, "LONG", 2500)
     kernel.played.clear()
-    bench = SimBench(one_axis((("cubic-stiffness", {"stiffness": 1e3}),)), 0)
     torque = held_torque(1000)[:, None]
-    for _ in range(4):
-        bench.play(Segment("again", 1000, np.zeros_like(torque), torque))
-    assert [structure.inlined for structure in asked] == [False, False, True, True]
+    segment = Segment("again", 1000, np.zeros_like(torque), torque)
+    model = one_axis((("cubic-stiffness", {"stiffness": 1e3}),))
+    benches = SimBench(model, 0), SimBench(model, 0)
+    runs = [benches[0].play(segment) for _ in range(3)]
+    assert [structure.inlined for structure in asked[:3]] == [False, False, False]
+    # the third run went beyond LONG, so the other loop is being made aside now
+    for thread in enumerate_threads():
+        if thread.name == "kernel":
+            thread.join(timeout=60.0)
+    asked.clear()
+    runs.append(benches[0].play(segment))
+    assert [structure.inlined for structure in asked] == [True]
+    # a process that comes later has it from disk from the first sample on, and all of them play the same
+    monkeypatch.setattr(machine, "_loaded", {})
+    asked.clear()
+    for run in runs:
+        np.testing.assert_array_equal(benches[1].play(segment).channels["theta_x"], run.channels["theta_x"])
+    assert [structure.inlined for structure in asked] == [True] * 4
 
 
 def test_benches_that_differ_in_numbers_alone_share_a_loop(asked):
@@ -121,34 +150,49 @@ def test_a_torque_fed_through_is_in_the_reading_of_its_own_sample():
 
 
 def test_code_is_read_from_disk(monkeypatch, tmp_path):
-    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "new" / "loop.o")
-    monkeypatch.setattr(machine, "_loaded", {})
+    empty(monkeypatch, tmp_path / "new")
     first = play(one_axis(), held_torque(200))["theta_x"]
-    monkeypatch.setattr(machine, "_loaded", {})
+    empty(monkeypatch, tmp_path / "new")
     monkeypatch.setattr(machine, "_compiled", None)
     np.testing.assert_array_equal(play(one_axis(), held_torque(200))["theta_x"], first)
-    assert [file.name for file in (tmp_path / "new").iterdir()] == ["loop.o"]
+    assert len(list((tmp_path / "new").glob("loop-*"))) == 1
 
 
 def test_a_folder_that_cannot_be_written_only_costs_time(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "file" / "loop.o")
-    monkeypatch.setattr(machine, "_loaded", {})
-    assert np.any(play(one_axis(), held_torque(200))["theta_x"])
+    empty(monkeypatch, tmp_path / "file" / "folder")
+    monkeypatch.setattr(kernel_cache, "_told", set())
+    with pytest.warns(kernel_cache.KernelCacheWarning, match="no folder to keep compiled code in"):
+        moved = play(one_axis(), held_torque(200))["theta_x"]
+    assert np.any(moved)
 
 
-def test_damaged_code_is_made_again(monkeypatch, tmp_path):
-    (tmp_path / "loop.o").write_bytes(b"cut short")
-    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "loop.o")
-    monkeypatch.setattr(machine, "_loaded", {})
-    assert np.any(play(one_axis(), held_torque(200))["theta_x"])
-    assert (tmp_path / "loop.o").stat().st_size > 1000
+@pytest.mark.parametrize("damage", ["cut short", "one bit", "of another loop"])
+def test_damaged_code_is_made_again(monkeypatch, tmp_path, damage):
+    empty(monkeypatch, tmp_path)
+    right = play(one_axis(), held_torque(200))["theta_x"]
+    (file,) = tmp_path.glob("loop-*")
+    code = file.read_bytes()
+    if damage == "of another loop":
+        file.unlink()
+        play(one_axis(delay_s=1e-4), held_torque(200))
+        (other,) = tmp_path.glob("loop-*")
+        other.rename(file)
+    else:
+        half = len(code) // 2
+        file.write_bytes(
+            code[:half] if damage == "cut short" else code[:half] + bytes([code[half] ^ 1]) + code[half + 1 :]
+        )
+    empty(monkeypatch, tmp_path)
+    monkeypatch.setattr(kernel_cache, "_told", set())
+    with pytest.warns(kernel_cache.KernelCacheWarning, match="is damaged"):
+        np.testing.assert_array_equal(play(one_axis(), held_torque(200))["theta_x"], right)
+    assert file.read_bytes() == code
 
 
 def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
     made, compiled = [], machine._compiled  # noqa: SLF001
-    monkeypatch.setattr(machine, "_file", lambda structure: tmp_path / "loop.o")
-    monkeypatch.setattr(machine, "_loaded", {})
+    empty(monkeypatch, tmp_path)
     monkeypatch.setattr(machine, "_compiled", lambda structure: (made.append(structure), compiled(structure))[1])
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(lambda _: play(one_axis(), held_torque(2000))["theta_x"], range(8)))

@@ -1,0 +1,236 @@
+"""Functions compiled by numba when they are first called, not when they are imported; their code is kept on disk.
+
+`njit`, `cfunc` and `intrinsic` stand in for numba's decorators of the same names and differ in three ways:
+
+- numba itself is imported with the first call: a command that computes nothing does not wait for it.
+- The code is kept in `sim_backend.kernel_cache`, with a digest that is checked before it is used. numba's own cache
+  loads whatever lies there, and two processes that fill it at once may take each other's code.
+- What is kept goes by everything that was compiled: the function, all kernels that it calls, and the values of the
+  globals that it reads. numba's cache sees the function's own file alone.
+"""
+
+from __future__ import annotations
+
+import dis
+import pickle
+from collections.abc import Callable, Iterator
+from functools import cached_property, update_wrapper
+from hashlib import sha256
+from importlib import import_module
+from threading import RLock
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, cast, overload
+
+import numpy as np
+
+from sim_backend.kernel_cache import keep_entry, read_entry
+
+_making = RLock()
+"""Held while a kernel is made: threads that need the same one wait for it."""
+
+
+class Deferred:
+    """An attribute of a module that is imported only when a kernel that uses it is compiled."""
+
+    def __init__(self, module: str, attribute: str) -> None:
+        self._module, self._attribute = module, attribute
+
+    @cached_property
+    def made(self) -> Any:
+        """The attribute itself."""
+        return getattr(import_module(self._module), self._attribute)
+
+    def stamp(self) -> str:
+        """Return what it is, as text."""
+        return f"{self._module}.{self._attribute}"
+
+
+class _Later:
+    """A Python function of which something is made on first use."""
+
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        update_wrapper(cast(Any, self), function)
+        self.py_func: Any = function
+        self._options = options
+        self._made: Any = None
+
+    @property
+    def made(self) -> Any:
+        """What it is made into."""
+        if self._made is None:
+            with _making:
+                if self._made is None:
+                    self._made = self._make()
+        return self._made
+
+    def _make(self) -> Any:
+        raise NotImplementedError
+
+    def stamp(self, above: frozenset[Any] = frozenset()) -> str:
+        """Return a digest of all that decides on the code of this function, which those `above` read."""
+        return _stamp(self.py_func, self._options, above | {self})
+
+
+class Kernel(_Later):
+    """A function that `numba.njit` compiles for the types of its first call."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return (self._made or self.made)(*arguments)
+
+    def _make(self) -> Any:
+        import numba
+
+        dispatcher: Any = numba.njit(**self._options)(_resolved(self.py_func))
+        dispatcher._cache = _Kept(self)  # noqa: SLF001 numba has no other way to choose where code is kept
+        return dispatcher
+
+
+class Callback(_Later):
+    """A function that compiled code calls by its address; `signature` is numba's, as text."""
+
+    def __init__(self, function: Callable[..., Any], signature: str, **options: Any) -> None:
+        super().__init__(function, signature=signature, **options)
+
+    @property
+    def address(self) -> int:
+        """The address of the machine code."""
+        return int(self.made.address)
+
+    def _make(self) -> Any:
+        from numba.core.ccallback import CFunc
+        from numba.core.sigutils import normalize_signature
+
+        options = {"nopython": True, **self._options}
+        signature = normalize_signature(options.pop("signature"))
+        made: Any = CFunc(_resolved(self.py_func), signature, {}, options)
+        made._cache = _Kept(self)  # noqa: SLF001 as above
+        made.compile()
+        return made
+
+
+class Intrinsic(_Later):
+    """A function that emits LLVM's instructions, by `numba.extending.intrinsic`."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Say that only kernels may call it."""
+        raise TypeError(f"{self.py_func.__name__} can only be called inside a kernel")
+
+    def _make(self) -> Any:
+        from numba.extending import intrinsic as made_by_numba
+
+        return made_by_numba(_resolved(self.py_func))
+
+
+@overload
+def njit(function: Callable[..., Any], /) -> Kernel: ...
+@overload
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]: ...
+def njit(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
+    """Return `function` as a Kernel that runs without the interpreter's lock; `options` are those of `numba.njit`."""
+    options = {"nogil": True, **options}
+    return Kernel(function, **options) if function else lambda given: Kernel(given, **options)
+
+
+def cfunc(signature: str, **options: Any) -> Callable[[Callable[..., Any]], Callback]:
+    """Return a decorator that makes a Callback of numba's `signature`, "void(intp, CPointer(float64))" for example."""
+    return lambda function: Callback(function, signature, **options)
+
+
+def intrinsic(function: Callable[..., Any]) -> Any:
+    """Return `function` as an Intrinsic; kernels call it without its first argument, the typing context."""
+    return Intrinsic(function)
+
+
+def _resolved(function: Any) -> Any:
+    """Return a copy of a Python function that sees what its kernels are made into in place of them."""
+    used = set(_globals_of(function.__code__))
+    found = {name: value for name, value in function.__globals__.items() if name in used}
+    made = {name: value.made for name, value in found.items() if isinstance(value, _Later | Deferred)}
+    copy = FunctionType(
+        function.__code__,
+        {**function.__globals__, **made},
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
+    copy.__qualname__ = function.__qualname__
+    return copy
+
+
+def _globals_of(code: CodeType) -> Iterator[str]:
+    """Give every global that a code object reads, also in functions inside it."""
+    yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _globals_of(constant)
+
+
+def _stamp(function: Any, options: Any, above: frozenset[Any]) -> str:
+    """Return a digest of a function's code, its options and, one by one, the globals that it reads."""
+    used = sorted(set(_globals_of(function.__code__)) & set(function.__globals__))
+    chosen = [(name, sorted(value) if isinstance(value, set) else value) for name, value in sorted(options.items())]
+    parts = [_code(function.__code__), chosen, function.__module__, function.__qualname__]
+    parts += [(name, _value(function.__globals__[name], above)) for name in used]
+    parts += [_value(cell.cell_contents, above) for cell in function.__closure__ or ()]
+    return sha256(repr(parts).encode()).hexdigest()
+
+
+def _code(code: CodeType) -> list[Any]:
+    constants = [_code(c) if isinstance(c, CodeType) else repr(c) for c in code.co_consts]
+    return [code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars]
+
+
+def _value(value: Any, above: frozenset[Any]) -> str:
+    """Return what a global is, as text that changes whenever the code that reads it would."""
+    if isinstance(value, _Later):
+        return "itself" if value in above else value.stamp(above)
+    if isinstance(value, Deferred):
+        return value.stamp()
+    if isinstance(value, ModuleType):
+        return value.__name__
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, FunctionType):
+        return _stamp(value, {}, above)
+    return repr(value)
+
+
+class _Kept:
+    """What numba asks of the cache of one function."""
+
+    cache_path = None
+
+    def __init__(self, owner: _Later) -> None:
+        self._label, self._stamp = owner.py_func.__name__.strip("_"), owner.stamp()
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Return what was compiled for a signature, or None."""
+        from numba.core.compiler import CompileResult
+
+        target_context.refresh()
+        data = read_entry(self._name(signature, target_context.codegen()))
+        # the digest has been checked: it is what this program has written
+        return None if data is None else CompileResult._rebuild(target_context, *pickle.loads(data))  # noqa: SLF001
+
+    def save_overload(self, signature: Any, made: Any) -> None:
+        """Keep what was compiled for a signature, unless it holds addresses of this process."""
+        from numba.core.serialize import dumps
+
+        if any(not lifted.can_cache for lifted in made.lifted) or made.library.has_dynamic_globals:
+            return
+        keep_entry(self._name(signature, made.codegen), dumps(made._reduce()))  # noqa: SLF001
+
+    def _name(self, signature: Any, codegen: Any) -> str:
+        return entry_name(self._label, self._stamp, str(signature), repr(codegen.magic_tuple()))
+
+
+def entry_name(label: str, *decides: str) -> str:
+    """Return the name of an entry of the kernel cache: `label`, and a digest of all that decides on the code."""
+    import platform
+
+    import llvmlite
+    import numba
+
+    versions = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
+    return f"{label}-{sha256(repr((versions, decides)).encode()).hexdigest()[:32]}"
