@@ -1,9 +1,17 @@
 """Settings of the whole suite."""
 
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
+from tests.selection import is_thorough
+
+from tests.running.client import OWNER, SOCKET
+
+pytest_plugins = ["tests.order"]
 
 # No deadline: a first call compiles. In continuous integration the same examples every time.
 settings.register_profile("default", deadline=None)
@@ -15,7 +23,30 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# Processes that fill one cold cache of numba at a time may overwrite each other's code, so each worker of
-# pytest-xdist, and what it starts, has its own. This must stand here: numba reads it when it is first imported.
-if worker := os.environ.get("PYTEST_XDIST_WORKER"):
-    os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parents[1] / ".pytest_cache" / "numba" / worker)
+# Compiled code and the list of fonts are made once for all workers and kept for the next run, whatever home a test has.
+# What is kept goes by the contents of the sources, so it is never out of date.
+KEPT = Path(__file__).parents[1] / ".pytest_cache"
+for name, folder in (("MCCD_KERNEL_CACHE", "kernels"), ("MPLCONFIGDIR", "matplotlib")):
+    os.environ.setdefault(name, str(KEPT / folder))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Say where the server of commands listens, once it is started, and that it ends with this process."""
+    if not hasattr(config, "workerinput"):
+        os.environ[OWNER] = str(os.getpid())
+        # a socket's path has to be short, and a temporary folder of pytest's may be long
+        os.environ[SOCKET] = str(Path(tempfile.mkdtemp(prefix="mccd-")) / "s")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove the folder of the server's socket."""
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(Path(os.environ[SOCKET]).parent, ignore_errors=True)
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what its option -m says
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what only `make test-all` runs."""
+    for item in items:
+        if is_thorough(item.nodeid):
+            item.add_marker(pytest.mark.thorough)

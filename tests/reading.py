@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
+
+from tests import running
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -42,7 +43,7 @@ def follow(page: str, folder: Path) -> str:
     """Run every block of a page in its order and return all that it printed."""
     printed = ""
     for block in to_run(page):
-        command = ["bash", "-euc", block.text] if block.kind == "sh" else [sys.executable, "-c", block.text]
+        command = ["bash", "-euc", block.text] if block.kind == "sh" else [*running.PYTHON, "-c", block.text]
         done = subprocess.run(
             command, cwd=folder, capture_output=True, text=True, timeout=180, stdin=subprocess.DEVNULL
         )

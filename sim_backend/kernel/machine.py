@@ -117,6 +117,7 @@ def _compiled(structure: Structure) -> bytes:
 
 @cache
 def _linker() -> Any:
+    _target()  # a process that only loads code has to prepare for this processor, too
     return llvm.create_lljit_compiler(suppress_errors=True)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests import running
 from tests.reading import DOCS
 
 
@@ -18,7 +20,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(DOCS / "examples", tmp_path / "docs" / "examples")
     tool = tmp_path / "bin" / "mccd"
     tool.parent.mkdir()
-    tool.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mccdcli "$@"\n')
+    tool.write_text(f'#!/bin/sh\nexec {shlex.join(running.MCCD)} "$@"\n')
     tool.chmod(0o755)
     python = tool.with_name("python")
     python.symlink_to(sys.executable)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import pytest
+
+from tests import running
 
 MAP = """[log]
 test = "free-run"
@@ -39,15 +39,8 @@ def mccd(tmp_path: Path) -> Mccd:
     (tmp_path / "data.csv").write_text("\n".join(["t,tx,ax", *ROWS]))
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "mccdcli", *arguments],
-            cwd=tmp_path,
-            env=os.environ | {"HOME": str(tmp_path / "home"), "XDG_STATE_HOME": str(tmp_path / "home")},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
+        home = str(tmp_path / "home")
+        return running.mccd(*arguments, cwd=tmp_path, env={"HOME": home, "XDG_STATE_HOME": home})
 
     return run
 

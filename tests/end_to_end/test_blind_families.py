@@ -8,8 +8,6 @@ Seeds, shapes and thresholds were fixed before any of these cases had been looke
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,9 @@ import pytest
 
 from campaigns.challenge.families import slugs
 from campaigns.challenge.judge import Judged, judge
+from campaigns.challenge.run import run_challenge
 from campaigns.challenge.truth import reveal
+from tests import running
 
 pytestmark = [pytest.mark.slow, pytest.mark.blind]
 
@@ -81,7 +81,7 @@ class Said:
 
 def mccd(*arguments: str) -> None:
     """Run a command to its end; anything but success is a failure of the test."""
-    done = subprocess.run([sys.executable, "-m", "mccdcli", *arguments], capture_output=True, text=True, timeout=400)
+    done = running.mccd(*arguments, timeout=400)
     assert done.returncode == 0, done.stderr
 
 
@@ -89,7 +89,7 @@ def diagnosed(folder: Path, seed: int, *what: str) -> Said:
     """Make one case, diagnose it, and only then open the truth."""
     at = str(folder / "challenge")
     mccd("challenge", "make", at, "--seed", str(seed), *what)
-    mccd("challenge", "run", at, "--jobs", "1")
+    run_challenge(folder / "challenge", command=(*running.MCCD, "diagnose"))
     ((name, case),) = reveal(folder / "challenge").cases.items()
     judged = judge(folder / "challenge", name, case)
     result = folder / "challenge" / "results" / name

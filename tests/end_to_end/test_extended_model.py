@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from campaigns.plans import make_plan
 from campaigns.strategies import STRATEGIES
 from sim_backend.model import EffectEntry, dump_model, load_model, number
 from sim_backend.simbench import SimBench
+from tests import running
 from tests.small_bench import NOISE, bench_model
 
 ROOT = Path(__file__).parents[2]
@@ -31,9 +31,7 @@ QUICK = (
 
 
 def mccd(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mccdcli", *arguments], cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
+    return running.mccd(*arguments, cwd=ROOT, timeout=300)
 
 
 @pytest.fixture(scope="module")

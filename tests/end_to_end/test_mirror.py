@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests import running
 from tests.measured import MIRROR, needs_mirror
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,16 +28,8 @@ ON_THE_EDGE = {"300 mV": (0.075, "6.995 and 7.02 % where it was measured, and va
 
 
 def mccd(folder: Path, *arguments: str, expected: int = 0) -> str:
-    environment = os.environ | {"HOME": str(folder), "XDG_STATE_HOME": str(folder)}
-    done = subprocess.run(
-        [sys.executable, "-m", "mccdcli", *arguments],
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=900,
-    )
+    home = {"HOME": str(folder), "XDG_STATE_HOME": str(folder)}
+    done = running.mccd(*arguments, cwd=folder, env=home, timeout=900)
     assert done.returncode == expected, done.stderr
     return done.stdout
 

@@ -8,12 +8,12 @@ bench is told of any of them.
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests import running
 
 pytestmark = pytest.mark.slow
 
@@ -23,9 +23,7 @@ CRYOSTAT_HZ = (123.251, 489.487)
 
 
 def mccd(folder: Path, *arguments: str, expected: int = 0) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "mccdcli", *arguments], cwd=folder, capture_output=True, text=True, timeout=900
-    )
+    done = running.mccd(*arguments, cwd=folder, timeout=900)
     assert done.returncode == expected, done.stderr
     return done.stdout
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests import running
 from tests.end_to_end.linear_bench import Record
 
 Array = NDArray[np.float64]
@@ -53,9 +53,7 @@ dof = "{dof}"
 
 def mccd(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Return what the command did in `folder`."""
-    return subprocess.run(
-        [sys.executable, "-m", "mccdcli", *arguments], cwd=folder, capture_output=True, text=True, timeout=300
-    )
+    return running.mccd(*arguments, cwd=folder, timeout=300)
 
 
 def write_map(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from tests import running
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -26,14 +26,4 @@ def log_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mon
 def mccd() -> Run:
     """Return a function that runs `mccd ARGUMENTS` to its end and returns the process with its output."""
 
-    def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "mccdcli", *arguments],
-            capture_output=True,
-            text=True,
-            timeout=180,
-            stdin=subprocess.DEVNULL,
-            env=os.environ | environment,
-        )
-
-    return run
+    return lambda *arguments, **environment: running.mccd(*arguments, env=environment)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import h5py
 import pytest
 
 from campaigns.playing.interrupts import Interrupts, Terminated
+from tests import running
 
 ROOT = Path(__file__).parents[3]
 SEGMENTS = 10
@@ -24,7 +24,7 @@ def start(tmp_path):
 
     def begin(slow_s: float) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "tests.campaigns.playing.slow_run", "run", str(tmp_path / "run.h5"), "-"],
+            [*running.PYTHON, "-m", "tests.campaigns.playing.slow_run", "run", str(tmp_path / "run.h5"), "-"],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

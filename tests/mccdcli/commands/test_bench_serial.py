@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import h5py
@@ -14,9 +13,10 @@ import pytest
 
 from mccdcli.schema import schema_of
 from sim_backend.model import dump_model
+from tests import running
 from tests.small_bench import bench_model
 
-MCCD = [sys.executable, "-m", "mccdcli", "bench"]
+MCCD = [*running.MCCD, "bench"]
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -22,6 +22,7 @@ from analysis.recorded.watching import Watch
 from campaigns.log import Channel, LogWriter, read_run, verify
 from mccdcli.main import main
 from sim_backend.model import dump_model
+from tests import running
 from tests.small_bench import bench_model
 
 ROOT = Path(__file__).parents[3]
@@ -32,7 +33,7 @@ def writing(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
     """A log that a process of its own is writing, ten segments with a pause after each."""
     log = tmp_path / "run.h5"
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.campaigns.playing.slow_run", "run", str(log), "-"],
+        [*running.PYTHON, "-m", "tests.campaigns.playing.slow_run", "run", str(log), "-"],
         cwd=ROOT,
         env=os.environ | {"SLOW_S": "0.15"},
         stdout=subprocess.PIPE,
@@ -140,7 +141,7 @@ def test_on_a_terminal_it_draws_in_place_and_without_colour(tmp_path):
         log.append({"theta_x": 1e-3 * np.sin(np.linspace(0.0, 20.0, 1000))})
     ours, theirs = os.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "mccdcli", "watch", str(path)],
+        [*running.MCCD, "watch", str(path)],
         cwd=ROOT,
         stdout=theirs,
         stderr=subprocess.PIPE,

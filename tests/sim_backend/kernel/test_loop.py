@@ -1,6 +1,9 @@
 """A loop with its effects inlined is the loop that calls them, to the last bit; its code is made once and kept."""
 
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from threading import current_thread, main_thread
 from threading import enumerate as enumerate_threads
 
@@ -24,6 +27,7 @@ from tests.sim_backend.test_kernel import RATE_HZ, held_torque, one_axis, play
 STEPPED = [cls for cls in (*NAMED, *NOISES, *BENCH_ONLY) if cls.step is not None]
 SIZES = {"jiles-atherton": 0.01, "hysteresis": 1e-4, "magnetic-polynomial": 1e-3, "thermal-stiffness-drift": 1e-3}
 N = 3000
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -199,3 +203,19 @@ def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
     assert len(made) == 1
     for values in results[1:]:
         np.testing.assert_array_equal(values, results[0])
+
+
+def test_a_process_that_only_loads_code_plays_it(monkeypatch, tmp_path):
+    """Without numba, which prepares LLVM for this processor as a side effect."""
+    empty(monkeypatch, tmp_path)
+    script = (
+        "import sys, numpy as np\n"
+        "from sim_backend.simbench import SimBench\n"
+        "from tests.sim_backend.test_kernel import held_torque, one_axis, play\n"
+        "print(play(one_axis(), held_torque(200))['theta_x'].tobytes().hex())"
+    )
+    printed = [
+        subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+        for _ in range(2)
+    ]
+    assert printed[0] == printed[1] and len(printed[0]) == 2 * 8 * 200 + 1

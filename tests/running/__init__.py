@@ -1,0 +1,45 @@
+"""Running commands in tests: real processes, forked from one that has imported everything already.
+
+Importing what a command needs takes longer than most commands do: a server (`server.py`) imports it once for all
+workers of pytest and forks itself for every command. `mccd(...)` runs one to its end; `MCCD` and `PYTHON` are the first
+words of a command line, for tests that start processes themselves and for scripts. A fork has its own streams, folder,
+variables, signals and exit code. What it cannot show (imports, limits of the process, the start itself) is tested with
+`REAL`, the interpreter.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+REAL = (sys.executable, "-m", "mccdcli")
+"""The command as users start it."""
+
+# -I and -S: the client needs the standard library alone, and starts in a hundredth of a second
+PYTHON = (sys.executable, "-I", "-S", str(Path(__file__).with_name("client.py")))
+"""A forked interpreter: `-m MODULE` or `-c CODE` and arguments follow."""
+
+MCCD = (*PYTHON, "-m", "mccdcli")
+"""The command as a fork of the server."""
+
+
+def mccd(
+    *arguments: str,
+    cwd: Path | None = None,
+    timeout: float = 180.0,
+    env: Mapping[str, str] | None = None,
+    command: Sequence[str] = MCCD,
+) -> subprocess.CompletedProcess[str]:
+    """Run `mccd ARGUMENTS` to its end and return what it printed; `env` comes on top of this process's variables."""
+    return subprocess.run(
+        [*command, *arguments],
+        cwd=cwd,
+        env=os.environ | (env or {}),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
