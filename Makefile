@@ -1,6 +1,7 @@
 # Everything below needs only Python >= 3.11 with its venv module, make and git.
 #   make report   the whole campaign on the simulated bench, then the report (in report/)
-#   make test     the tests
+#   make test     the tests: every effect, plan, bench, command and page at least once
+#   make test-all all tests; required after a change of diagnosis, effects or challenge
 #   make check    formatting, lint, types and import contracts
 #   make format   rewrite the sources in the one format
 #   make docs     the documents as a site (in build/docs), warnings as errors
@@ -22,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report picture test check check-format check-lint check-types check-imports format docs release help lock clean
+.PHONY: report picture test test-all durations check check-format check-lint check-types check-imports format docs release help lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
@@ -32,8 +33,18 @@ report: $(STAMP)
 picture: report
 	sed '0,/<defs>/s//<rect width="100%" height="100%" fill="white"\/>&/' $(OUT)/figures/figure-6.15.svg > docs/images/settling.svg
 
+# A file or, where a file takes long, a test goes to the next free worker, the longest first (tests/order.py).
+TESTS := $(BIN)/python -m pytest -n auto --dist loadscope
+
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
+	$(TESTS) $(ARGS)
+
+test-all: $(STAMP)
+	$(TESTS) -m "not soak" $(ARGS)
+
+# what every test takes, by which the next runs are ordered
+durations: $(STAMP)
+	$(TESTS) -m "not soak" --write-durations $(ARGS)
 
 check: check-format check-lint check-types check-imports
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,6 +20,7 @@ from mccdcli.main import main
 from mccdcli.schema import schema_of
 from sim_backend.errors import ConfigError
 from tests import headless
+from tests.kept import ANALYSED, kept
 
 CAMPAIGN = Path(__file__).with_name("campaign_of_tables.toml")
 PAPER_TABLES = {f"6.{i}" for i in range(1, 8)}
@@ -28,12 +30,16 @@ ROW_KEYS = {"row", "paper", "ours", "unit", "label", "tolerance", "ok"}
 NEVER_MEASURED = {"output regulation", "lifetime"}
 
 
+def reported(out):
+    """Record the logs of a report by the command line, and make it."""
+    assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(out), "--seed", "3"]) == 0
+
+
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """A report's folder whose logs have been recorded by the command line."""
-    out = tmp_path_factory.mktemp("report")
-    assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(out), "--seed", "3"]) == 0
-    return out
+    """A report's folder."""
+    out = tmp_path_factory.mktemp("tables") / "report"
+    return shutil.copytree(kept("report", reported, of=ANALYSED, recipe=CAMPAIGN.read_text(encoding="utf-8")), out)
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ Seeds, shapes and thresholds were fixed before any of these cases had been looke
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from campaigns.challenge.judge import Judged, judge
 from campaigns.challenge.run import run_challenge
 from campaigns.challenge.truth import reveal
 from tests import running
+from tests.kept import SIMULATED, kept
 
 pytestmark = [pytest.mark.slow, pytest.mark.blind]
 
@@ -87,8 +89,13 @@ def mccd(*arguments: str) -> None:
 
 def diagnosed(folder: Path, seed: int, *what: str) -> Said:
     """Make one case, diagnose it, and only then open the truth."""
-    at = str(folder / "challenge")
-    mccd("challenge", "make", at, "--seed", str(seed), *what)
+    made = kept(
+        f"blind-{seed}",
+        lambda out: mccd("challenge", "make", str(out / "challenge"), "--seed", str(seed), *what),
+        of=SIMULATED,
+        recipe=" ".join(what),
+    )
+    shutil.copytree(made / "challenge", folder / "challenge")
     run_challenge(folder / "challenge", command=(*running.MCCD, "diagnose"))
     ((name, case),) = reveal(folder / "challenge").cases.items()
     judged = judge(folder / "challenge", name, case)

@@ -13,6 +13,7 @@ from analysis.paper.measured import Measured
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from campaigns.benches import open_bench
 from mccdcli.main import main
+from tests.kept import ANALYSED, kept
 
 CAMPAIGN = """
 schema = "mccd-campaign/1"
@@ -42,13 +43,16 @@ settings = { axis = "theta_y", offsets_rad = [] }
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def home(tmp_path_factory):
-    """A folder in which a campaign was reported, its design and what that reached included."""
-    out = tmp_path_factory.mktemp("design")
+def reported(out):
+    """Report a campaign, its design and what that reached included."""
     (out / "short.toml").write_text(CAMPAIGN, encoding="utf-8")
     assert main(["report", "--campaign", str(out / "short.toml"), "--out", str(out / "report"), "--seed", "11"]) == 0
-    return out
+
+
+@pytest.fixture(scope="module")
+def home():
+    """A folder with that report."""
+    return kept("design", reported, of=ANALYSED, recipe=CAMPAIGN)
 
 
 def test_every_requirement_of_table_6_6_that_a_bench_can_show_is_met(home):

@@ -38,7 +38,7 @@ def test_every_file_that_is_not_a_source_is_package_data() -> None:
 
 
 def targets() -> set[str]:
-    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    return set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 
 
 def test_the_readme_s_two_commands_are_targets_of_the_makefile() -> None:
@@ -46,7 +46,7 @@ def test_the_readme_s_two_commands_are_targets_of_the_makefile() -> None:
     assert shell is not None
     commands = [line.partition("#")[0].strip() for line in shell[1].splitlines()]
     assert commands == ["make report", "make test"]
-    assert {"report", "test", "check"} <= targets()
+    assert {"report", "test", "test-all", "check"} <= targets()
 
 
 def test_continuous_integration_runs_the_readme_s_command() -> None:
@@ -56,7 +56,42 @@ def test_continuous_integration_runs_the_readme_s_command() -> None:
     assert lines[0] == "#!/usr/bin/env bash"
     assert "set -euo pipefail" in lines
     assert any(line.startswith("make test ") for line in lines)
-    assert any(line.startswith("make --keep-going check ") for line in lines)
+    checks = re.search(r"^check: (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert checks is not None
+    assert f"for step in {checks[1]}; do" in lines
+
+
+@pytest.mark.parametrize(("failing", "last"), [("", "= 2 passed ="), ("check-lint", "failed: make check-lint")])
+def test_a_step_that_fails_names_itself_in_the_last_line(failing: str, last: str, tmp_path: Path) -> None:
+    """With a make that only says what it was asked for, and fails where it is told to."""
+    (tmp_path / ".ci").mkdir()
+    script = tmp_path / ".ci" / "run"
+    script.write_text((ROOT / ".ci" / "run").read_text())
+    make = tmp_path / "make"
+    make.write_text(f'#!/bin/sh\n[ "$1" = test ] && echo "= 2 passed ="\n[ "$1" != "{failing}" ]\n')
+    make.chmod(0o755)
+    done = subprocess.run(
+        ["bash", str(script)],
+        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == bool(failing), done.stderr
+    assert done.stdout.splitlines()[-1] == last
+
+
+def test_one_marker_in_one_file_decides_what_is_left_to_the_longer_run() -> None:
+    options = SETTINGS["tool"]["pytest"]["ini_options"]
+    assert options["addopts"][-2:] == ["-m", "not soak and not thorough"]
+    makefile = (ROOT / "Makefile").read_text()
+    assert re.search(r'^test-all: .*\n\t\$\(TESTS\) -m "not soak" ', makefile, re.MULTILINE)
+    marked = [
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "tests").rglob("*.py")
+        if re.search(r"mark\.thorough", path.read_text(encoding="utf-8")) and path != Path(__file__)
+    ]
+    assert marked == ["tests/conftest.py"]
 
 
 @pytest.mark.parametrize("target", ["report", "test", "check"])
