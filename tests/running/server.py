@@ -160,8 +160,9 @@ def ended_with(run_program: Callable[[], object]) -> int:
 def _stream(number: int, mode: str) -> io.TextIOWrapper:
     """Return a standard stream as the interpreter opens it."""
     raw = open(number, f"{mode}b", buffering=-1, closefd=False)
-    errors = "backslashreplace" if number == 2 else "strict"
-    return io.TextIOWrapper(raw, encoding="utf-8", errors=errors, line_buffering=number == 2 or os.isatty(number))
+    encoding, _, errors = os.environ.get("PYTHONIOENCODING", "utf-8").partition(":")
+    errors = "backslashreplace" if number == 2 else errors or "strict"
+    return io.TextIOWrapper(raw, encoding=encoding, errors=errors, line_buffering=number == 2 or os.isatty(number))
 
 
 if __name__ == "__main__":
