@@ -1,9 +1,9 @@
 """Normal random numbers, the very ones that numpy's default generator gives, three times as fast.
 
 numpy draws by a call per number. Here the generator (PCG64) and the ziggurat method are compiled together; the
-generator that is handed in is advanced just as far. The sign is one bit of the number's own, which a branch would
-guess wrong every other time: it chooses between a width and its negative instead. Sources: M. E. O'Neill, PCG, HMC-CS-2014-0905; G. Marsaglia and
-W. W. Tsang, J. Stat. Software 5 (2000), in the form and with the tables of numpy.
+generator that is handed in is advanced just as far. The sign is one of the random bits, and a branch on it would be
+guessed wrong every other time: it chooses between a box's width and its negative instead. Sources: M. E. O'Neill, PCG,
+HMC-CS-2014-0905; G. Marsaglia and W. W. Tsang, J. Stat. Software 5 (2000), in the form and with the tables of numpy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _HALF = (1 << 64) - 1
 _PAIR = types.UniTuple(types.uint64, 2)
 _SIGNED_WIDTHS = np.concatenate([wi_double, -wi_double])
-"""Widths of the 256 boxes per unit of a number's bits, then their negatives: a product has the same bits but its sign."""
+"""Widths of the 256 boxes per unit of a number's bits, then their negatives, whose products differ in the sign bit."""
 
 
 @_intrinsic
