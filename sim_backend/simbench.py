@@ -190,7 +190,7 @@ class SimBench:
         drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
         out = np.empty((len(drawing), n))
         for row, effect in zip(out, drawing, strict=True):
-            row[:] = effect.draw(n, self.rate_hz, self._streams[id(effect)])
+            effect.draw(n, self.rate_hz, self._streams[id(effect)], out=row)
         return out
 
     def _wanted(self, segment: Segment) -> tuple[str, ...]:
@@ -252,7 +252,9 @@ class SimBench:
         hw = self._model.hardware
         assert hw is not None and hw.theodolite_noise_rad is not None
         noise = standard_normal(position.shape[1], self._theodolite[dof])
-        return position[self.places.outputs.index(dof)] + number(hw.theodolite_noise_rad) * noise
+        noise *= number(hw.theodolite_noise_rad)
+        noise += position[self.places.outputs.index(dof)]
+        return noise
 
     def _recorded(self, name: str, values: Array) -> Array:
         for effect in self._rewriting:

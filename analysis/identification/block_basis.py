@@ -118,33 +118,3 @@ def _resolved(a: Array, b: Array, da: Array, db: Array, point: ComplexArray) -> 
                 slopes[k, 0, i, f] = (bottom * first + a01 * second) * inverse
                 slopes[k, 1, i, f] = (a10 * first + top * second) * inverse
     return state, slopes
-
-
-@njit
-def entry_jacobian(
-    state: ComplexArray, slopes: ComplexArray, weights: Array, d: float, factor: ComplexArray, delayed: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Return the response (n_f,) of one entry and its derivatives (6 m + 2, n_f).
-
-    `state` and `slopes` are those of `block_spectra`. `weights` (11, m) are n0, n1, their derivatives n0_log_omega and
-    n0_log_sigma, c, c_rate, b_direct, b, force, 2 sigma and omega² of every block for this entry; `factor` (n_f,) is
-    the delay's and `delayed` its derivative. The derivatives are those to ln(omega), ln(sigma), b, b_direct, c, c_rate
-    of every block, to D and to the delay.
-    """
-    m, n = state.shape[1:]
-    response, columns = np.full(n, d + 0j), np.empty((6 * m + 2, n), dtype=np.complex128)
-    for i in range(m):
-        n0, n1, by_omega, by_sigma, c, rate, direct, b, force, sigma2, omega2 = weights[:, i]
-        for f in range(n):
-            q, v, g = state[0, i, f], state[1, i, f], factor[f]
-            response[f] += n0 * q + n1 * v
-            columns[i, f] = g * (n0 * slopes[0, 0, i, f] + n1 * slopes[0, 1, i, f] + by_omega * q)
-            columns[m + i, f] = g * (n0 * slopes[1, 0, i, f] + n1 * slopes[1, 1, i, f] + by_sigma * q)
-            columns[2 * m + i, f] = g * (c * q + rate * v)
-            columns[3 * m + i, f] = g * (c * (sigma2 * q + v) - omega2 * rate * q)
-            columns[4 * m + i, f] = g * (force * q + direct * v)
-            columns[5 * m + i, f] = g * (b * v - omega2 * direct * q)
-    for f in range(n):
-        columns[6 * m, f], columns[6 * m + 1, f] = factor[f], response[f] * delayed[f]
-        response[f] *= factor[f]
-    return response, columns

@@ -71,16 +71,18 @@ def minimise(
 def _step(normal: Normal, damping: float, limit: Array | float) -> tuple[Array, float]:
     """Return the damped step and the decrease that the quadratic model predicts for it."""
     scale = column_scale(normal.hessian)
-    scaled = normal.hessian / np.outer(scale, scale)
+    scaled = normal.hessian / (scale[:, None] * scale)
     gradient = normal.gradient / scale
     boost = damping
     while True:
-        try:
-            factor = scipy.linalg.cho_factor(scaled + boost * np.eye(scale.size), check_finite=False)
+        damped = scaled.copy()
+        damped.flat[:: scale.size + 1] += boost
+        # without the checks and copies of scipy's cho_factor, which take longer than the factor of a small matrix
+        factor, failed = scipy.linalg.lapack.dpotrf(damped, clean=0)
+        if not failed:
             break
-        except np.linalg.LinAlgError:
-            boost = max(10.0 * boost, 1e-14)
-    step = -scipy.linalg.cho_solve(factor, gradient, check_finite=False)
+        boost = max(10.0 * boost, 1e-14)
+    step = -scipy.linalg.lapack.dpotrs(factor, gradient)[0]
     # each on its own: one parameter without influence that runs away must not hold up the others
     step = np.clip(step, -limit * scale, limit * scale)
     predicted = -float(step @ (2.0 * gradient + scaled @ step))
