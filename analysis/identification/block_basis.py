@@ -33,14 +33,12 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
     Behind a hold, [A E; 0 A] is exponentiated, whose upper right block is the exact derivative in direction E
     (Van Loan 1978); it needs no case for rigid bodies or equal poles.
     """
-    m = omega_rad_s.size
-    joint = np.zeros((m, 3, 3))
-    joint[:, 0, 1] = 1.0
-    joint[:, 1, 0], joint[:, 1, 1], joint[:, 1, 2] = -(omega_rad_s**2), -2.0 * sigma_1_s, 1.0
-    slope = np.zeros((2, m, 3, 3))
-    slope[0, :, 1, 0], slope[1, :, 1, 1] = -2.0 * omega_rad_s**2, -2.0 * sigma_1_s
+    a, b, da, db = continuous(omega_rad_s, sigma_1_s)
     if hold_rate_hz is None:
-        return BlockMatrices(joint[:, :2, :2], joint[:, :2, 2], slope[:, :, :2, :2], slope[:, :, :2, 2])
+        return BlockMatrices(a, b, da, db)
+    m = omega_rad_s.size
+    joint, slope = np.zeros((m, 3, 3)), np.zeros((2, m, 3, 3))
+    joint[:, :2, :2], joint[:, :2, 2], slope[:, :, :2, :2] = a, b, da
     doubled = np.zeros((2, m, 6, 6))
     doubled[:, :, :3, :3] = doubled[:, :, 3:, 3:] = joint
     doubled[:, :, :3, 3:] = slope
@@ -49,6 +47,18 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
     scaled = (doubled * (unit[:, None] / unit) / hold_rate_hz).reshape(2 * m, 6, 6)
     step = exponentials(scaled).reshape(2, m, 6, 6) * (unit / unit[:, None])
     return BlockMatrices(step[0, :, :2, :2], step[0, :, :2, 2], step[:, :, :2, 3:5], step[:, :, :2, 5])
+
+
+@njit
+def continuous(omega_rad_s: Array, sigma_1_s: Array) -> tuple[Array, Array, Array, Array]:
+    """Return the arrays of `BlockMatrices` in continuous time."""
+    m = omega_rad_s.size
+    a, b, da, db = np.zeros((m, 2, 2)), np.zeros((m, 2)), np.zeros((2, m, 2, 2)), np.zeros((2, m, 2))
+    for i in range(m):
+        stiffness, drag = omega_rad_s[i] ** 2, 2.0 * sigma_1_s[i]
+        a[i, 0, 1], a[i, 1, 0], a[i, 1, 1], b[i, 1] = 1.0, -stiffness, -drag, 1.0
+        da[0, i, 1, 0], da[1, i, 1, 1] = -2.0 * stiffness, -drag
+    return a, b, da, db
 
 
 @njit

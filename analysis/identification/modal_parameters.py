@@ -117,16 +117,17 @@ class Structure:
 
 def layout_of(model: ModalModel, structure: Structure) -> Layout:
     """Return the layout of a model's parameters; an omega or a sigma that is zero stays zero."""
-    bare = Layout(model.n_blocks, model.n_inputs, model.n_outputs, np.zeros(0, dtype=bool))
-    free = np.ones(bare.size, dtype=bool)
-    free[bare.index("log_omega")] = model.omega_rad_s > 0.0
-    free[bare.index("log_sigma")] = model.sigma_1_s > 0.0
+    m, n_u, n_y = model.n_blocks, model.n_inputs, model.n_outputs
+    free = np.ones(2 * m * (1 + n_u + n_y) + n_y * n_u + n_u, dtype=bool)
+    layout = Layout(m, n_u, n_y, free)
+    free[layout.span("log_omega")] = model.omega_rad_s > 0.0
+    free[layout.span("log_sigma")] = model.sigma_1_s > 0.0
     if structure.form == "mechanical":
-        free[bare.index("b_direct")] = False
-        free[bare.index("c_rate")] = False
-    free[bare.index("d")] = structure.feedthrough
-    free[bare.index("delay_s")] = structure.delay
-    return Layout(bare.n_blocks, bare.n_inputs, bare.n_outputs, free)
+        free[layout.span("b_direct")] = False
+        free[layout.span("c_rate")] = False
+    free[layout.span("d")] = structure.feedthrough
+    free[layout.span("delay_s")] = structure.delay
+    return layout
 
 
 def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
@@ -147,7 +148,7 @@ def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
 def step_limit(layout: Layout) -> Array:
     """Return how far one step may move each free parameter: a factor e in a frequency or a decay rate."""
     limit = np.full(layout.size, np.inf)
-    limit[layout.index("log_omega")] = limit[layout.index("log_sigma")] = 1.0
+    limit[layout.span("log_omega")] = limit[layout.span("log_sigma")] = 1.0
     return limit[layout.free]
 
 

@@ -121,12 +121,15 @@ def _absorb(triangle: Array, rows: Array) -> None:
 
 
 @njit
-def scaled_system(triangle: Array, sums: Array, size: float) -> tuple[Array, Array, Array]:
+def scaled_system(
+    point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool, size: float
+) -> tuple[Array, Array, Array]:
     """Return the equations for sigma with columns of length one, their right-hand side and the columns' lengths.
 
     The relaxed normalisation is the last one: the real part of sigma sums to the number of lines. `size` is that of
     the weighted data.
     """
+    triangle, sums = reduced(point, data, weights, poles, feedthrough, True)
     entries, k, n = triangle.shape[0], triangle.shape[1], sums.size
     system, target, column = np.zeros((entries * n + 1, n)), np.zeros(entries * n + 1), np.zeros(n)
     for e in range(entries):
@@ -142,8 +145,11 @@ def scaled_system(triangle: Array, sums: Array, size: float) -> tuple[Array, Arr
 
 
 @njit
-def companion(poles: ComplexArray, sigma: Array) -> Array:
-    """Return the real matrix (n, n) whose eigenvalues are the zeros of sigma, of coefficients `sigma` (n + 1,)."""
+def companion(poles: ComplexArray, sigma: Array) -> tuple[Array, bool]:
+    """Return the real matrix (n, n) whose eigenvalues are the zeros of sigma, and whether all its numbers are finite.
+
+    `sigma` (n + 1,) are the coefficients.
+    """
     n = poles.size
     matrix, drive = np.zeros((n, n)), np.ones(n)
     constant = sigma[n] if abs(sigma[n]) > 1e-8 else math.copysign(1e-8, sigma[n])
@@ -156,7 +162,7 @@ def companion(poles: ComplexArray, sigma: Array) -> Array:
     for i in range(n):
         for j in range(n):
             matrix[i, j] -= drive[i] * sigma[j] / constant
-    return matrix
+    return matrix, np.isfinite(np.sum(np.abs(matrix)))
 
 
 @njit

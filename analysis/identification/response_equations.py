@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.identification.block_basis import continuous
 from sim_backend.jit import njit
 from sim_backend.linear import Array
 
@@ -22,23 +23,25 @@ _SUMMED = {"reassoc", "contract"}
 
 @njit(error_model="numpy")
 def summed(
-    blocks: tuple[Array, Array, Array, Array],
+    vector: Array,
+    sizes: tuple[int, int, int],
+    held: tuple[Array, Array, Array, Array] | None,
     point: ComplexArray,
-    model: tuple[Array, Array, Array, Array, Array, Array, Array],
     delay: tuple[ComplexArray, ComplexArray],
     weight: Array,
     response: ComplexArray,
     magnitude_only: bool,
     places: NDArray[np.intp],
-    size: int,
 ) -> tuple[float, Array, Array]:
-    """Return the squared residual, J'r (size,) and J'J (size, size).
+    """Return the squared residual, J'r (p,) and J'J (p, p) at the parameters `vector` (p,) of a `Layout`.
 
-    `blocks` are the arrays of `BlockMatrices`, resolved at lambda = `point` (n_f,); `model` is omega, sigma, b,
-    b_direct, c, c_rate and d; `delay` (n_f, n_u) the delay's factor and its derivative. The 6 m + 2 derivatives of an
-    entry are those to ln(omega), ln(sigma), b, b_direct, c, c_rate of every block, to D and to the delay; they stand at
-    `places` (n_y, n_u, 6 m + 2) in the vector of all.
+    `sizes` are its numbers of blocks, inputs and outputs. `held` are the arrays of `BlockMatrices` behind a hold, None
+    for a continuous measurement, resolved at lambda = `point` (n_f,); `delay` (n_f, n_u) are the delay's factor and its
+    derivative. The 6 m + 2 derivatives of an entry are those to ln(omega), ln(sigma), b, b_direct, c, c_rate of every
+    block, to D and to the delay; they stand at `places` (n_y, n_u, 6 m + 2) in the vector.
     """
+    model, size = _split(vector, sizes), vector.size
+    blocks = continuous(model[0], model[1]) if held is None else held
     n_y, n_u, m = model[4].shape[0], model[2].shape[1], model[0].size
     k = 6 * m + 3
     out = np.zeros((n_y, n_u, k, k))
@@ -68,6 +71,23 @@ def summed(
                 for j in range(k - 1):
                     hessian[places[y, u, i], places[y, u, j]] += out[y, u, i, j]
     return cost, gradient, hessian
+
+
+@njit
+def _split(vector: Array, sizes: tuple[int, int, int]) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Return omega, sigma, b, b_direct, c, c_rate and d of a parameter vector."""
+    m, n_u, n_y = sizes
+    start, into, out = 2 * m, m * n_u, m * n_y
+    c = start + 2 * into
+    return (
+        np.exp(vector[:m]),
+        np.exp(vector[m:start]),
+        vector[start : start + into].reshape(m, n_u),
+        vector[start + into : c].reshape(m, n_u),
+        vector[c : c + out].reshape(n_y, m),
+        vector[c + out : c + 2 * out].reshape(n_y, m),
+        vector[c + 2 * out : c + 2 * out + n_y * n_u].reshape(n_y, n_u),
+    )
 
 
 @njit(error_model="numpy")

@@ -216,16 +216,14 @@ def _summed(
     target: Target, vector: Array, layout: Layout, delay: tuple[ComplexArray, ComplexArray] | None = None
 ) -> Normal:
     """Return the normal equations at a parameter vector; `delay` is what `_delay_factor` returns, if it is known."""
-    at = {name: vector[layout.span(name)] for name in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d")}
-    m, n_u, n_y = layout.n_blocks, layout.n_inputs, layout.n_outputs
-    omega, sigma = np.exp(at["log_omega"]), np.exp(at["log_sigma"])
-    out, into = (n_y, m), (m, n_u)
-    driven = at["b"].reshape(into), at["b_direct"].reshape(into)
-    seen = at["c"].reshape(out), at["c_rate"].reshape(out), at["d"].reshape(n_y, n_u)
     if delay is None:
         delay = _delay_factor(np.maximum(vector[layout.span("delay_s")], 0.0), target)
-    blocks = block_matrices(omega, sigma, target.hold_rate_hz)
-    a, b, da, db = (np.ascontiguousarray(matrix) for matrix in (blocks.a, blocks.b, blocks.da, blocks.db))
+    held = None
+    if target.hold_rate_hz is not None:
+        omega, sigma = np.exp(vector[layout.span("log_omega")]), np.exp(vector[layout.span("log_sigma")])
+        blocks = block_matrices(omega, sigma, target.hold_rate_hz)
+        a, b, da, db = (np.ascontiguousarray(matrix) for matrix in (blocks.a, blocks.b, blocks.da, blocks.db))
+        held = a, b, da, db
+    sizes = layout.n_blocks, layout.n_inputs, layout.n_outputs
     measured = (target.weight, target.response, target.magnitude_only)
-    model = (omega, sigma, *driven, *seen)
-    return Normal(*summed((a, b, da, db), target.point, model, delay, *measured, layout.entries, layout.size))
+    return Normal(*summed(vector, sizes, held, target.point, delay, *measured, layout.entries))

@@ -19,6 +19,7 @@ from sim_backend.linear import Array
 ComplexArray = NDArray[np.complex128]
 
 
+_ROUNDING = float(np.finfo(float).eps)
 _SETTLED = 1e-3
 """Relative change of the poles below which they are near enough: what refines them converges from there."""
 
@@ -92,10 +93,9 @@ def _relocate(
 
     `size` is that of the weighted data.
     """
-    triangle, sums = reduced(point, data, weights, poles, feedthrough, True)
-    system, target, column = scaled_system(triangle, sums, size)
-    matrix = companion(poles, _least_squares(system, target, max(system.shape)) / column)
-    if not np.all(np.isfinite(matrix)):
+    system, target, column = scaled_system(point, data, weights, poles, feedthrough, size)
+    matrix, finite = companion(poles, _least_squares(system, target, system.shape[0]) / column)
+    if not finite:
         raise np.linalg.LinAlgError("the poles of a vector fit are not finite")
     real, imag, _, _, _ = scipy.linalg.lapack.dgeev(matrix, compute_vl=0, compute_vr=0)
     return real, imag
@@ -104,7 +104,7 @@ def _relocate(
 def _least_squares(system: Array, target: Array, rows: int) -> Array:
     """Return the shortest of the best solutions; what is below the rounding of so many `rows` counts as nothing."""
     lwork, iwork = _workspace(*system.shape)
-    found, _, _, failed = scipy.linalg.lapack.dgelsd(system, target, lwork, iwork, np.finfo(float).eps * rows)
+    found, _, _, failed = scipy.linalg.lapack.dgelsd(system, target, lwork, iwork, _ROUNDING * rows)
     if failed:
         raise np.linalg.LinAlgError("the least squares of a vector fit did not converge")
     return found[: system.shape[1]]
@@ -138,7 +138,7 @@ def _residues(
         column = np.linalg.norm(part[:, :width], axis=0)
         coefficient[:, e] = _least_squares(part[:, :width] / column, -part[:, width], 2 * point.size) / column
     residues = coefficient[: poles.size].astype(complex)
-    for k in np.flatnonzero(poles.imag > 0.0):
-        first, second = residues[k].copy(), residues[k + 1].copy()
-        residues[k], residues[k + 1] = first + 1j * second, first - 1j * second
+    upper = np.flatnonzero(poles.imag > 0.0)
+    first, second = residues[upper], residues[upper + 1]
+    residues[upper], residues[upper + 1] = first + 1j * second, first - 1j * second
     return residues, coefficient[-1] if feedthrough else np.zeros(data.shape[1])

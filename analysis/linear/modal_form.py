@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -34,33 +36,40 @@ def modal_from_poles(poles: ComplexArray, outputs: ComplexArray, inputs: Complex
     Shapes: `poles` (n,), closed under conjugation; `outputs` (n, n_y); `inputs` (n, n_u); `d` (n_y, n_u). Right-half
     plane poles are reflected.
     """
-    poles = np.where(poles.real > 0.0, -poles.conj(), poles)
-    upper = np.flatnonzero(poles.imag > 0.0)
-    real = np.flatnonzero(poles.imag == 0.0)
-    real = real[np.argsort(poles[real].real)]
-    first, second = np.append(upper, real[::2]), np.append(upper, real[1::2])
-    pairs = upper.size
-    (p0, in0, out0), (p1, in1, out1) = ([a[k] for a in (poles, inputs, outputs)] for k in (first, second))
-    for one, other in ((p0, p1), (in0, in1), (out0, out1)):
-        other[:pairs] = one[:pairs].conj()  # of a complex pair
-    close = np.abs(p0 - p1) < 1e-6 * np.abs(p0)
-    close[:pairs] = False
-    p0, p1 = np.where(close, p0 * (1.0 + 1e-6), p0), np.where(close, p1 * (1.0 - 1e-6), p1)
-    # eigenvectors of the companion block are (1, p)
-    c_rate = (out1 - out0) / (p1 - p0)[:, None]
-    c = out0 - p0[:, None] * c_rate
-    b = p0[:, None] * in0 + p1[:, None] * in1
-    omega, sigma = np.sqrt(np.maximum((p0 * p1).real, 0.0)), -0.5 * (p0 + p1).real
-    order = np.argsort(omega)
+    at = np.where(poles.real > 0.0, -poles.conj(), poles).tolist()
+    into, out = inputs.tolist(), outputs.tolist()
+    blocks = []
+    # eigenvectors of the companion block are (1, p); of a complex pair, the second one is the conjugate of the first
+    for pole, b, c in zip(at, into, out, strict=True):
+        if pole.imag > 0.0:
+            rate = [y.imag / pole.imag for y in c]
+            place = [y.real - pole.real * slope for y, slope in zip(c, rate, strict=True)]
+            drive = [2.0 * (pole * u).real for u in b], [2.0 * u.real for u in b]
+            blocks.append((abs(pole), -pole.real, *drive, place, rate))
+    real = sorted((k for k, pole in enumerate(at) if pole.imag == 0.0), key=lambda k: at[k].real)
+    for i, k in zip(real[::2], real[1::2], strict=True):
+        p, q = at[i].real, at[k].real
+        if abs(p - q) < 1e-6 * abs(p):
+            p, q = p * (1.0 + 1e-6), q * (1.0 - 1e-6)
+        rate = [(v.real - y.real) / (q - p) for y, v in zip(out[i], out[k], strict=True)]
+        place = [y.real - p * slope for y, slope in zip(out[i], rate, strict=True)]
+        drive = (
+            [p * u.real + q * w.real for u, w in zip(into[i], into[k], strict=True)],
+            [u.real + w.real for u, w in zip(into[i], into[k], strict=True)],
+        )
+        blocks.append((math.sqrt(max(p * q, 0.0)), -0.5 * (p + q), *drive, place, rate))
+    blocks.sort(key=lambda block: block[0])
+    omega, sigma, b, direct, c, c_rate = (np.array([block[k] for block in blocks]) for k in range(6))
+    m, n_u, n_y = len(blocks), inputs.shape[1], outputs.shape[1]
     model = ModalModel(
-        omega[order],
-        sigma[order],
-        b[order].real,
-        (in0 + in1)[order].real,
-        c[order].T.real,
-        c_rate[order].T.real,
+        omega,
+        sigma,
+        b.reshape(m, n_u),
+        direct.reshape(m, n_u),
+        c.reshape(m, n_y).T.copy(),
+        c_rate.reshape(m, n_y).T.copy(),
         np.asarray(d, dtype=float).copy(),
-        np.zeros(inputs.shape[1]),
+        np.zeros(n_u),
     )
     return canonical(model)
 

@@ -46,7 +46,9 @@ def test_a_triangle_has_the_products_of_its_columns(rng, lines, feedthrough, mov
 
 def test_the_next_poles_are_the_zeros_of_sigma(rng):
     sigma = rng.normal(size=PAIRS.size + 1)
-    zeros = np.linalg.eigvals(companion(PAIRS, sigma))
+    matrix, finite = companion(PAIRS, sigma)
+    assert finite and not companion(PAIRS, sigma * np.nan)[1]
+    zeros = np.linalg.eigvals(matrix)
     values = fractions(zeros, PAIRS) @ sigma[:-1] + sigma[-1]
     # rounding of the terms that cancel, and of zeros of size one, where sigma's slope is some 10 / 0.02 at most
     assert np.max(np.abs(values)) < 1e-11
