@@ -98,9 +98,11 @@ def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
     from contextlib import closing
 
     from campaigns.benches import open_bench
-    from campaigns.playing.runner import run_plan
 
+    _require_models(plan)
     with closing(open_bench(bench, seed)) as opened, progress(plan.title) as report:
+        from campaigns.playing.runner import run_plan  # brings the logs: a bench that is not there is told before
+
         outcome = run_plan(plan, opened, log, seed=seed, report=report)
     if outcome.status == "complete":
         return Played(outcome.path, outcome.run_uid, 0)
@@ -136,9 +138,19 @@ def count(plans: Mapping[str, Plan], bench: str, seed: int, *, as_json: bool) ->
     from campaigns.benches import open_bench
     from campaigns.plans import estimate
 
+    for plan in plans.values():
+        _require_models(plan)
     with closing(open_bench(bench, seed)) as opened:
         counted = {name: estimate(plan, opened) for name, plan in plans.items()}
     show_estimates(counted, as_json=as_json)
+
+
+def _require_models(plan: Plan) -> None:
+    """Raise ConfigError for a design model that is none: before a bench is opened for it."""
+    from sim_backend.model import load_model
+
+    for name in plan.design_models():
+        load_model(name)
 
 
 def show_estimates(counted: Mapping[str, Estimate], *, as_json: bool) -> None:
