@@ -110,6 +110,10 @@ def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
     return Played(outcome.path, outcome.run_uid, INTERRUPTED)
 
 
+LARGE_BYTES: Final = 150e6
+"""Logs of a campaign that take more are announced before it begins."""
+
+
 class PlayedCampaign(NamedTuple):
     """A played campaign: the log of every run by its name, and the exit code as with `Played`."""
 
@@ -118,12 +122,23 @@ class PlayedCampaign(NamedTuple):
     exit_code: int
 
 
-def play_campaign(campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool) -> PlayedCampaign:
-    """Play what `folder` lacks of a campaign, with progress on standard error."""
+def play_campaign(
+    campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool, then: str = ""
+) -> PlayedCampaign:
+    """Play what `folder` lacks of a campaign, with progress on standard error.
+
+    Logs of more than LARGE_BYTES are announced there first, with what will be recorded `then`.
+    """
     from campaigns.playing.campaign_run import run_campaign
 
+    def announce(size_bytes: float) -> None:
+        if size_bytes > LARGE_BYTES:
+            say(f"mccd: the logs will take {size_bytes / 1e6:.0f} MB in {folder}{then}")
+
     with progress(campaign.title or campaign.name) as report:
-        outcome = run_campaign(campaign, folder, address=bench, seed=seed, resume=resume, report=report)
+        outcome = run_campaign(
+            campaign, folder, address=bench, seed=seed, resume=resume, report=report, announce=announce
+        )
     logs = {run.name: run.log for run in outcome.runs}
     if outcome.status == "complete":
         return PlayedCampaign(logs, outcome.status, 0)

@@ -10,7 +10,7 @@ import json
 import os
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,12 +71,13 @@ def run_campaign(
     seed: int = 0,
     resume: bool = False,
     report: Report | None = None,
+    announce: Callable[[float], None] | None = None,
 ) -> CampaignOutcome:
     """Play every run of `campaign` that the folder does not hold yet, each into `folder`/<run>.h5.
 
     With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing
-    moves unless all segments of all runs keep the limits. The first Ctrl-C ends it after the current segment, as
-    *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or
+    moves unless all segments of all runs keep the limits; before anything does, `announce` is told how many bytes the
+    missing logs will take. The first Ctrl-C ends it after the current segment, as *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or
     a disk with too little room for what is missing, and whatever a run raises.
     """
     home, plans = Path(folder), campaign.plans()
@@ -91,7 +92,10 @@ def run_campaign(
         _claim(home, campaign, whole, resume)
         _refuse_open_logs(states)
         states = {name: _found(state) for name, state in states.items()}
-        require_free(home, sum(estimates[name].bytes for name, state in states.items() if state.status != "complete"))
+        size_bytes = sum(estimates[name].bytes for name, state in states.items() if state.status != "complete")
+        require_free(home, size_bytes)
+        if announce is not None:
+            announce(size_bytes)
         try:
             status = _play_missing(plans, states, estimates, address, report)
         except BaseException as error:
