@@ -96,6 +96,22 @@ def _add_swing(a: Array, c: Array, x: Array, y: Array) -> None:
 
 
 @njit
+def _add_direct(d: Array, u: Array, y: Array) -> None:
+    """Add `d` (n_y, n_u) times `u` (n_u, stretch, lanes) to `y` (n_y, stretch, lanes).
+
+    Number by number: for an array that is written to another one numba compiles the text of an error about their
+    shapes as well, which takes 4 s.
+    """
+    for i in range(d.shape[0]):
+        for j in range(d.shape[1]):
+            if d[i, j] != 0.0:
+                for k in range(y.shape[1]):
+                    row, drive = y[i, k], u[j, k]
+                    for s in range(row.size):
+                        row[s] += d[i, j] * drive[s]
+
+
+@njit
 def _respond(
     a: Array, over: Array, stretch: int, b: Array, c: Array, d: Array, drive: Array, state: Array, out: Array
 ) -> None:
@@ -115,10 +131,7 @@ def _respond(
                     at = s * stretch + k
                     row[s] = drive[start + at, j] if at < whole else 0.0
         y[:] = 0.0
-        for i in range(n_y):
-            for j in range(n_u):
-                if d[i, j] != 0.0:
-                    y[i] += d[i, j] * u[j]
+        _add_direct(d, u, y)
         for m in range(a.shape[0]):
             _respond_from_rest(a[m], b[m], c[m], u, x, y)
             q, v = state[m, 0], state[m, 1]
