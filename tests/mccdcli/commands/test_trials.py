@@ -161,7 +161,8 @@ def test_large_logs_are_announced_before_anything_is_played(run, here, monkeypat
     code, out, err = run("campaign", "run", "small.toml", "--out", "told")
     assert (code, out) == (70, "") and err.startswith("mccd: the logs will take 0 MB in told\nmccd: error: ")
     code, _, err = run("report", "--campaign", "small.toml", "--out", "report")
-    assert err.startswith("mccd: the logs will take 0 MB in report/campaign, and then about 300 MB in report/designed\n")
+    said = "mccd: the logs will take 0 MB in report/campaign, and then about 300 MB in report/designed\n"
+    assert err.startswith(said)
 
 
 def test_campaigns_are_run_resumed_and_shown(run, here):
