@@ -85,7 +85,9 @@ def exponentials(stack: Array) -> Array:
                 total[i, i] += 1.0
         for _ in range(halvings):
             total = _product(total, total)
-        out[k] = total
+        for i in range(n):
+            for j in range(n):
+                out[k, i, j] = total[i, j]  # one by one: see `analysis.linear.simulate._add_direct`
     return out
 
 

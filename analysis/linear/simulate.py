@@ -142,6 +142,25 @@ def _gather(y: Array, first: int, last: int, out: Array, start: int) -> None:
 
 
 @njit
+def _put_direct(d: Array, u: Array, y: Array, first: int, last: int) -> None:
+    """Fill the rows from `first` to `last` of `y` with `d` (n_y, n_u) times the first rows of `u`.
+
+    Number by number: for an array that is written to another one numba compiles the text of an error about their
+    shapes as well, which takes 4 s.
+    """
+    for i in range(d.shape[0]):
+        for k in range(first, last):
+            row = y[i, k]
+            for s in range(row.size):
+                row[s] = 0.0
+            for j in range(d.shape[1]):
+                if d[i, j] != 0.0:
+                    drive = u[j, k - first]
+                    for s in range(row.size):
+                        row[s] += d[i, j] * drive[s]
+
+
+@njit
 def _respond(
     a: Array, over: Array, stretch: int, b: Array, c: Array, d: Array, drive: Array, state: Array, out: Array
 ) -> None:
@@ -158,11 +177,7 @@ def _respond(
         for first in range(0, stretch, _ROWS):
             last = min(first + _ROWS, stretch)
             _spread(drive, start, stretch, u, first, last)
-            for i in range(n_y):
-                y[i, first:last] = 0.0
-                for j in range(n_u):
-                    if d[i, j] != 0.0:
-                        y[i, first:last] += d[i, j] * u[j, : last - first]
+            _put_direct(d, u, y, first, last)
             for block in range(m):
                 _respond_from_rest(a[block], b[block], c[block], u, x[block], y, first, last)
         for block in range(m):

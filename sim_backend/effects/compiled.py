@@ -76,7 +76,10 @@ class Step:
         update_wrapper(cast(Any, self), function)
         self._function: Any = function
         self.key = f"{function.__module__}.{function.__qualname__}.{_checksum(self._function.__code__)}"
-        self._read = {name for i in dis.get_instructions(self._function) for name in _loaded(i)}
+
+    @cached_property
+    def _read(self) -> set[str]:
+        return {name for i in dis.get_instructions(self._function) for name in _loaded(i)}
 
     @cached_property
     def alone(self) -> tuple[str, str]:
