@@ -7,11 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from campaigns.serial import EmulatedBench, SerialBench, ServeOptions, transport_at
 from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError
 from sim_backend.model import dump_model, load_model
-from sim_backend.simbench import SimBench
 
 DEFAULT_MODEL = "as-built"
 
@@ -33,8 +31,12 @@ class BenchKind:
 
 
 def _open_simulated(address: str, seed: int) -> Bench:
+    # a kind of bench is imported when one is opened: each brings a good part of the project
     model = address or DEFAULT_MODEL
-    return SimBench(load_model(model), seed, name=Path(model).stem)
+    loaded = load_model(model)
+    from sim_backend.simbench import SimBench
+
+    return SimBench(loaded, seed, name=Path(model).stem)
 
 
 def _model_digest(address: str) -> str:
@@ -42,11 +44,15 @@ def _model_digest(address: str) -> str:
 
 
 def _open_emulated(address: str, seed: int) -> Bench:
+    from campaigns.serial import EmulatedBench, ServeOptions
+
     return EmulatedBench(ServeOptions(bench=f"sim:{address or DEFAULT_MODEL}", seed=seed))
 
 
 def _open_at(kind: str) -> Callable[[str, int], Bench]:
     def opened(address: str, _seed: int) -> Bench:
+        from campaigns.serial import SerialBench, transport_at
+
         return SerialBench(transport_at(kind, address), kind)
 
     return opened

@@ -13,6 +13,7 @@ from click.shell_completion import shell_complete
 
 from mccdcli.failures import exit_code_of
 from mccdcli.lazy import LazyGroup
+from mccdcli.output import warnings_in_one_line
 from mccdcli.registry import COMMANDS, GROUPS
 from mccdcli.settings import PREFIX, load_settings
 
@@ -82,7 +83,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, "1")
     if isinstance(sys.stdout, TextIOWrapper):  # a terminal without Greek letters gets \u03b8, not an error
         sys.stdout.reconfigure(errors="backslashreplace")
-    return exit_code_of(lambda: run(cli, sys.argv[1:] if arguments is None else list(arguments)))
+    with warnings_in_one_line():
+        return exit_code_of(lambda: run(cli, sys.argv[1:] if arguments is None else list(arguments)))
 
 
 def run(tree: click.Group, arguments: list[str]) -> object:

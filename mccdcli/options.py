@@ -37,6 +37,8 @@ class BenchAddress(click.ParamType[str]):
         return address
 
 
+POSITIVE: Final = click.FloatRange(0.0, min_open=True)
+
 OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     "bench": click.option(
         "--bench",

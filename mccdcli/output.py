@@ -5,11 +5,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, cast
 from unicodedata import category
 
 import click
+
+from sim_backend.errors import MccdWarning
 
 
 def emit(result: object, *, as_json: bool, text: str) -> None:
@@ -23,6 +27,24 @@ def emit(result: object, *, as_json: bool, text: str) -> None:
 def say(remark: str) -> None:
     """Print a remark on standard error, where it cannot mix with the result."""
     click.echo(visible(remark), err=True)
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Show warnings of ours as a remark in one line; any other as Python does, with the place that it is about."""
+    usual = warnings.showwarning
+
+    def show(message: Warning | str, kind: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(kind, MccdWarning):
+            say(f"mccd: warning: {' '.join(str(message).split())}")
+        else:
+            usual(message, kind, *place, **more)
+
+    warnings.showwarning = cast(Any, show)
+    try:
+        yield
+    finally:
+        warnings.showwarning = usual
 
 
 def visible(text: str) -> str:

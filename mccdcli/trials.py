@@ -98,14 +98,20 @@ def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
     from contextlib import closing
 
     from campaigns.benches import open_bench
-    from campaigns.playing.runner import run_plan
 
+    _require_models(plan)
     with closing(open_bench(bench, seed)) as opened, progress(plan.title) as report:
+        from campaigns.playing.runner import run_plan  # brings the logs: a bench that is not there is told before
+
         outcome = run_plan(plan, opened, log, seed=seed, report=report)
     if outcome.status == "complete":
         return Played(outcome.path, outcome.run_uid, 0)
     say(f"mccd: {outcome.status}: {outcome.reason}; {outcome.path} holds what was recorded")
     return Played(outcome.path, outcome.run_uid, INTERRUPTED)
+
+
+LARGE_BYTES: Final = 150e6
+"""Logs of a campaign that take more are announced before it begins."""
 
 
 class PlayedCampaign(NamedTuple):
@@ -116,12 +122,23 @@ class PlayedCampaign(NamedTuple):
     exit_code: int
 
 
-def play_campaign(campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool) -> PlayedCampaign:
-    """Play what `folder` lacks of a campaign, with progress on standard error."""
+def play_campaign(
+    campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool, then: str = ""
+) -> PlayedCampaign:
+    """Play what `folder` lacks of a campaign, with progress on standard error.
+
+    Logs of more than LARGE_BYTES are announced there first, with what will be recorded `then`.
+    """
     from campaigns.playing.campaign_run import run_campaign
 
+    def announce(size_bytes: float) -> None:
+        if size_bytes > LARGE_BYTES:
+            say(f"mccd: the logs will take {size_bytes / 1e6:.0f} MB in {folder}{then}")
+
     with progress(campaign.title or campaign.name) as report:
-        outcome = run_campaign(campaign, folder, address=bench, seed=seed, resume=resume, report=report)
+        outcome = run_campaign(
+            campaign, folder, address=bench, seed=seed, resume=resume, report=report, announce=announce
+        )
     logs = {run.name: run.log for run in outcome.runs}
     if outcome.status == "complete":
         return PlayedCampaign(logs, outcome.status, 0)
@@ -136,9 +153,19 @@ def count(plans: Mapping[str, Plan], bench: str, seed: int, *, as_json: bool) ->
     from campaigns.benches import open_bench
     from campaigns.plans import estimate
 
+    for plan in plans.values():
+        _require_models(plan)
     with closing(open_bench(bench, seed)) as opened:
         counted = {name: estimate(plan, opened) for name, plan in plans.items()}
     show_estimates(counted, as_json=as_json)
+
+
+def _require_models(plan: Plan) -> None:
+    """Raise ConfigError for a design model that is none: before a bench is opened for it."""
+    from sim_backend.model import load_model
+
+    for name in plan.design_models():
+        load_model(name)
 
 
 def show_estimates(counted: Mapping[str, Estimate], *, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""The one error tree of the project: every message says what happened, the value, the limit and the fix."""
+"""The errors and warnings of the project: every message says what happened, the value, the limit and the fix."""
 
 from collections.abc import Iterable
 
@@ -31,6 +31,10 @@ class DataError(MccdError):
     """A file or its data cannot be used as they are (exit code 4)."""
 
     exit_code = 4
+
+
+class MccdWarning(UserWarning):
+    """Something that a user should know and results do not suffer from; the command line shows it as one line."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -41,8 +41,9 @@ class Deferred:
         return getattr(import_module(self._module), self._attribute)
 
     def stamp(self) -> str:
-        """Return what it is, as text."""
-        return f"{self._module}.{self._attribute}"
+        """Return what it is: a number or an array by its value, anything else by its name."""
+        known_by_value = isinstance(self.made, int | float | np.ndarray)
+        return _value(self.made, frozenset()) if known_by_value else f"{self._module}.{self._attribute}"
 
 
 class _Later:

@@ -15,6 +15,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+from sim_backend.errors import MccdWarning
+
 VARIABLE = "MCCD_KERNEL_CACHE"
 """Environment variable that names the folder; by default it is one in the user's cache."""
 
@@ -28,7 +30,7 @@ _DIGEST_BYTES = sha256().digest_size
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
-class KernelCacheWarning(UserWarning):
+class KernelCacheWarning(MccdWarning):
     """Compiled code cannot be kept or was damaged; results are the same, but it takes longer to get them."""
 
 

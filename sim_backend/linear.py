@@ -56,17 +56,19 @@ class ModalModel:
             "d": (n_y, n_u),
             "delay_s": (n_u,),
         }
-        for name, shape in wanted.items():
-            value = getattr(self, name)
+        values = [getattr(self, name) for name in wanted]
+        for (name, shape), value in zip(wanted.items(), values, strict=True):
             if value.shape != shape:
                 raise ConfigError(
                     f"linear model: {name} has shape {value.shape}, needs {shape}; give one entry per block, input and "
                     f"output"
                 )
-            if not np.isfinite(value).all():
-                raise ConfigError(
-                    f"linear model: {name} holds a number that is not finite; every entry must be a real number"
-                )
+        # all at once: a model is made in every step of a fit
+        if not np.isfinite(np.concatenate(values, axis=None)).all():
+            name = next(n for n, value in zip(wanted, values, strict=True) if not np.isfinite(value).all())
+            raise ConfigError(
+                f"linear model: {name} holds a number that is not finite; every entry must be a real number"
+            )
         if (self.omega_rad_s < 0.0).any() or (self.delay_s < 0.0).any():
             raise ConfigError("linear model: a natural frequency or a delay is negative; both must be zero or more")
 
@@ -155,7 +157,8 @@ class ModalModel:
         out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None]) + np.einsum(
             "ym,fmu->fyu", self.c_rate, v / den[..., None]
         )
-        return (out + self.d) * np.exp(-s[:, :, None] * self.delay_s)
+        out += self.d
+        return out * np.exp(-s[:, :, None] * self.delay_s) if self.delay_s.any() else out
 
 
 @dataclass(frozen=True)

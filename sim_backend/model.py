@@ -12,6 +12,7 @@ wrote the file).
 from __future__ import annotations
 
 import tomllib
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -212,11 +213,12 @@ def from_linear(
     )
 
 
+@lru_cache(maxsize=8)
 def parse_model(text: str, where: str) -> Model:
     """Return the model written in `text`, TOML or JSON; `where` names it in errors.
 
-    Raises ConfigError for broken TOML or JSON, unknown fields, wrong types, unknown port names and
-    numbers that are not finite.
+    The same text gives the same object, so nothing may change it. Raises ConfigError for broken TOML or JSON, unknown
+    fields, wrong types, unknown port names and numbers that are not finite.
     """
     try:
         # no TOML file begins with a brace, and every model in JSON does

@@ -1,8 +1,9 @@
 """Normal random numbers, the very ones that numpy's default generator gives, three times as fast.
 
 numpy draws by a call per number. Here the generator (PCG64) and the ziggurat method are compiled together; the
-generator that is handed in is advanced just as far. Sources: M. E. O'Neill, PCG, HMC-CS-2014-0905; G. Marsaglia and
-W. W. Tsang, J. Stat. Software 5 (2000), in the form and with the tables of numpy.
+generator that is handed in is advanced just as far. The sign is one of the random bits, and a branch on it would be
+guessed wrong every other time: it chooses between a box's width and its negative instead. Sources: M. E. O'Neill, PCG,
+HMC-CS-2014-0905; G. Marsaglia and W. W. Tsang, J. Stat. Software 5 (2000), in the form and with the tables of numpy.
 """
 
 from __future__ import annotations
@@ -13,15 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.errors import ConfigError
 from sim_backend.jit import Deferred, intrinsic, njit
 
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _HALF = (1 << 64) - 1
 
-_TABLES = "numba.np.random._constants"
+_TABLES = "sim_backend.ziggurat"
 fi_double: Any = Deferred(_TABLES, "fi_double")
 ki_double: Any = Deferred(_TABLES, "ki_double")
-wi_double: Any = Deferred(_TABLES, "wi_double")
+signed_widths: Any = Deferred(_TABLES, "signed_widths")
 ziggurat_nor_inv_r: Any = Deferred(_TABLES, "ziggurat_nor_inv_r")
 ziggurat_nor_r: Any = Deferred(_TABLES, "ziggurat_nor_r")
 
@@ -68,9 +70,7 @@ def _fill(state, out):  # type: ignore[no-untyped-def]
         bits = _scrambled(high, low)
         box = bits & np.uint64(0xFF)
         size = (bits >> np.uint64(9)) & np.uint64(0x000FFFFFFFFFFFFF)
-        x = np.int64(size) * wi_double[box]
-        negative = (bits >> np.uint64(8)) & np.uint64(1)
-        x = -x if negative else x
+        x = np.int64(size) * signed_widths[bits & np.uint64(0x1FF)]
         if size < ki_double[box]:
             out[k] = x
             k += 1
@@ -95,14 +95,21 @@ def _fill(state, out):  # type: ignore[no-untyped-def]
     state[0], state[1] = high, low
 
 
-def standard_normal(n: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return `n` standard normal numbers, those of `rng.standard_normal(n)`, and leave `rng` as that would."""
+def standard_normal(n: int, rng: np.random.Generator, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Return `n` standard normal numbers, those of `rng.standard_normal(n)`, and leave `rng` as that would.
+
+    `out` (n,) is filled and returned where it is given. Raises ConfigError when its shape is another.
+    """
+    if out is None:
+        out = np.empty(n)
+    elif out.shape != (n,):
+        raise ConfigError(f"out has shape {out.shape}; {n} numbers need ({n},)")
     held: Any = rng.bit_generator.state
     if held["bit_generator"] != "PCG64":
-        return rng.standard_normal(n)
+        out[:] = rng.standard_normal(n)
+        return out
     whole = held["state"]
     state = np.array([w >> s & _HALF for w in (whole["state"], whole["inc"]) for s in (64, 0)], dtype=np.uint64)
-    out = np.empty(n)
     _fill(state, out)
     whole["state"] = int(state[0]) << 64 | int(state[1])
     rng.bit_generator.state = held

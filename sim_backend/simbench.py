@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from functools import cached_property
 from zlib import crc32
 
 import numpy as np
@@ -88,10 +89,10 @@ class SimBench:
         self._rewriting = [e for e in effects if e.site is Site.RECORD]
         for effect in self._rewriting:
             self.places.find(self.places.outputs, effect.where, effect.name)
-        linear = retuned(model.linear(), effects, self.places)
-        self._plant = plant_of(linear, model.sample_rate_hz, substeps)
+        self._linear = retuned(model.linear(), effects, self.places)
+        self._substeps = substeps
         self._hw = transducers_of(model)
-        self._fx, self._effects = effects_of(effects, self.places, linear)
+        self._fx, self._effects = effects_of(effects, self.places, self._linear)
         self._streams = streams_of(seed, [*self._effects, *self._rewriting])
         hw = model.hardware
         seen = (
@@ -102,7 +103,16 @@ class SimBench:
         self._bus = bus_of(n_u, n_a, n_y, n_s, self._fx)
         self._fx = wired(self._fx, self._bus)
         self._axes = n_u
-        self._mem = fresh_memory(self._plant, n_u, self._hw.heating[0])
+
+    # Both are made for the first segment: who asks for channels and limits alone, to count a plan or to refuse it,
+    # does not wait for scipy's matrix exponential.
+    @cached_property
+    def _plant(self) -> layout.Plant:
+        return plant_of(self._linear, self.rate_hz, self._substeps)
+
+    @cached_property
+    def _mem(self) -> layout.Memory:
+        return fresh_memory(self._plant, self._axes, self._hw.heating[0])
 
     @property
     def identity(self) -> Identity:
@@ -190,7 +200,7 @@ class SimBench:
         drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
         out = np.empty((len(drawing), n))
         for row, effect in zip(out, drawing, strict=True):
-            row[:] = effect.draw(n, self.rate_hz, self._streams[id(effect)])
+            effect.draw(n, self.rate_hz, self._streams[id(effect)], out=row)
         return out
 
     def _wanted(self, segment: Segment) -> tuple[str, ...]:
@@ -252,7 +262,9 @@ class SimBench:
         hw = self._model.hardware
         assert hw is not None and hw.theodolite_noise_rad is not None
         noise = standard_normal(position.shape[1], self._theodolite[dof])
-        return position[self.places.outputs.index(dof)] + number(hw.theodolite_noise_rad) * noise
+        noise *= number(hw.theodolite_noise_rad)
+        noise += position[self.places.outputs.index(dof)]
+        return noise
 
     def _recorded(self, name: str, values: Array) -> Array:
         for effect in self._rewriting:

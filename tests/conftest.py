@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from tests.selection import is_thorough
 
 from tests.running.client import OWNER, SOCKET
+from tests.selection import is_thorough
 
 pytest_plugins = ["tests.order"]
 

@@ -134,7 +134,8 @@ def _inverses(matrix: Array, first: int, inverse: Array, good: NDArray[np.bool_]
             _scale(inverse[c, j], factor)
         for i in range(n):
             if i != c:
-                factor[:] = work[i, c]
+                for k in range(n_l):  # one by one: see `analysis.linear.simulate._add_direct`
+                    factor[0, k], factor[1, k] = work[i, c, 0, k], work[i, c, 1, k]
                 for j in range(n):
                     _subtract(factor, work[c, j], work[i, j])
                     _subtract(factor, inverse[c, j], inverse[i, j])

@@ -33,14 +33,12 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
     Behind a hold, [A E; 0 A] is exponentiated, whose upper right block is the exact derivative in direction E
     (Van Loan 1978); it needs no case for rigid bodies or equal poles.
     """
-    m = omega_rad_s.size
-    joint = np.zeros((m, 3, 3))
-    joint[:, 0, 1] = 1.0
-    joint[:, 1, 0], joint[:, 1, 1], joint[:, 1, 2] = -(omega_rad_s**2), -2.0 * sigma_1_s, 1.0
-    slope = np.zeros((2, m, 3, 3))
-    slope[0, :, 1, 0], slope[1, :, 1, 1] = -2.0 * omega_rad_s**2, -2.0 * sigma_1_s
+    a, b, da, db = continuous(omega_rad_s, sigma_1_s)
     if hold_rate_hz is None:
-        return BlockMatrices(joint[:, :2, :2], joint[:, :2, 2], slope[:, :, :2, :2], slope[:, :, :2, 2])
+        return BlockMatrices(a, b, da, db)
+    m = omega_rad_s.size
+    joint, slope = np.zeros((m, 3, 3)), np.zeros((2, m, 3, 3))
+    joint[:, :2, :2], joint[:, :2, 2], slope[:, :, :2, :2] = a, b, da
     doubled = np.zeros((2, m, 6, 6))
     doubled[:, :, :3, :3] = doubled[:, :, 3:, 3:] = joint
     doubled[:, :, :3, 3:] = slope
@@ -49,6 +47,18 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
     scaled = (doubled * (unit[:, None] / unit) / hold_rate_hz).reshape(2 * m, 6, 6)
     step = exponentials(scaled).reshape(2, m, 6, 6) * (unit / unit[:, None])
     return BlockMatrices(step[0, :, :2, :2], step[0, :, :2, 2], step[:, :, :2, 3:5], step[:, :, :2, 5])
+
+
+@njit
+def continuous(omega_rad_s: Array, sigma_1_s: Array) -> tuple[Array, Array, Array, Array]:
+    """Return the arrays of `BlockMatrices` in continuous time."""
+    m = omega_rad_s.size
+    a, b, da, db = np.zeros((m, 2, 2)), np.zeros((m, 2)), np.zeros((2, m, 2, 2)), np.zeros((2, m, 2))
+    for i in range(m):
+        stiffness, drag = omega_rad_s[i] ** 2, 2.0 * sigma_1_s[i]
+        a[i, 0, 1], a[i, 1, 0], a[i, 1, 1], b[i, 1] = 1.0, -stiffness, -drag, 1.0
+        da[0, i, 1, 0], da[1, i, 1, 1] = -2.0 * stiffness, -drag
+    return a, b, da, db
 
 
 @njit
@@ -75,7 +85,9 @@ def exponentials(stack: Array) -> Array:
                 total[i, i] += 1.0
         for _ in range(halvings):
             total = _product(total, total)
-        out[k] = total
+        for i in range(n):
+            for j in range(n):
+                out[k, i, j] = total[i, j]  # one by one: see `analysis.linear.simulate._add_direct`
     return out
 
 
@@ -118,33 +130,3 @@ def _resolved(a: Array, b: Array, da: Array, db: Array, point: ComplexArray) -> 
                 slopes[k, 0, i, f] = (bottom * first + a01 * second) * inverse
                 slopes[k, 1, i, f] = (a10 * first + top * second) * inverse
     return state, slopes
-
-
-@njit
-def entry_jacobian(
-    state: ComplexArray, slopes: ComplexArray, weights: Array, d: float, factor: ComplexArray, delayed: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Return the response (n_f,) of one entry and its derivatives (6 m + 2, n_f).
-
-    `state` and `slopes` are those of `block_spectra`. `weights` (11, m) are n0, n1, their derivatives n0_log_omega and
-    n0_log_sigma, c, c_rate, b_direct, b, force, 2 sigma and omega² of every block for this entry; `factor` (n_f,) is
-    the delay's and `delayed` its derivative. The derivatives are those to ln(omega), ln(sigma), b, b_direct, c, c_rate
-    of every block, to D and to the delay.
-    """
-    m, n = state.shape[1:]
-    response, columns = np.full(n, d + 0j), np.empty((6 * m + 2, n), dtype=np.complex128)
-    for i in range(m):
-        n0, n1, by_omega, by_sigma, c, rate, direct, b, force, sigma2, omega2 = weights[:, i]
-        for f in range(n):
-            q, v, g = state[0, i, f], state[1, i, f], factor[f]
-            response[f] += n0 * q + n1 * v
-            columns[i, f] = g * (n0 * slopes[0, 0, i, f] + n1 * slopes[0, 1, i, f] + by_omega * q)
-            columns[m + i, f] = g * (n0 * slopes[1, 0, i, f] + n1 * slopes[1, 1, i, f] + by_sigma * q)
-            columns[2 * m + i, f] = g * (c * q + rate * v)
-            columns[3 * m + i, f] = g * (c * (sigma2 * q + v) - omega2 * rate * q)
-            columns[4 * m + i, f] = g * (force * q + direct * v)
-            columns[5 * m + i, f] = g * (b * v - omega2 * direct * q)
-    for f in range(n):
-        columns[6 * m, f], columns[6 * m + 1, f] = factor[f], response[f] * delayed[f]
-        response[f] *= factor[f]
-    return response, columns

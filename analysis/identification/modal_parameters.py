@@ -44,10 +44,14 @@ class Layout:
             raise ConfigError(f"linear model has no parameter {name!r}; it has {', '.join(self._places)}")
         return self._places[name]
 
+    def span(self, name: str) -> slice:
+        """Return where the named array stands in the vector."""
+        return self._spans[name]
+
     @cached_property
-    def _places(self) -> dict[str, IntArray]:
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
         m, n_u, n_y = self.n_blocks, self.n_inputs, self.n_outputs
-        shapes = {
+        return {
             "log_omega": (m,),
             "log_sigma": (m,),
             "b": (m, n_u),
@@ -57,17 +61,38 @@ class Layout:
             "d": (n_y, n_u),
             "delay_s": (n_u,),
         }
-        places, start = {}, 0
-        for name, shape in shapes.items():
-            stop = start + math.prod(shape)
-            places[name] = np.arange(start, stop).reshape(shape)
-            start = stop
-        return places
 
-    @property
+    @cached_property
+    def _spans(self) -> dict[str, slice]:
+        spans, start = {}, 0
+        for name, shape in self._shapes.items():
+            spans[name] = slice(start, start + math.prod(shape))
+            start += math.prod(shape)
+        return spans
+
+    @cached_property
+    def _places(self) -> dict[str, IntArray]:
+        return {
+            name: np.arange(span.start, span.stop).reshape(self._shapes[name]) for name, span in self._spans.items()
+        }
+
+    @cached_property
     def size(self) -> int:
         """Length of the parameter vector."""
-        return sum(place.size for place in self._places.values())
+        return self._spans["delay_s"].stop
+
+    @cached_property
+    def entries(self) -> IntArray:
+        """Positions (n_y, n_u, 6 m + 2) of what one entry of the response depends on; do not write to it.
+
+        They are log_omega, log_sigma, b, b_direct, c, c_rate of every block, D and the delay.
+        """
+        at = self._places
+        out = np.empty((self.n_outputs, self.n_inputs, 6 * self.n_blocks + 2), dtype=np.intp)
+        for y, u in np.ndindex(self.n_outputs, self.n_inputs):
+            own = [at["log_omega"], at["log_sigma"], at["b"][:, u], at["b_direct"][:, u], at["c"][y], at["c_rate"][y]]
+            out[y, u] = np.concatenate([*own, at["d"][y, u : u + 1], at["delay_s"][u : u + 1]])
+        return out
 
 
 @dataclass(frozen=True)
@@ -92,16 +117,17 @@ class Structure:
 
 def layout_of(model: ModalModel, structure: Structure) -> Layout:
     """Return the layout of a model's parameters; an omega or a sigma that is zero stays zero."""
-    bare = Layout(model.n_blocks, model.n_inputs, model.n_outputs, np.zeros(0, dtype=bool))
-    free = np.ones(bare.size, dtype=bool)
-    free[bare.index("log_omega")] = model.omega_rad_s > 0.0
-    free[bare.index("log_sigma")] = model.sigma_1_s > 0.0
+    m, n_u, n_y = model.n_blocks, model.n_inputs, model.n_outputs
+    free = np.ones(2 * m * (1 + n_u + n_y) + n_y * n_u + n_u, dtype=bool)
+    layout = Layout(m, n_u, n_y, free)
+    free[layout.span("log_omega")] = model.omega_rad_s > 0.0
+    free[layout.span("log_sigma")] = model.sigma_1_s > 0.0
     if structure.form == "mechanical":
-        free[bare.index("b_direct")] = False
-        free[bare.index("c_rate")] = False
-    free[bare.index("d")] = structure.feedthrough
-    free[bare.index("delay_s")] = structure.delay
-    return Layout(bare.n_blocks, bare.n_inputs, bare.n_outputs, free)
+        free[layout.span("b_direct")] = False
+        free[layout.span("c_rate")] = False
+    free[layout.span("d")] = structure.feedthrough
+    free[layout.span("delay_s")] = structure.delay
+    return layout
 
 
 def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
@@ -122,7 +148,7 @@ def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
 def step_limit(layout: Layout) -> Array:
     """Return how far one step may move each free parameter: a factor e in a frequency or a decay rate."""
     limit = np.full(layout.size, np.inf)
-    limit[layout.index("log_omega")] = limit[layout.index("log_sigma")] = 1.0
+    limit[layout.span("log_omega")] = limit[layout.span("log_sigma")] = 1.0
     return limit[layout.free]
 
 

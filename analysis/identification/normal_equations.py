@@ -71,25 +71,28 @@ def minimise(
 def _step(normal: Normal, damping: float, limit: Array | float) -> tuple[Array, float]:
     """Return the damped step and the decrease that the quadratic model predicts for it."""
     scale = column_scale(normal.hessian)
-    scaled = normal.hessian / np.outer(scale, scale)
+    scaled = normal.hessian / (scale[:, None] * scale)
     gradient = normal.gradient / scale
     boost = damping
     while True:
-        try:
-            factor = scipy.linalg.cho_factor(scaled + boost * np.eye(scale.size), check_finite=False)
+        damped = scaled.copy()
+        damped.flat[:: scale.size + 1] += boost
+        # without the checks and copies of scipy's cho_factor, which take longer than the factor of a small matrix
+        factor, failed = scipy.linalg.lapack.dpotrf(damped, clean=0)
+        if not failed:
             break
-        except np.linalg.LinAlgError:
-            boost = max(10.0 * boost, 1e-14)
-    step = -scipy.linalg.cho_solve(factor, gradient, check_finite=False)
+        boost = max(10.0 * boost, 1e-14)
+    step = -scipy.linalg.lapack.dpotrs(factor, gradient)[0]
     # each on its own: one parameter without influence that runs away must not hold up the others
-    step = np.clip(step, -limit * scale, limit * scale)
+    most = limit * scale
+    step = np.minimum(np.maximum(step, -most), most)
     predicted = -float(step @ (2.0 * gradient + scaled @ step))
     return step / scale, predicted
 
 
 def column_scale(hessian: Array) -> Array:
     """Return the square root of the diagonal of J'J (p,), one where a parameter has no effect."""
-    diagonal = np.sqrt(np.diag(hessian))
+    diagonal = np.sqrt(hessian.diagonal())
     # no unit of measurement is a factor of 1e100: what is less than that has underflowed
     return np.where(diagonal > 1e-100 * np.max(diagonal, initial=0.0), diagonal, 1.0)
 
@@ -101,7 +104,22 @@ def covariance(normal: Normal) -> Array:
     variance: they are choices of coordinates, and no quantity that the data determine depends on them.
     """
     scale = column_scale(normal.hessian)
-    values, vectors = np.linalg.eigh(normal.hessian / np.outer(scale, scale))
-    keep = values > 1e-12 * values[-1]
-    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    return inverse / np.outer(scale, scale)
+    units = scale[:, None] * scale
+    scaled = normal.hessian / units
+    inverse = _certain_inverse(scaled)
+    if inverse is None:
+        values, vectors = np.linalg.eigh(scaled)
+        keep = values > 1e-12 * values[-1]
+        inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    return inverse / units
+
+
+def _certain_inverse(matrix: Array) -> Array | None:
+    """Return the inverse where no eigenvalue can be below 1e-10 of the largest, by the norms of both, or None."""
+    factor, failed = scipy.linalg.lapack.dpotrf(matrix)
+    if failed:
+        return None
+    upper = scipy.linalg.lapack.dpotri(factor)[0]
+    inverse = upper + np.triu(upper, 1).T
+    condition = np.abs(inverse).sum(axis=0).max() * np.abs(matrix).sum(axis=0).max()
+    return inverse if condition < 1e10 else None

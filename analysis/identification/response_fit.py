@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.block_basis import BlockMatrices, block_matrices, block_spectra, entry_jacobian
+from analysis.identification.block_basis import block_matrices, block_spectra
 from analysis.identification.modal_parameters import (
     Layout,
     Structure,
@@ -19,6 +20,7 @@ from analysis.identification.modal_parameters import (
     unpack,
 )
 from analysis.identification.normal_equations import Normal, covariance, minimise
+from analysis.identification.response_equations import summed
 from analysis.linear.modal_form import canonical
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array, ModalModel, delay_taps
@@ -38,6 +40,12 @@ class Target:
     weight: Array
     hold_rate_hz: float | None
     magnitude_only: bool
+
+    @cached_property
+    def point(self) -> ComplexArray:
+        """The points lambda (n_f,) at which blocks are resolved: s, or z behind a hold."""
+        s = 2j * np.pi * self.frequency_hz
+        return np.asarray(s if self.hold_rate_hz is None else np.exp(s / self.hold_rate_hz), dtype=np.complex128)
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,8 @@ def make_target(
     magnitude_only: bool = False,
 ) -> Target:
     """Return the checked target with weights."""
-    f, g = np.asarray(frequency_hz, dtype=float), np.asarray(response, dtype=complex)
+    # copies, so that compiled code sees one kind of array only: its own, in the order of rows
+    f, g = np.array(frequency_hz, dtype=float, order="C"), np.array(response, dtype=complex, order="C")
     if g.ndim != 3 or g.shape[0] != f.size:
         raise ConfigError(
             f"response has shape {g.shape}, frequency has {f.size}; needs (n_f, n_y, n_u) with one row per frequency"
@@ -92,15 +101,8 @@ def make_target(
                 f"variance must be positive with shape {g.shape}; give one for every entry of the response, or none"
             )
         # half of E|error|^2 falls to the real part and half to the imaginary part, and along the magnitude too
-        weight = np.sqrt(2.0 / np.asarray(variance, dtype=float))
+        weight = np.sqrt(2.0 / np.array(variance, dtype=float, order="C"))
     return Target(f, g, weight, hold_rate_hz, magnitude_only)
-
-
-def _points(model: ModalModel, target: Target) -> tuple[BlockMatrices, ComplexArray]:
-    """Return the block matrices and the points lambda at which they are resolved."""
-    s = 2j * np.pi * target.frequency_hz
-    point = np.asarray(s if target.hold_rate_hz is None else np.exp(s / target.hold_rate_hz), dtype=np.complex128)
-    return block_matrices(model.omega_rad_s, model.sigma_1_s, target.hold_rate_hz), point
 
 
 def refine(
@@ -109,36 +111,34 @@ def refine(
     """Return the weighted least-squares fit reached from `start` by Levenberg-Marquardt with an analytic Jacobian."""
     layout = layout_of(start, structure)
     fixed = pack(start)
-
-    def full(x: Array) -> Array:
-        vector = fixed.copy()
-        vector[layout.free] = x
-        return vector
-
     free = np.flatnonzero(layout.free)
+    delay = None if structure.delay else _delay_factor(start.delay_s, target)
     latest: tuple[Array, Normal] | None = None
 
     def assemble(x: Array) -> Normal:
         nonlocal latest
         if latest is None or not np.array_equal(latest[0], x):
-            normal = normal_equations(target, unpack(full(x), layout), layout)
-            latest = x, Normal(normal.cost, normal.gradient[free], normal.hessian[np.ix_(free, free)])
+            vector = fixed.copy()
+            vector[free] = x
+            normal = _summed(target, vector, layout, delay)
+            latest = x, Normal(normal.cost, normal.gradient[free], normal.hessian[free[:, None], free])
         return latest[1]
 
     def cost(x: Array) -> float:
         # most steps are taken, and the Jacobian then costs little more than the response alone
         return assemble(x).cost
 
-    minimum = minimise(assemble, cost, fixed[layout.free], iterations, limit=step_limit(layout))
-    model = canonical(unpack(full(minimum.parameters), layout))
-    return _result(target, model, layout, scaled, minimum.converged)
+    minimum = minimise(assemble, cost, fixed[free], iterations, limit=step_limit(layout))
+    found = fixed.copy()
+    found[free] = minimum.parameters
+    return _result(target, canonical(unpack(found, layout)), layout, scaled, minimum.converged)
 
 
 def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, converged: bool) -> RationalFit:
     """Return the result with the covariance of the canonical model and the criterion."""
     normal = normal_equations(target, model, layout)
     free = np.flatnonzero(determined(model, layout))
-    inside = np.ix_(free, free)
+    inside = free[:, None], free
     small = covariance(Normal(normal.cost, normal.gradient[free], normal.hessian[inside]))
     values = target.response.size * (1 if target.magnitude_only else 2)
     count = free.size
@@ -179,24 +179,25 @@ def model_response(model: ModalModel, target: Target) -> ComplexArray:
     """Return the response (n_f, n_y, n_u) of a model as the target was measured."""
     (q, v), part = block_states(model, target), participation(model)
     response = np.tensordot(q, part.n0, axes=(0, 0)) + np.tensordot(v, part.n1, axes=(0, 0)) + model.d
-    return response * _delay_factor(model, target)[0][:, None, :]
+    return response * _delay_factor(model.delay_s, target)[0][:, None, :]
 
 
 def block_states(model: ModalModel, target: Target) -> ComplexArray:
     """Return (q, v) of every block under a unit force at the target's frequencies, shape (2, m, n_f)."""
-    return block_spectra(*_points(model, target))[0]
+    blocks = block_matrices(model.omega_rad_s, model.sigma_1_s, target.hold_rate_hz)
+    return block_spectra(blocks, target.point)[0]
 
 
-def _delay_factor(model: ModalModel, target: Target) -> tuple[ComplexArray, ComplexArray]:
+def _delay_factor(delay_s: Array, target: Target) -> tuple[ComplexArray, ComplexArray]:
     """Return the delay's factor and its derivative to the delay, each (n_f, n_u)."""
     s = 2j * np.pi * target.frequency_hz[:, None]
     if target.hold_rate_hz is None:
-        factor = np.exp(-s * model.delay_s)
+        factor = np.exp(-s * delay_s)
         return factor, -s * factor
-    factor, slope = np.empty((2, s.size, model.delay_s.size), dtype=complex)
+    factor, slope = np.empty((2, s.size, delay_s.size), dtype=complex)
     back = np.exp(-s[:, 0] / target.hold_rate_hz)
-    for u, delay_s in enumerate(model.delay_s):
-        taps = delay_taps(float(delay_s * target.hold_rate_hz))
+    for u, late_s in enumerate(delay_s):
+        taps = delay_taps(float(late_s * target.hold_rate_hz))
         factor[:, u] = back**taps.first * np.polyval(taps.weights[::-1], back)
         slope[:, u] = target.hold_rate_hz * back**taps.first * np.polyval(taps.slopes[::-1], back)
     return factor, slope
@@ -205,36 +206,24 @@ def _delay_factor(model: ModalModel, target: Target) -> tuple[ComplexArray, Comp
 def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Normal:
     """Return cost, J'r (p,) and J'J (p, p) over all parameters of the layout.
 
-    The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from one
-    narrow Jacobian per entry.
+    The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from the
+    small one of each entry.
     """
-    state, slopes = block_spectra(*_points(model, target))
-    part = participation(model)
-    factor, factor_slope = _delay_factor(model, target)
-    own = np.stack([2.0 * model.sigma_1_s, model.omega_rad_s**2])
-    gradient, hessian, cost = np.zeros(layout.size), np.zeros((layout.size, layout.size)), 0.0
-    place = {k: layout.index(k) for k in ("log_omega", "log_sigma", "b", "b_direct", "c", "c_rate", "d", "delay_s")}
-    for y, u in np.ndindex(layout.n_outputs, layout.n_inputs):
-        weights = [p[:, y, u] for p in (part.n0, part.n1, part.n0_log_omega, part.n0_log_sigma)]
-        weights += [model.c[y], model.c_rate[y], model.b_direct[:, u], model.b[:, u], part.force[:, u], *own]
-        into = np.ascontiguousarray(factor[:, u]), np.ascontiguousarray(factor_slope[:, u])
-        response, columns = entry_jacobian(state, slopes, np.array(weights), float(model.d[y, u]), *into)
-        names = [place["log_omega"], place["log_sigma"], place["b"][:, u], place["b_direct"][:, u]]
-        names += [place["c"][y], place["c_rate"][y], place["d"][y, u : u + 1], place["delay_s"][u : u + 1]]
-        index = np.concatenate(names)
-        jacobian, residual = _weighted(target, y, u, response, columns)
-        cost += float(residual @ residual)
-        gradient[index] += jacobian @ residual
-        hessian[np.ix_(index, index)] += jacobian @ jacobian.T
-    return Normal(cost, gradient, hessian)
+    return _summed(target, pack(model), layout)
 
 
-def _weighted(target: Target, y: int, u: int, response: ComplexArray, columns: ComplexArray) -> tuple[Array, Array]:
-    """Return the real, weighted Jacobian (k, n) and residual (n,) of one entry."""
-    w, data = target.weight[:, y, u], target.response[:, y, u]
-    if target.magnitude_only:
-        size = np.abs(response)
-        along = np.conj(response) / np.where(size > 0.0, size, 1.0)
-        return (columns * (along * w)).real, w * (size - np.abs(data))
-    # real and imaginary parts one behind the other, line by line
-    return (columns * w).view(np.float64), (w * (response - data)).view(np.float64)
+def _summed(
+    target: Target, vector: Array, layout: Layout, delay: tuple[ComplexArray, ComplexArray] | None = None
+) -> Normal:
+    """Return the normal equations at a parameter vector; `delay` is what `_delay_factor` returns, if it is known."""
+    if delay is None:
+        delay = _delay_factor(np.maximum(vector[layout.span("delay_s")], 0.0), target)
+    held = None
+    if target.hold_rate_hz is not None:
+        omega, sigma = np.exp(vector[layout.span("log_omega")]), np.exp(vector[layout.span("log_sigma")])
+        blocks = block_matrices(omega, sigma, target.hold_rate_hz)
+        a, b, da, db = (np.ascontiguousarray(matrix) for matrix in (blocks.a, blocks.b, blocks.da, blocks.db))
+        held = a, b, da, db
+    sizes = layout.n_blocks, layout.n_inputs, layout.n_outputs
+    measured = (target.weight, target.response, target.magnitude_only)
+    return Normal(*summed(vector, sizes, held, target.point, delay, *measured, layout.entries))

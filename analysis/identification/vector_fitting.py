@@ -7,17 +7,19 @@ Gustavsen & Semlyen (1999), relaxed normalisation by Gustavsen (2006), and the c
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sim_backend.jit import njit
+from analysis.identification.pole_equations import companion, reduced, scaled_system, settled
 from sim_backend.linear import Array
 
 ComplexArray = NDArray[np.complex128]
 
 
+_ROUNDING = float(np.finfo(float).eps)
 _SETTLED = 1e-3
 """Relative change of the poles below which they are near enough: what refines them converges from there."""
 
@@ -54,13 +56,8 @@ def vector_fit(
     if sampled:
         poles = np.exp(poles)
     size = float(np.linalg.norm(weights * np.abs(data)))
-    rest = 1.0 if sampled else 0.0  # where a pole of frequency zero stands
     for _ in range(iterations):
-        moved = _relocate(point, data, weights, poles, feedthrough, size)
-        moved = _stable(moved, sampled)
-        after, before = np.sort_complex(moved), np.sort_complex(poles)
-        change = np.max(np.abs(after - before) / np.abs(after - rest))
-        poles = moved
+        poles, change = settled(*_relocate(point, data, weights, poles, feedthrough, size), poles, sampled)
         if change < _SETTLED:
             break
     poles = _pairable(poles) if sampled else poles
@@ -89,92 +86,35 @@ def _starting_poles(s_abs: Array, n_poles: int) -> ComplexArray:
     return np.stack([upper, upper.conj()], axis=1).ravel()
 
 
-@njit
-def _basis(point: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Return the partial fractions (n, n_f) whose coefficients are real: sums and differences for complex pairs."""
-    basis = np.empty((poles.size, point.size), dtype=np.complex128)
-    for k in range(poles.size):
-        for f in range(point.size):
-            basis[k, f] = 1.0 / (point[f] - poles[k])
-        if poles[k].imag < 0.0:
-            for f in range(point.size):
-                first, second = basis[k - 1, f], basis[k, f]
-                basis[k - 1, f], basis[k, f] = first + second, 1j * (first - second)
-    return basis
-
-
-@njit
-def _joint(basis: ComplexArray, data: ComplexArray, weights: Array, feedthrough: bool) -> Array:
-    """Return the weighted columns of the model, then of minus the data times sigma, real above imaginary parts.
-
-    Shape (k, 2 n_f), a column in a row: the partial fractions, and one for the constant where there is one.
-    """
-    n, lines = basis.shape
-    width = n + 1 if feedthrough else n
-    out = np.empty((width + n + 1, 2 * lines))
-    for f in range(lines):
-        w, away = weights[f], -weights[f] * data[f]
-        for k in range(n):
-            value, turned = w * basis[k, f], away * basis[k, f]
-            out[k, f], out[k, lines + f] = value.real, value.imag
-            out[width + k, f], out[width + k, lines + f] = turned.real, turned.imag
-        if feedthrough:
-            out[n, f], out[n, lines + f] = w, 0.0
-        out[width + n, f], out[width + n, lines + f] = away.real, away.imag
-    return out
-
-
-def _real(matrix: ComplexArray) -> Array:
-    return np.concatenate([matrix.real, matrix.imag])
-
-
 def _relocate(
     point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool, size: float
-) -> ComplexArray:
-    """Return the zeros of the weighting function sigma(lambda), the next poles; `size` is that of the weighted data."""
-    basis = _basis(point, poles)
-    n = poles.size
-    width, blocks = n + 1 if feedthrough else n, []
-    for e in range(data.shape[1]):
-        columns = _joint(basis, data[:, e], weights[:, e], feedthrough)
-        factor = scipy.linalg.lapack.dgeqrf(columns.T, overwrite_a=True)[0]
-        blocks.append(np.triu(factor[width : width + n + 1, width:]))
-    stacked = np.concatenate(blocks)
-    # relaxed normalisation: the real part of sigma sums to the number of lines
-    sums = np.append(basis.real.sum(axis=1), point.size)
-    anchor = sums * size / point.size
-    system = np.concatenate([stacked, anchor[None]])
-    target = np.zeros(system.shape[0])
-    target[-1] = anchor[-1]
-    column = np.linalg.norm(system, axis=0)
-    column = np.where(column > 0.0, column, 1.0)
-    solution = np.linalg.lstsq(system / column, target, rcond=None)[0] / column
-    constant = solution[-1] if abs(solution[-1]) > 1e-8 else np.copysign(1e-8, solution[-1])
-    block, drive = np.zeros((n, n)), np.ones(n)
-    for k in np.flatnonzero(poles.imag == 0.0):
-        block[k, k] = poles[k].real
-    for k in np.flatnonzero(poles.imag > 0.0):
-        p = poles[k]
-        block[k : k + 2, k : k + 2] = [[p.real, p.imag], [-p.imag, p.real]]
-        drive[k], drive[k + 1] = 2.0, 0.0
-    return _ordered(np.linalg.eigvals(block - np.outer(drive, solution[:-1]) / constant))
+) -> tuple[Array, Array]:
+    """Return the zeros of the weighting function sigma(lambda), the next poles, as real and imaginary parts.
+
+    `size` is that of the weighted data.
+    """
+    system, target, column = scaled_system(point, data, weights, poles, feedthrough, size)
+    matrix, finite = companion(poles, _least_squares(system, target, system.shape[0]) / column)
+    if not finite:
+        raise np.linalg.LinAlgError("the poles of a vector fit are not finite")
+    real, imag, _, _, _ = scipy.linalg.lapack.dgeev(matrix, compute_vl=0, compute_vr=0)
+    return real, imag
 
 
-def _ordered(poles: ComplexArray) -> ComplexArray:
-    """Return the poles with each conjugate right behind its upper partner, real ones last."""
-    upper = poles[poles.imag > 0.0]
-    pairs = np.stack([upper, upper.conj()], axis=1).ravel()
-    return np.concatenate([pairs, poles[poles.imag == 0.0]])
+def _least_squares(system: Array, target: Array, rows: int) -> Array:
+    """Return the shortest of the best solutions; what is below the rounding of so many `rows` counts as nothing."""
+    lwork, iwork = _workspace(*system.shape)
+    found, _, _, failed = scipy.linalg.lapack.dgelsd(system, target, lwork, iwork, _ROUNDING * rows)
+    if failed:
+        raise np.linalg.LinAlgError("the least squares of a vector fit did not converge")
+    return found[: system.shape[1]]
 
 
-def _stable(poles: ComplexArray, sampled: bool) -> ComplexArray:
-    """Return the poles with unstable ones reflected and those on the border moved just inside."""
-    if sampled:
-        size = np.abs(poles)
-        poles = np.where(size > 1.0, 1.0 / poles.conj(), poles)
-        return np.where(np.abs(poles) > 1.0 - 1e-9, poles * (1.0 - 1e-9), poles)
-    real = np.minimum(-np.abs(poles.real), -1e-9 * np.abs(poles))
-    return real + 1j * poles.imag
+@cache
+def _workspace(rows: int, columns: int) -> tuple[int, int]:
+    """Return how many numbers, real and whole, LAPACK needs for least squares of this size."""
+    lwork, iwork, _ = scipy.linalg.lapack.dgelsd_lwork(rows, columns, 1)
+    return int(lwork), int(iwork)
 
 
 def _pairable(poles: ComplexArray) -> ComplexArray:
@@ -191,18 +131,14 @@ def _residues(
     point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool
 ) -> tuple[ComplexArray, Array]:
     """Return the residues (n, entries) and feedthrough (entries,) by weighted least squares for given poles."""
-    basis = _basis(point, poles).T
-    if feedthrough:
-        basis = np.concatenate([basis, np.ones((point.size, 1))], axis=1)
-    coefficient = np.empty((basis.shape[1], data.shape[1]))
-    for e in range(data.shape[1]):
-        w = weights[:, e, None]
-        system = _real(w * basis)
-        column = np.linalg.norm(system, axis=0)
-        target = _real(w * data[:, e, None])[:, 0]
-        coefficient[:, e] = np.linalg.lstsq(system / column, target, rcond=None)[0] / column
+    triangle, _ = reduced(point, data, weights, poles, feedthrough, False)
+    width = triangle.shape[1] - 1
+    coefficient = np.empty((width, data.shape[1]))
+    for e, part in enumerate(triangle):
+        column = np.linalg.norm(part[:, :width], axis=0)
+        coefficient[:, e] = _least_squares(part[:, :width] / column, -part[:, width], 2 * point.size) / column
     residues = coefficient[: poles.size].astype(complex)
-    for k in np.flatnonzero(poles.imag > 0.0):
-        first, second = residues[k].copy(), residues[k + 1].copy()
-        residues[k], residues[k + 1] = first + 1j * second, first - 1j * second
+    upper = np.flatnonzero(poles.imag > 0.0)
+    first, second = residues[upper], residues[upper + 1]
+    residues[upper], residues[upper + 1] = first + 1j * second, first - 1j * second
     return residues, coefficient[-1] if feedthrough else np.zeros(data.shape[1])

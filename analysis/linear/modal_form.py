@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -34,33 +36,38 @@ def modal_from_poles(poles: ComplexArray, outputs: ComplexArray, inputs: Complex
     Shapes: `poles` (n,), closed under conjugation; `outputs` (n, n_y); `inputs` (n, n_u); `d` (n_y, n_u). Right-half
     plane poles are reflected.
     """
-    poles = np.where(poles.real > 0.0, -poles.conj(), poles)
-    upper = np.flatnonzero(poles.imag > 0.0)
-    real = np.flatnonzero(poles.imag == 0.0)
-    real = real[np.argsort(poles[real].real)]
-    omega, sigma, rows_b, rows_c = [], [], [], []
-    for i, k in [*((i, None) for i in upper), *zip(real[::2], real[1::2], strict=True)]:
-        pair = np.array([poles[i], poles[i].conj() if k is None else poles[k]])
-        if k is not None and abs(pair[0] - pair[1]) < 1e-6 * abs(pair[0]):
-            pair = pair * np.array([1.0 + 1e-6, 1.0 - 1e-6])
-        left = np.stack([inputs[i], inputs[i].conj() if k is None else inputs[k]])
-        out = np.stack([outputs[i], outputs[i].conj() if k is None else outputs[k]])
-        # eigenvectors of the companion block are (1, p)
-        vectors = np.array([[1.0, 1.0], pair])
-        rows_b.append((vectors @ left).real)
-        rows_c.append(np.linalg.solve(vectors.T, out).real)
-        omega.append(np.sqrt(max((pair[0] * pair[1]).real, 0.0)))
-        sigma.append(-0.5 * (pair[0] + pair[1]).real)
-    n_u, n_y = inputs.shape[1], outputs.shape[1]
-    bb, cc = np.array(rows_b).reshape(-1, 2, n_u), np.array(rows_c).reshape(-1, 2, n_y)
-    order = np.argsort(omega)
+    at = np.where(poles.real > 0.0, -poles.conj(), poles).tolist()
+    into, out = inputs.tolist(), outputs.tolist()
+    blocks = []
+    # eigenvectors of the companion block are (1, p); of a complex pair, the second one is the conjugate of the first
+    for pole, b, c in zip(at, into, out, strict=True):
+        if pole.imag > 0.0:
+            rate = [y.imag / pole.imag for y in c]
+            place = [y.real - pole.real * slope for y, slope in zip(c, rate, strict=True)]
+            drive = [2.0 * (pole * u).real for u in b], [2.0 * u.real for u in b]
+            blocks.append((abs(pole), -pole.real, *drive, place, rate))
+    real = sorted((k for k, pole in enumerate(at) if pole.imag == 0.0), key=lambda k: at[k].real)
+    for i, k in zip(real[::2], real[1::2], strict=True):
+        p, q = at[i].real, at[k].real
+        if abs(p - q) < 1e-6 * abs(p):
+            p, q = p * (1.0 + 1e-6), q * (1.0 - 1e-6)
+        rate = [(v.real - y.real) / (q - p) for y, v in zip(out[i], out[k], strict=True)]
+        place = [y.real - p * slope for y, slope in zip(out[i], rate, strict=True)]
+        drive = (
+            [p * u.real + q * w.real for u, w in zip(into[i], into[k], strict=True)],
+            [u.real + w.real for u, w in zip(into[i], into[k], strict=True)],
+        )
+        blocks.append((math.sqrt(max(p * q, 0.0)), -0.5 * (p + q), *drive, place, rate))
+    blocks.sort(key=lambda block: block[0])
+    omega, sigma, b, direct, c, c_rate = (np.array([block[k] for block in blocks]) for k in range(6))
+    m, n_u, n_y = len(blocks), inputs.shape[1], outputs.shape[1]
     model = ModalModel(
-        np.array(omega)[order],
-        np.array(sigma)[order],
-        bb[order, 1],
-        bb[order, 0],
-        cc[order, 0].T.copy(),
-        cc[order, 1].T.copy(),
+        omega,
+        sigma,
+        b.reshape(m, n_u),
+        direct.reshape(m, n_u),
+        c.reshape(m, n_y).T.copy(),
+        c_rate.reshape(m, n_y).T.copy(),
         np.asarray(d, dtype=float).copy(),
         np.zeros(n_u),
     )
@@ -75,25 +82,45 @@ def canonical(model: ModalModel) -> ModalModel:
     b_direct = 0; a mechanical mode then has b_direct = c_rate = 0. Where that input moves only one of two real poles,
     no such T exists, and the block is only scaled.
     """
-    b, direct, c, rate = model.b.copy(), model.b_direct.copy(), model.c.copy(), model.c_rate.copy()
-    for i in range(model.n_blocks):
-        omega, sigma = model.omega_rad_s[i], model.sigma_1_s[i]
-        squares = b[i] ** 2 + (omega * direct[i]) ** 2
-        cross = 2.0 * sigma * b[i] * direct[i]
-        strongest = int(np.argmax(np.abs(squares + cross)))
-        if abs(squares[strongest] + cross[strongest]) <= 1e-6 * (squares[strongest] + abs(cross[strongest])):
-            size = max(np.max(np.abs(b[i])), omega * np.max(np.abs(direct[i]))) or 1.0
-            b[i], direct[i] = b[i] / size, direct[i] / size
-            c[:, i], rate[:, i] = c[:, i] * size, rate[:, i] * size
+    b, direct, c, rate = (a.tolist() for a in (model.b, model.b_direct, model.c.T, model.c_rate.T))
+    # a handful of numbers for each block: numpy would take longer to be called than to compute
+    for i, (omega, sigma) in enumerate(zip(model.omega_rad_s.tolist(), model.sigma_1_s.tolist(), strict=True)):
+        squares = [into * into + (omega * first) ** 2 for into, first in zip(b[i], direct[i], strict=True)]
+        cross = [2.0 * sigma * into * first for into, first in zip(b[i], direct[i], strict=True)]
+        strongest = max(range(len(squares)), key=lambda k: abs(squares[k] + cross[k]))
+        most, mixed = squares[strongest], cross[strongest]
+        if abs(most + mixed) <= 1e-6 * (most + abs(mixed)):
+            size = max(*map(abs, b[i]), *(omega * abs(first) for first in direct[i])) or 1.0
+            b[i], direct[i] = [into / size for into in b[i]], [first / size for first in direct[i]]
+            c[i], rate[i] = [out * size for out in c[i]], [out * size for out in rate[i]]
             continue
-        block, drive = model.block(i), np.array([direct[i], b[i]])
-        pair = np.stack([drive[:, strongest], block @ drive[:, strongest]], axis=1)
-        alpha, beta = np.linalg.solve(pair, np.array([0.0, 1.0]))
-        turn = alpha * np.eye(2) + beta * block
-        direct[i], b[i] = turn @ drive
-        c[:, i], rate[:, i] = np.linalg.solve(turn.T, np.array([c[:, i], rate[:, i]]))
-        direct[i, strongest], b[i, strongest] = 0.0, 1.0
-    return model.with_(b=b, b_direct=direct, c=c, c_rate=rate)
+        stiffness, drag = -omega * omega, -2.0 * sigma
+        first, into = direct[i][strongest], b[i][strongest]
+        alpha, beta = _solved((first, into), (into, stiffness * first + drag * into), (0.0, 1.0))
+        # T by its rows
+        above, below = (alpha, beta), (beta * stiffness, alpha + beta * drag)
+        drive = list(zip(direct[i], b[i], strict=True))
+        direct[i] = [above[0] * first + above[1] * into for first, into in drive]
+        b[i] = [below[0] * first + below[1] * into for first, into in drive]
+        seen = [_solved(above, below, out) for out in zip(c[i], rate[i], strict=True)]
+        c[i], rate[i] = [out[0] for out in seen], [out[1] for out in seen]
+        direct[i][strongest], b[i][strongest] = 0.0, 1.0
+    made = [np.array(a, dtype=float).reshape(shape) for a, shape in (
+        (b, model.b.shape), (direct, model.b.shape), (c, model.c.T.shape), (rate, model.c.T.shape)
+    )]  # fmt: skip
+    return model.with_(b=made[0], b_direct=made[1], c=made[2].T.copy(), c_rate=made[3].T.copy())
+
+
+def _solved(
+    first: tuple[float, float], second: tuple[float, float], values: tuple[float, float]
+) -> tuple[float, float]:
+    """Return x with first x[0] + second x[1] = values, by elimination with the larger pivot."""
+    (a, c), (b, d), (p, q) = first, second, values
+    if abs(c) > abs(a):
+        a, b, p, c, d, q = c, d, q, a, b, p
+    factor = c / a
+    last = (q - factor * p) / (d - factor * b)
+    return (p - b * last) / a, last
 
 
 def balanced_truncation(

@@ -15,8 +15,9 @@ from sim_backend.errors import ConfigError
 from sim_backend.jit import njit
 from sim_backend.linear import Array, DiscreteModel, delay_taps
 
-# a pass takes so many stretches of so many samples: what it needs of them stays in the processor's cache
-_LANES, _STRETCH = 64, 128
+# a pass takes so many stretches of so many samples, a few rows of all at a time, so that these stay in the processor's
+# nearest caches; a length of a power of two would put all stretches into the same few places of a cache
+_LANES, _STRETCH, _ROWS = 64, 136, 68
 
 
 @njit
@@ -54,45 +55,109 @@ def delayed(u: Array, delay_samples: Array) -> Array:
     return out
 
 
-@njit
-def _respond_from_rest(a: Array, b: Array, c: Array, u: Array, x: Array, y: Array) -> None:
-    """Add one block's response from rest to `y` (n_y, stretch, lanes), for `u` alike; `x` (2, lanes) is its end.
+@njit(fastmath={"contract"})
+def _respond_from_rest(a: Array, b: Array, c: Array, u: Array, x: Array, y: Array, first: int, last: int) -> None:
+    """Add one block's response to the rows from `first` to `last` of `y` (n_y, stretch, lanes).
 
-    `a` (2, 2), `b` (2, n_u), `c` (n_y, 2). All lanes are stepped together, as they do not depend on each other: one
-    chain of states would have to wait for every product.
+    It is driven by the first rows of `u` (n_u, rows, lanes), its states `x` (2 lanes) are moved on. `a` (2, 2), `b`
+    (2, n_u), `c` (n_y, 2). All lanes are stepped together, as they do not depend on each other: one
+    chain of states would have to wait for every product. Rates stand behind all positions in one row, so that the
+    compiler sees that they do not overlap. The first output and input that the block has go along with its step.
     """
-    a00, a01, a10, a11 = a[0, 0], a[0, 1], a[1, 0], a[1, 1]
-    q, v = x[0], x[1]
-    q[:], v[:] = 0.0, 0.0
-    for k in range(u.shape[1]):
-        for i in range(c.shape[0]):
+    n, a00, a01, a10, a11 = _LANES, a[0, 0], a[0, 1], a[1, 0], a[1, 1]
+    first_out, first_in = _first(c[:, 0], c[:, 1]), _first(b[0], b[1])
+    c0, c1, b0, b1 = c[first_out, 0], c[first_out, 1], b[0, first_in], b[1, first_in]
+    for k in range(last - first):
+        for i in range(first_out + 1, c.shape[0]):
             if c[i, 0] != 0.0 or c[i, 1] != 0.0:
-                at, c0, c1 = y[i, k], c[i, 0], c[i, 1]
-                for s in range(q.size):
-                    at[s] += c0 * q[s] + c1 * v[s]
-        for s in range(q.size):
-            q[s], v[s] = a00 * q[s] + a01 * v[s], a10 * q[s] + a11 * v[s]
-        for j in range(b.shape[1]):
+                other, o0, o1 = y[i, first + k], c[i, 0], c[i, 1]
+                for s in range(n):
+                    other[s] += o0 * x[s] + o1 * x[n + s]
+        at, drive = y[first_out, first + k], u[first_in, k]
+        for s in range(n):
+            q, v, push = x[s], x[n + s], drive[s]
+            at[s] += c0 * q + c1 * v
+            x[s] = a00 * q + (a01 * v + b0 * push)
+            x[n + s] = a10 * q + (a11 * v + b1 * push)
+        for j in range(first_in + 1, b.shape[1]):
             if b[0, j] != 0.0 or b[1, j] != 0.0:
-                drive, b0, b1 = u[j, k], b[0, j], b[1, j]
-                for s in range(q.size):
-                    q[s] += b0 * drive[s]
-                    v[s] += b1 * drive[s]
+                drive, p0, p1 = u[j, k], b[0, j], b[1, j]
+                for s in range(n):
+                    x[s] += p0 * drive[s]
+                    x[n + s] += p1 * drive[s]
 
 
 @njit
-def _add_swing(a: Array, c: Array, x: Array, y: Array) -> None:
-    """Add one block's swing from the states `x` (2, lanes) to `y` (n_y, stretch, lanes)."""
-    q, v = x[0], x[1]
+def _first(one: Array, other: Array) -> int:
+    """Return where one of both is not zero for the first time, 0 if nowhere."""
+    for i in range(one.size):
+        if one[i] != 0.0 or other[i] != 0.0:
+            return i
+    return 0
+
+
+@njit(fastmath={"contract"})
+def _add_swing(a: Array, c: Array, x: Array, y: Array, first: int, last: int) -> None:
+    """Add one block's swing from the states `x` (2 lanes) to the rows from `first` to `last` of `y`.
+
+    `c` (n_y, 2) is moved on by as many samples.
+    """
+    n = _LANES
     for i in range(c.shape[0]):
         c0, c1 = c[i, 0], c[i, 1]
         if c0 == 0.0 and c1 == 0.0:
             continue
-        for k in range(y.shape[1]):
+        for k in range(first, last):
             at = y[i, k]
-            for s in range(q.size):
-                at[s] += c0 * q[s] + c1 * v[s]
+            for s in range(n):
+                at[s] += c0 * x[s] + c1 * x[n + s]
             c0, c1 = c0 * a[0, 0] + c1 * a[1, 0], c0 * a[0, 1] + c1 * a[1, 1]
+        c[i, 0], c[i, 1] = c0, c1
+
+
+@njit
+def _spread(drive: Array, start: int, stretch: int, u: Array, first: int, last: int) -> None:
+    """Fill the first rows of `u` with those from `first` to `last` of all stretches of `drive` (n, n_u) from `start`.
+
+    Beyond the end there is nothing.
+    """
+    for j in range(u.shape[0]):
+        for s in range(_LANES):
+            begin = start + s * stretch + first
+            there = max(min(drive.shape[0] - begin, last - first), 0)
+            for k in range(there):
+                u[j, k, s] = drive[begin + k, j]
+            for k in range(there, last - first):
+                u[j, k, s] = 0.0
+
+
+@njit
+def _gather(y: Array, first: int, last: int, out: Array, start: int) -> None:
+    """Put the rows from `first` to `last` of all stretches of `y` where they stand in `out` (n, n_y) from `start`."""
+    for i in range(y.shape[0]):
+        for s in range(_LANES):
+            begin = start + s * y.shape[1] + first
+            for k in range(max(min(out.shape[0] - begin, last - first), 0)):
+                out[begin + k, i] = y[i, first + k, s]
+
+
+@njit
+def _put_direct(d: Array, u: Array, y: Array, first: int, last: int) -> None:
+    """Fill the rows from `first` to `last` of `y` with `d` (n_y, n_u) times the first rows of `u`.
+
+    Number by number: for an array that is written to another one numba compiles the text of an error about their
+    shapes as well, which takes 4 s.
+    """
+    for i in range(d.shape[0]):
+        for k in range(first, last):
+            row = y[i, k]
+            for s in range(row.size):
+                row[s] = 0.0
+            for j in range(d.shape[1]):
+                if d[i, j] != 0.0:
+                    drive = u[j, k - first]
+                    for s in range(row.size):
+                        row[s] += d[i, j] * drive[s]
 
 
 @njit
@@ -102,41 +167,35 @@ def _respond(
     """Fill `out` (n, n_y) with the response to `drive` (n, n_u); `state` (m, 2) is that before and after.
 
     Each pass plays all its stretches from rest at once and adds what each one's first state swings on to. `over` (m, 2,
-    2) is `a` over a stretch of so many samples.
+    2) is `a` over a stretch of so many samples. All blocks take their turn at a few rows, which stay in the nearest
+    cache.
     """
-    n, n_u, n_y = drive.shape[0], drive.shape[1], out.shape[1]
-    u, y, x = np.zeros((n_u, stretch, _LANES)), np.empty((n_y, stretch, _LANES)), np.empty((2, _LANES))
+    n, n_u, n_y, m = drive.shape[0], drive.shape[1], out.shape[1], a.shape[0]
+    u, y, x = np.empty((n_u, _ROWS, _LANES)), np.empty((n_y, stretch, _LANES)), np.empty((m, 2 * _LANES))
     for start in range(0, n, _LANES * stretch):
-        whole = min(n - start, _LANES * stretch)
-        for j in range(n_u):
-            for k in range(stretch):
-                row = u[j, k]
-                for s in range(_LANES):
-                    at = s * stretch + k
-                    row[s] = drive[start + at, j] if at < whole else 0.0
-        y[:] = 0.0
-        for i in range(n_y):
-            for j in range(n_u):
-                if d[i, j] != 0.0:
-                    y[i] += d[i, j] * u[j]
-        for m in range(a.shape[0]):
-            _respond_from_rest(a[m], b[m], c[m], u, x, y)
-            q, v = state[m, 0], state[m, 1]
+        x[:] = 0.0
+        for first in range(0, stretch, _ROWS):
+            last = min(first + _ROWS, stretch)
+            _spread(drive, start, stretch, u, first, last)
+            _put_direct(d, u, y, first, last)
+            for block in range(m):
+                _respond_from_rest(a[block], b[block], c[block], u, x[block], y, first, last)
+        for block in range(m):
+            q, v, ends = state[block, 0], state[block, 1], x[block]
             for s in range(_LANES):
-                from_rest_q, from_rest_v = x[0, s], x[1, s]
-                x[0, s], x[1, s] = q, v
+                from_rest_q, from_rest_v = ends[s], ends[_LANES + s]
+                ends[s], ends[_LANES + s] = q, v
                 q, v = (
-                    over[m, 0, 0] * q + over[m, 0, 1] * v + from_rest_q,
-                    over[m, 1, 0] * q + over[m, 1, 1] * v + from_rest_v,
+                    over[block, 0, 0] * q + over[block, 0, 1] * v + from_rest_q,
+                    over[block, 1, 0] * q + over[block, 1, 1] * v + from_rest_v,
                 )
-            state[m, 0], state[m, 1] = q, v
-            _add_swing(a[m], c[m], x, y)
-        for i in range(n_y):
-            for k in range(stretch):
-                row = y[i, k]
-                for s in range(_LANES):
-                    if s * stretch + k < whole:
-                        out[start + s * stretch + k, i] = row[s]
+            state[block, 0], state[block, 1] = q, v
+        seen = c.copy()
+        for first in range(0, stretch, _ROWS):
+            last = min(first + _ROWS, stretch)
+            for block in range(m):
+                _add_swing(a[block], seen[block], x[block], y, first, last)
+            _gather(y, first, last, out, start)
 
 
 def simulate_linear(model: DiscreteModel, u: Array, x0: Array | None = None) -> Array:
@@ -154,9 +213,10 @@ def simulate_linear(model: DiscreteModel, u: Array, x0: Array | None = None) -> 
     out = np.empty((u.shape[0], model.c.shape[0]))
     drive = np.ascontiguousarray(delayed(np.asarray(u, dtype=float), model.delay_samples))
     stretch = max(min(_STRETCH, -(-u.shape[0] // _LANES)), 1)
-    over = np.linalg.matrix_power(model.a, stretch)
     c = np.ascontiguousarray(model.c.swapaxes(0, 1))
-    _respond(np.ascontiguousarray(model.a), over, stretch, np.ascontiguousarray(model.b), c, model.d, drive, state, out)
+    seen = np.any(c != 0.0, axis=(1, 2))
+    a, b = model.a[seen], model.b[seen]
+    _respond(a, np.linalg.matrix_power(a, stretch), stretch, b, c[seen], model.d, drive, state[seen], out)
     return out
 
 

@@ -1,19 +1,23 @@
-"""A figure that keeps what it draws: each call draws a curve on the axes and puts it into the numbers beside them."""
+"""A figure that keeps what it draws: each call draws a curve on the axes and puts it into the numbers beside them.
+
+matplotlib and pandas are imported when the first figure is made: most of what imports this module draws none, or
+draws long after it could have refused its options.
+"""
 
 from __future__ import annotations
 
 import io
 from dataclasses import dataclass, field
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -47,10 +51,13 @@ class Canvas:
     _finished: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
+        import matplotlib as mpl
+        from matplotlib.figure import Figure
+
         path = resources.files("analysis.pages") / "mccd.mplstyle"
         with resources.as_file(path) as file:
             self._style = mpl.rc_params_from_file(str(file), use_default_template=False)
-        with mpl.rc_context(self._style):
+        with self._styled():
             self.figure = Figure(figsize=self.size)
             grid = self.figure.subplots(
                 self.rows, self.columns, sharex=self.share_x, sharey=self.share_y, squeeze=False
@@ -60,7 +67,7 @@ class Canvas:
     def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
         """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas."""
         axes = self.axes[i]
-        with mpl.rc_context(self._style):
+        with self._styled():
             axes.set_title(title, parse_math=False)
             axes.set_xlabel(x_label, parse_math=False)
             axes.set_ylabel(y_label, parse_math=False)
@@ -70,21 +77,21 @@ class Canvas:
         """Draw a curve on panel `i`, thinned where it is long, and keep what was drawn."""
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
-        with mpl.rc_context(self._style):
+        with self._styled():
             self.axes[i].plot(xs, ys, label=series, **style)
 
     def points(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
         """Draw single points on panel `i`, all of them, and keep them."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
-        with mpl.rc_context(self._style):
+        with self._styled():
             self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
 
     def bars(self, i: int, series: str, centre: ArrayLike, height: ArrayLike, width: float, **style: Any) -> None:
         """Draw bars on panel `i` and keep them."""
         xs, ys = np.asarray(centre, dtype=float), np.asarray(height, dtype=float)
         self._keep(i, series, xs, ys)
-        with mpl.rc_context(self._style):
+        with self._styled():
             self.axes[i].bar(xs, ys, width=width, label=series, linewidth=0, **style)
 
     def band(self, i: int, low: float, high: float, label: str) -> None:
@@ -93,16 +100,20 @@ class Canvas:
 
     def circle(self, i: int, radius: float, label: str) -> None:
         """Draw a limit circle about zero on panel `i`."""
+        from matplotlib.patches import Circle
+
         self.axes[i].add_patch(Circle((0.0, 0.0), radius, fill=False, color=PAPER, linewidth=1.4, label=label))
 
     def legend(self, i: int, **where: Any) -> None:
         """Show the legend of panel `i`."""
-        with mpl.rc_context(self._style):
+        with self._styled():
             for text in self.axes[i].legend(**where).get_texts():
                 text.set_parse_math(False)
 
     def numbers(self) -> pd.DataFrame:
         """Return every drawn point: panel, series, x with its label, y with its label."""
+        import pandas as pd
+
         return pd.concat(self._parts, ignore_index=True)
 
     def svg(self, stamp: str = "") -> str:
@@ -114,13 +125,20 @@ class Canvas:
             raise ValueError("a canvas is laid out once; keep the text of its first svg()")
         self._finished = True
         buffer = io.BytesIO()
-        with mpl.rc_context(self._style):
+        with self._styled():
             if stamp:
                 self.figure.supxlabel(stamp, x=0.005, ha="left", fontsize=6, color=QUIET, parse_math=False)
             self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "mccd"})
         return buffer.getvalue().decode("utf-8")
 
+    def _styled(self) -> Any:
+        import matplotlib as mpl
+
+        return mpl.rc_context(self._style)
+
     def _keep(self, i: int, series: str, x: Array, y: Array) -> None:
+        import pandas as pd
+
         axes = self.axes[i]
         name = axes.get_title(loc="left") or f"panel {i + 1}"
         self._parts.append(

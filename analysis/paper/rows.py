@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from analysis.paper.numbers import UNIT_SI, Label, PaperNumber, PaperTable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,8 @@ class Table:
 
     def frame(self) -> pd.DataFrame:
         """Return the table with every column, for CSV, LaTeX and HTML alike."""
+        import pandas as pd
+
         columns: dict[str, list[object]] = {
             "row": [r.number.row for r in self.rows],
             "requirement": [r.number.requirement for r in self.rows],

@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import jinja2
-import pandas as pd
 from markupsafe import Markup, escape
 
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
@@ -20,6 +19,10 @@ from analysis.paper.rows import Row, Table, label_counts
 from analysis.report.tables import display_frame
 from campaigns.log import Run
 from campaigns.version import tool_commit, tool_version
+
+if TYPE_CHECKING:
+    import jinja2
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class FigurePart:
 
     def digest(self) -> pd.DataFrame:
         """Return what each curve spans, one row per curve: for readers who cannot see the drawing."""
+        import pandas as pd
+
         rows = []
         for (panel, series), part in self.numbers.groupby(["panel", "series"], sort=False):
             x, y = part["x"], part["y"]

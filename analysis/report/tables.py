@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from analysis.pages.formats import NONE, exact, shown
 from analysis.paper.rows import Row, Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 OWN = "this project"
 THEIRS = "paper's controllers here"
@@ -19,6 +21,8 @@ _MARKS = {True: "yes", False: "no", None: NONE}
 
 def display_frame(table: Table) -> pd.DataFrame:
     """Return the table as text: rounded numbers, the deviation, the tolerance, and whether ours agrees."""
+    import pandas as pd
+
     columns: dict[str, list[str]] = {"row": [r.number.row for r in table.rows]}
     if any(r.number.requirement is not None for r in table.rows):
         columns["required"] = [_required(r) for r in table.rows]

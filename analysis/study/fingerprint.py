@@ -9,10 +9,7 @@ import platform
 from functools import cache
 from typing import Any
 
-import llvmlite
-import llvmlite.binding
 import msgspec
-import numba
 import numpy as np
 import scipy
 
@@ -40,6 +37,9 @@ def machine() -> str:
 
     Compiled code and the libraries under numpy choose their instructions by the processor.
     """
+    import llvmlite.binding
+    import numba
+
     return ", ".join(
         [
             f"mccd {tool_version()}",
@@ -53,22 +53,24 @@ def machine() -> str:
     )
 
 
+def decided(job: Job) -> list[Any]:
+    """Return what the settings decide at every point of the grid; raises ConfigError for settings that cannot be."""
+    return [job.kind.decides(job.undrawn(point)) for point in range(len(job.study.points))]
+
+
 def fingerprint(job: Job) -> dict[str, str]:
-    """Return the parts; raises ConfigError for settings that cannot be, at any point of the grid.
+    """Return the parts; raises ConfigError as `decided`.
 
     The number of draws, the title and the limits are no part of it: with more draws a study goes on.
     """
     study = job.study
-    decided = []
-    for point in range(len(study.points)):
-        decided.append(job.kind.decides(job.undrawn(point)))
     return {
         "kind": study.kind,
         "seed": str(study.seed),
         "models": _digest(job.models),
         "settings": _digest(study.settings),
         "what varies": _digest(msgspec.to_builtins(study.vary)),
-        "files that the settings name": _digest(decided),
+        "files that the settings name": _digest(decided(job)),
         BLAS: blas_threads(),
         "machine": machine(),
     }

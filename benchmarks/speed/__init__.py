@@ -9,6 +9,7 @@ from benchmarks.speed import (
     linear_simulation,
     log_commands,
     long_log,
+    new_process,
     nonlinear_loop,
     one_diagnosis,
     paper_report,
@@ -19,6 +20,7 @@ from benchmarks.speed.base import Benchmark
 
 BENCHMARKS: tuple[Benchmark, ...] = (
     full_bench.BENCHMARK,
+    new_process.BENCHMARK,
     nonlinear_loop.BENCHMARK,
     linear_simulation.BENCHMARK,
     frequency_response.BENCHMARK,

@@ -110,11 +110,5 @@ BENCHMARK = Benchmark(
     prepare=prepare,
     one_core=True,
     targets=(times_faster(OURS, LFILTER, 1.0), times_faster(OURS, RESPONSE, 100.0)),
-    missed={
-        f"{OURS}: times as fast as {LFILTER}": (
-            "It depends on the processor: the same code was 1.25 times as fast as lfilter on another machine "
-            "(speed-computation-2026-11-21). Nearly all of the time is the recursion itself, four blocks of second "
-            "order in 64 lanes; what is left to gain is in its arithmetic, which was not tried on this processor."
-        )
-    },
+    missed={},
 )

@@ -141,10 +141,6 @@ BENCHMARK = Benchmark(
     prepare,
     tuple(at_most_mb(name, LIMIT_MB, of=peak) for name in (*EXPORTS.values(), DIAGNOSE, IDENTIFY)),
     {
-        f"{EXPORTS['mat']}: peak memory": (
-            "Version 5 of MATLAB's format is one structure that is written with its size in front, and scipy, which "
-            "writes it, takes all of its arrays at once; docs/large-logs.md says what to use instead."
-        ),
         f"{DIAGNOSE}: peak memory": (
             "A diagnosis weighs every candidate of the library by what it would leave in the readings: columns as long "
             "as the rows that are used, 250,000 unless told otherwise, once as they are and once whitened. They are "

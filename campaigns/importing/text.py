@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from campaigns.log.guard import first_line
 from sim_backend.errors import DataError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _MAX_LINE_CHARS = 2**20
 
@@ -63,6 +65,8 @@ class TextSource:
 
     @cached_property
     def _table(self) -> pd.DataFrame:
+        import pandas as pd
+
         try:
             table = pd.read_csv(
                 self.path,
@@ -84,6 +88,8 @@ class TextSource:
         column = self._table.iloc[:, index]
         if column.dtype.kind in "fiu":
             return column.to_numpy()
+        import pandas as pd
+
         numbers = pd.to_numeric(column, errors="coerce")
         bad = np.flatnonzero(numbers.isna() & column.notna())
         if bad.size:

@@ -1,7 +1,7 @@
 """A log for other programs: a pandas frame, an xarray data set, and files for MATLAB, NeXus viewers and spreadsheets.
 
 Times, units and segments go along wherever the form has a place for them. All values are in SI, as in the log. Files
-but MATLAB's are written a block of rows at a time, so that a log may be larger than the memory.
+are written a block of rows at a time, so that a log may be larger than the memory.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.log.matlab import Numbers, Value, write_structure
 from campaigns.log.read import BLOCK_ROWS, Run
 from campaigns.log.schema import to_json
 from campaigns.progress import Report, unheard
@@ -106,8 +107,6 @@ def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
     Names that MATLAB cannot have are changed: other signs become `_`, and a leading digit gets an `x`. Segments count
     rows from 1 and include their last, as MATLAB does. Raises ConfigError for a log that this form cannot hold.
     """
-    from scipy.io import savemat
-
     size = 8 * run.rows * (len(run.channels) + 1)
     if size > MAT_BYTES:
         raise ConfigError(
@@ -115,19 +114,21 @@ def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
             "write .nxs, which MATLAB reads by h5read, or read the log itself that way"
         )
     names, reader = _matlab_names(run.channels), _Reader(run, report)
-    content = {
-        "time_s": _time(run)[:, None],
-        "channels": {names[name]: reader.whole(name)[:, None] for name in run.channels},
+    segments = run.segments
+    content: dict[str, Value] = {
+        "time_s": _column(run, _times(run)),
+        "channels": {names[name]: _column(run, reader.values(name)) for name in run.channels},
         "units": {names[name]: channel.unit for name, channel in run.channels.items()},
         "segments": {
-            "label": np.array([s.label for s in run.segments], dtype=object),
-            "first": np.array([[s.start + 1.0] for s in run.segments]),
-            "last": np.array([[float(s.stop)] for s in run.segments]),
-            "settings": np.array([to_json(s.settings, s.label) for s in run.segments], dtype=object),
+            "label": [s.label for s in segments],
+            "first": _listed([s.start + 1 for s in segments]),
+            "last": _listed([s.stop for s in segments]),
+            "settings": [to_json(s.settings, s.label) for s in segments],
         },
         "about": to_json(_about(run), "log"),
     }
-    savemat(path, {"run": content}, long_field_names=True, oned_as="column")
+    with path.open("xb") as file:
+        write_structure(file, "run", content)
 
 
 def save_nexus(run: Run, path: Path, report: Report = unheard) -> None:
@@ -201,18 +202,19 @@ class _Reader:
             self.done += block[name].size
             yield start, block[name]
 
-    def whole(self, name: str) -> Array:
-        """Return all values of a channel."""
-        out = np.empty(self.run.rows)
-        for start, values in self.values(name):
-            out[start : start + values.size] = values
-        return out
-
 
 def _times(run: Run) -> Iterator[tuple[int, Array]]:
     first = next(iter(run.channels))
     for start in range(0, run.rows, BLOCK_ROWS):
         yield start, run.time_s(first, start, min(start + BLOCK_ROWS, run.rows))
+
+
+def _column(run: Run, blocks: Iterable[tuple[int, Array]]) -> Numbers:
+    return Numbers((run.rows, 1), (values for _, values in blocks))
+
+
+def _listed(rows: list[int]) -> Numbers:
+    return Numbers((len(rows), 1) if rows else (0, 0), [np.array(rows, dtype=float)])
 
 
 def _time(run: Run) -> Array:

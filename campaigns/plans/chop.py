@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from campaigns.plans.base import SEGMENT_S, Plan, channels_of, rate_of, samples_of
-from campaigns.strategies import stages_of
-from campaigns.strategies.controller import dump_controller, load_controller
-from campaigns.strategies.design import Design
+from campaigns.strategies import check_strategy, stages_of
 from campaigns.strategies.stages import Task, Tuning, stage_segments
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
+
+if TYPE_CHECKING:
+    from campaigns.strategies.design import Design
 
 TIP_TILT = ("theta_x", "theta_y")
 
@@ -48,6 +49,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         self.require(
             self.window_s <= 0.5 / self.frequency_hz, "window_s", f"at most a dwell, {0.5 / self.frequency_hz:g} s"
         )
+        check_strategy(self.strategy, self.controller)
 
     def design_models(self) -> tuple[str, ...]:
         """Return the design model."""
@@ -56,11 +58,11 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
     def configuration(self) -> dict[str, Any]:
         """Return what decides the segments, the text of the controller included."""
         whole = super().configuration()
-        return (
-            whole
-            if self.controller is None
-            else {**whole, "controller": dump_controller(load_controller(self.controller))}
-        )
+        if self.controller is None:
+            return whole
+        from campaigns.strategies.controller import dump_controller, load_controller  # few plans play one
+
+        return {**whole, "controller": dump_controller(load_controller(self.controller))}
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return commands and readings."""
@@ -84,6 +86,8 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             yield from stage_segments(task, stage, n_samples, longest, record, settings)
 
     def _design(self, rate_hz: float) -> Design:
+        from campaigns.strategies.design import Design  # brings all effects: only a plan that is counted needs them
+
         if self.controller is None:
             return Design.load(self.model, rate_hz)
         return Design.controlled(self.controller, rate_hz)

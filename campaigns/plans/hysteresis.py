@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -20,9 +20,10 @@ from campaigns.plans.base import (
     samples_of,
     smooth_ramp,
 )
-from campaigns.strategies.design import Design
 from sim_backend.bench import Bench, Segment
-from sim_backend.control.feedforward import StepInput
+
+if TYPE_CHECKING:
+    from sim_backend.control.feedforward import StepInput
 
 
 class Hysteresis(Plan, frozen=True, kw_only=True):
@@ -92,6 +93,8 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
             yield from self._steps(bench, rate, record)
 
     def _steps(self, bench: Bench, rate_hz: float, record: tuple[str, ...]) -> Iterator[Segment]:
+        from campaigns.strategies.design import Design  # brings all effects: only a plan that is counted needs them
+
         unit = Design.load(self.model, rate_hz).unit_step(self.axis, samples_of(self.move_s, rate_hz))
         ramp, settle = samples_of(self.ramp_s, rate_hz), samples_of(self.settle_s, rate_hz)
         for i, offset_rad in enumerate(self.offsets_rad):

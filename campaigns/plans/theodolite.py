@@ -9,7 +9,6 @@ from typing import ClassVar, Self
 import numpy as np
 
 from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, rounded, samples_of, smooth_ramp
-from campaigns.strategies.design import feedback_of
 from sim_backend.bench import Bench, Gate, Segment
 
 
@@ -55,6 +54,9 @@ class Theodolite(Plan, frozen=True, kw_only=True):
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
         """Yield for every point a segment that goes there and one that holds; raises ConfigError without the axes."""
+        # brings all effects: only a plan that is counted needs them
+        from campaigns.strategies.design import feedback_of
+
         rate, record = rate_of(bench), self.channels(bench)
         x, y = axis_of(bench, "theta_x"), axis_of(bench, "theta_y")
         feedback = tuple(feedback_of(dof, rate) for dof in bench.axes)

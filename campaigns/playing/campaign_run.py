@@ -10,10 +10,10 @@ import json
 import os
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -27,7 +27,10 @@ from campaigns.playing.interrupts import Interrupts
 from campaigns.playing.runner import Outcome, Report, fingerprint, fingerprint_of, run_plan
 from campaigns.playing.side_by_side import free_cores, share
 from campaigns.version import tool_version
+from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError, DataError
+
+T = TypeVar("T")
 
 STATE_FILE = "campaign.json"
 LOCK_FILE = ".campaign.lock"
@@ -60,7 +63,7 @@ class CampaignOutcome:
 
 def estimate_campaign(campaign: Campaign, address: str, seed: int) -> dict[str, Estimate]:
     """Count every run without playing it; raises ConfigError for one that breaks a limit, naming it."""
-    return {name: counted for name, (counted, _) in _survey(campaign, address, seed).items()}
+    return _survey(campaign, address, seed, lambda plan, bench, _: estimate(plan, bench))
 
 
 def run_campaign(
@@ -71,16 +74,20 @@ def run_campaign(
     seed: int = 0,
     resume: bool = False,
     report: Report | None = None,
+    announce: Callable[[float], None] | None = None,
 ) -> CampaignOutcome:
     """Play every run of `campaign` that the folder does not hold yet, each into `folder`/<run>.h5.
 
-    With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing
-    moves unless all segments of all runs keep the limits. The first Ctrl-C ends it after the current segment, as
-    *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or
-    a disk with too little room for what is missing, and whatever a run raises.
+    With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing moves
+    unless all segments of all runs keep the limits; before anything does, `announce` is told how many bytes the missing
+    logs will take. The first Ctrl-C ends it after the current segment, as *paused*. Raises ConfigError for another
+    campaign's folder, DataError for a log that another program is writing or a disk with too little room for what is
+    missing, and whatever a run raises.
     """
     home, plans = Path(folder), campaign.plans()
-    survey = _survey(campaign, address, seed)
+    survey = _survey(
+        campaign, address, seed, lambda plan, bench, own: (estimate(plan, bench), fingerprint(plan, bench, own))
+    )
     estimates = {name: counted for name, (counted, _) in survey.items()}
     states = {
         name: RunState(name, plans[name].name, home / f"{name}.h5", run_seed(seed, name), mark)
@@ -91,7 +98,10 @@ def run_campaign(
         _claim(home, campaign, whole, resume)
         _refuse_open_logs(states)
         states = {name: _found(state) for name, state in states.items()}
-        require_free(home, sum(estimates[name].bytes for name, state in states.items() if state.status != "complete"))
+        size_bytes = sum(estimates[name].bytes for name, state in states.items() if state.status != "complete")
+        require_free(home, size_bytes)
+        if announce is not None:
+            announce(size_bytes)
         try:
             status = _play_missing(plans, states, estimates, address, report)
         except BaseException as error:
@@ -178,14 +188,14 @@ def read_state(folder: str | Path) -> dict[str, Any] | None:
     return state
 
 
-def _survey(campaign: Campaign, address: str, seed: int) -> dict[str, tuple[Estimate, str]]:
-    """Return the estimate and the fingerprint of every run; nothing moves."""
+def _survey(campaign: Campaign, address: str, seed: int, look: Callable[[Plan, Bench, int], T]) -> dict[str, T]:
+    """Return what `look` finds for every run's plan, bench and seed; nothing moves."""
     survey = {}
     for name, plan in campaign.plans().items():
         own = run_seed(seed, name)
         with contextlib.closing(open_bench(address, own)) as bench:
             try:
-                survey[name] = estimate(plan, bench), fingerprint(plan, bench, own)
+                survey[name] = look(plan, bench, own)
             except ConfigError as error:
                 raise ConfigError(f"campaign '{campaign.name}', run '{name}': {error}") from None
     return survey

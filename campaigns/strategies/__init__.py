@@ -5,35 +5,52 @@ A strategy sees the task and a design model; what it returns is data, as `campai
 
 from __future__ import annotations
 
-from campaigns.strategies.design import Design
-from campaigns.strategies.designed import designed
-from campaigns.strategies.feedforward import hybrid_stages, mbff_stages
-from campaigns.strategies.learned import learned_hybrid_stages, learned_mbff_stages, repetitive_stages
-from campaigns.strategies.stages import Stage, Strategy, Task
+from collections.abc import Mapping
+from importlib import import_module
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
 from sim_backend.errors import ConfigError, did_you_mean
 
-STRATEGIES: dict[str, Strategy] = {
-    "hybrid": hybrid_stages,
-    "mbff": mbff_stages,
-    "repetitive": repetitive_stages,
-    "learned-hybrid": learned_hybrid_stages,
-    "learned-mbff": learned_mbff_stages,
-    "designed-linear": designed("linear"),
-    "designed-modes": designed("modes"),
-    "designed-hysteresis": designed("hysteresis"),
-    "designed": designed("learned"),
-}
+if TYPE_CHECKING:
+    from campaigns.strategies.design import Design
+    from campaigns.strategies.stages import Stage, Strategy, Task
+
+# Each name with the module beside this and the function in it: a name is checked without importing what plays it.
+STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "hybrid": "feedforward:hybrid_stages",
+        "mbff": "feedforward:mbff_stages",
+        "repetitive": "learned:repetitive_stages",
+        "learned-hybrid": "learned:learned_hybrid_stages",
+        "learned-mbff": "learned:learned_mbff_stages",
+        "designed-linear": "designed:linear_stages",
+        "designed-modes": "designed:modes_stages",
+        "designed-hysteresis": "designed:hysteresis_stages",
+        "designed": "designed:learned_stages",
+    }
+)
+
+
+def check_strategy(name: str, controller: str | None) -> None:
+    """Raise ConfigError for a name that is none, and for a designed strategy without a `controller` file to play."""
+    if name not in STRATEGIES:
+        near = did_you_mean(name, STRATEGIES)
+        raise ConfigError(f"there is no strategy '{name}'; {near}strategies: {', '.join(STRATEGIES)}")
+    if STRATEGIES[name].startswith("designed:") and controller is None:
+        raise ConfigError(
+            "a designed strategy needs a controller file: write one with `mccd design`, give it as --controller"
+        )
 
 
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
-    """Return the stages of a strategy by name.
+    """Return the stages of a strategy by name, one of STRATEGIES.
 
-    Raises ConfigError for a name that is none, and for a controller whose loop is unstable on the design model.
+    Raises ConfigError for a controller whose loop is unstable on the design model.
     """
-    if strategy not in STRATEGIES:
-        near = did_you_mean(strategy, STRATEGIES)
-        raise ConfigError(f"there is no strategy '{strategy}'; {near}strategies: {', '.join(STRATEGIES)}")
-    stages = STRATEGIES[strategy](task, design)
+    module, _, function = STRATEGIES[strategy].partition(":")
+    play: Strategy = getattr(import_module(f"{__name__}.{module}"), function)
+    stages = play(task, design)
     loops = {(dof, id(loop)): loop for stage in stages for dof, loop in zip(task.axes, stage.feedback, strict=True)}
     for (dof, _), controller in loops.items():
         if controller is not None:

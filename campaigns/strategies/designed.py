@@ -40,17 +40,20 @@ MAGNETISING_PERIODS = 3
 """Periods after which a path from the unmagnetised state has closed: the second already repeats the first's end."""
 
 
-def designed(knowledge: Knowledge) -> Strategy:
+def _designed(knowledge: Knowledge) -> Strategy:
     """Return the strategy that knows what stands in `Knowledge` up to and including `knowledge`."""
 
     def stages(task: Task, design: Design) -> tuple[Stage, ...]:
-        if design.controller is None:
-            raise ConfigError(
-                "a designed strategy needs a controller file: write one with `mccd design`, give it as --controller"
-            )
+        assert design.controller is not None, "the plan has checked that there is one"
         return _stages(task, design, design.controller, knowledge)
 
     return stages
+
+
+linear_stages = _designed("linear")
+modes_stages = _designed("modes")
+hysteresis_stages = _designed("hysteresis")
+learned_stages = _designed("learned")
 
 
 def motion_of(control: AxisControl, chop: Chop) -> Array:

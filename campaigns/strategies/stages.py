@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.strategies.design import Design
 from sim_backend.bench import Gate, Learning, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.chop import AxisProgram, Chop
 from sim_backend.errors import ConfigError
+
+if TYPE_CHECKING:
+    from campaigns.strategies.design import Design
 
 Array = NDArray[np.float64]
 
@@ -79,7 +82,7 @@ class Stage:
     shift: int = 0
 
 
-Strategy = Callable[[Task, Design], tuple[Stage, ...]]
+Strategy = Callable[[Task, "Design"], tuple[Stage, ...]]
 Program = Callable[[Chop, int], AxisProgram]
 
 

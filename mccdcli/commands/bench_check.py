@@ -24,14 +24,15 @@ def check(bench: str, seed: int, as_json: bool) -> int:
       mccd bench check --bench serial:/dev/ttyUSB0
       mccd bench check --bench tcp:192.168.1.20:5025 --json
     """
+    kind, _, address = bench.partition(":")
+    if kind == "sim":
+        raise ConfigError("bench 'sim' has no line to check; check emulator, serial:DEVICE or tcp:HOST:PORT")
+
     from campaigns.serial.conformance import check_bench
     from campaigns.serial.emulator import EmulatorProcess
     from campaigns.serial.serve import ServeOptions
     from campaigns.serial.transport import transport_at
 
-    kind, _, address = bench.partition(":")
-    if kind == "sim":
-        raise ConfigError("bench 'sim' has no line to check; check emulator, serial:DEVICE or tcp:HOST:PORT")
     with progress("checking") as report:
         if kind == "emulator":
             with EmulatorProcess(ServeOptions(bench=f"sim:{address or 'as-built'}", seed=seed)) as emulator:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import POSITIVE, common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import Report, progress
 from mccdcli.trials import count, play
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     help="A record to design from: rest, sweeps, hysteresis loops; repeatable. Without a rest, one is recorded.",
 )
 @click.option(
-    "--settling", type=float, default=5.0, show_default=True, metavar="MS", help="Time within which a move arrives."
+    "--settling", type=POSITIVE, default=5.0, show_default=True, metavar="MS", help="Time within which a move arrives."
 )
 @click.option(
-    "--reach", type=float, default=8.5, show_default=True, metavar="MRAD", help="Longest move for which that holds."
+    "--reach", type=POSITIVE, default=8.5, show_default=True, metavar="MRAD", help="Longest move for which that holds."
 )
 @click.option(
     "--tolerance",
-    type=float,
+    type=click.FloatRange(0.0, 50.0, max_open=True),
     default=0.1,
     show_default=True,
     metavar="PERCENT",
@@ -70,21 +70,24 @@ def design(
       mccd design --model nominal.toml --log nominal.runs/sweep-theta_x.h5 --log hysteresis.h5 --stages
       mccd settle --strategy designed --controller design/controller.toml
     """
+    # the model first, and what designs last: a wrong name and a dry run do not wait for it
+    from campaigns.plans import make_plan
+    from sim_backend.model import load_model
+
+    nominal, plan = load_model(model), make_plan("rest", {})
+    if dry_run:
+        count({plan.name: plan}, bench, seed, as_json=as_json)
+        return 0
+
     from analysis.design.api import Options, design_controller
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.uncertainty import Tolerance
     from campaigns.benches import open_bench
     from campaigns.log import read_run
-    from campaigns.plans import make_plan
     from campaigns.progress import part_of
-    from sim_backend.model import load_model
 
     options = Options(1e-3 * reach, 1e-3 * settling, tolerance=Tolerance(1e-2 * tolerance), seed=seed)
-    plan = make_plan("rest", {})
-    if dry_run:
-        count({plan.name: plan}, bench, seed, as_json=as_json)
-        return 0
-    nominal, folder = load_model(model), prepare_folder(out or Path("design"))
+    folder = prepare_folder(out or Path("design"))
     with ExitStack() as stack:
         runs = [stack.enter_context(read_run(path)) for path in given]
         if not any(run.header.test == plan.name for run in runs):

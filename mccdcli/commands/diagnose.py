@@ -66,16 +66,19 @@ def diagnose(
     """
     from dataclasses import replace
 
+    from sim_backend.model import load_model
+
+    model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
+
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.answer.page import write_page
     from analysis.diagnosis.experiment.testimony import load_logs
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
     from sim_backend.memory import keep_long_arrays
-    from sim_backend.model import load_model
 
     keep_long_arrays()
-    folder, model = prepare_folder(out or Path("diagnosis")), load_model(nominal)
+    folder = prepare_folder(out or Path("diagnosis"))
     loaded, heard = load_logs(runs, model, max_rows=rows)
     with progress("diagnosing") as report:
         found = judge(

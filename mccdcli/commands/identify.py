@@ -72,13 +72,14 @@ def identify(
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
       mccd identify --log RUN.h5 --response response.csv -o nominal.toml
     """
-    from campaigns.playing.sweep_campaign import sweep_campaign
     from mccdcli.models import refuse_existing, save_model
 
     target = out or Path("nominal.toml")
     refuse_existing(target, force=force)
     logs = list(given)
     if not logs:
+        from campaigns.playing.sweep_campaign import sweep_campaign
+
         campaign = sweep_campaign(bench, axes, settings)
         if dry_run:
             from campaigns.playing.campaign_run import estimate_campaign

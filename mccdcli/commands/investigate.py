@@ -69,12 +69,9 @@ def investigate(
       mccd investigate --bench serial:/dev/ttyUSB0@921600 --model nominal.toml --budget-s 120 --json
       mccd investigate --model nominal.toml --first hysteresis --set 'torques_nm=[0.02]' --set 'offsets_rad=[]'
     """
-    from analysis.diagnosis.investigation import Quest
-    from analysis.diagnosis.investigation import investigate as inquire
-    from analysis.diagnosis.pipeline import Options
+    # what investigates comes last: a wrong option and a dry run do not wait for it
     from campaigns.plans import make_plan
     from sim_backend.errors import ConfigError
-    from sim_backend.memory import keep_long_arrays
     from sim_backend.model import load_model
 
     if settings and first is None:
@@ -85,6 +82,12 @@ def investigate(
         begin = plan or _chosen(bench, seed, model)
         count({begin.name: begin}, bench, seed, as_json=as_json)
         return 0
+
+    from analysis.diagnosis.investigation import Quest
+    from analysis.diagnosis.investigation import investigate as inquire
+    from analysis.diagnosis.pipeline import Options
+    from sim_backend.memory import keep_long_arrays
+
     keep_long_arrays()
     options = Options(tolerance=nominal_tolerance, without=without, seed=seed)
     quest = Quest(bench, model, seed, rounds, budget_s, plan, options)

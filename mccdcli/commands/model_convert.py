@@ -34,12 +34,14 @@ def convert(model: str, out: Path, force: bool, as_json: bool) -> None:
       mccd model convert extended.json -o extended.toml
     """
     from sim_backend.errors import ConfigError
-    from sim_backend.model import dump_model, load_model
 
     form = out.suffix.lower().removeprefix(".")
     if form not in ("toml", "json"):
         raise ConfigError(f"{out}: '{out.suffix}' is no form of a model; use .toml or .json")
     refuse_existing(out, force=force)
+
+    from sim_backend.model import dump_model, load_model
+
     found = load_model(model)
     out.write_text(dump_model(found, "json" if form == "json" else "toml"), encoding="utf-8")
     emit({"file": out, "name": found.name}, as_json=as_json, text=f"{found.name}: {out}")

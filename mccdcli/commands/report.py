@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -15,6 +15,10 @@ from mccdcli.trials import play_campaign, show_estimates
 if TYPE_CHECKING:
     from analysis.paper.measured import Measured
     from analysis.report import Report
+
+
+OWN_LOGS: Final = "300 MB"
+"""What the logs of this project's own controller take, about: how long it learns is not known before it is designed."""
 
 
 @click.command()
@@ -57,7 +61,8 @@ def report(
         return 0
     folder = out or Path("report")
     logs = folder / "campaign"
-    played = play_campaign(loaded, logs, bench, seed, resume=(logs / STATE_FILE).exists())
+    then = f", and then about {OWN_LOGS} in {folder / 'designed'}" if own else ""
+    played = play_campaign(loaded, logs, bench, seed, resume=(logs / STATE_FILE).exists(), then=then)
     if played.exit_code:
         return played.exit_code
 

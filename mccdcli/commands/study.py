@@ -71,7 +71,6 @@ def study(
       mccd study study.toml -o spread --resume --cluster tcp://127.0.0.1:8786
     """
     from analysis.study.definition import load_study
-    from analysis.study.run import run_study
     from sim_backend.errors import ConfigError
 
     if workers is not None and cluster is not None:
@@ -80,6 +79,9 @@ def study(
     folder = out or Path(loaded.name)
     if dry_run:
         return _show(loaded, folder, as_json=as_json)
+
+    from analysis.study.run import run_study
+
     try:
         with progress(loaded.title or loaded.name) as report:
             outcome = run_study(loaded, folder, workers=workers, address=cluster, resume=resume, report=report)
@@ -96,11 +98,11 @@ def study(
 
 def _show(loaded: Any, folder: Path, *, as_json: bool) -> int:
     """Show what would be tried, checked as it would be, and try nothing."""
-    from analysis.study.fingerprint import fingerprint
+    from analysis.study.fingerprint import decided
     from analysis.study.trial import Job
 
     job = Job.of(loaded)
-    fingerprint(job)
+    decided(job)
     content = {
         "status": "dry run",
         "folder": folder,

@@ -39,6 +39,6 @@ class AmplifierNoise(Effect):
     std: float = size("standard deviation", u=1, low=0.0)
     bandwidth_hz: float = shape("corner frequency of the noise", math.inf, s=-1, low=1e-3)
 
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
         """Return `n` standard normal numbers."""
-        return standard_normal(n, rng)
+        return standard_normal(n, rng, out)

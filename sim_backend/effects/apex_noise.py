@@ -30,6 +30,6 @@ class ApexNoise(Effect):
     linear: float = size("standard deviation per distance from the centre", low=0.0)
     quadratic: float = size("standard deviation per square of the distance from the centre", y=-1, low=0.0)
 
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
         """Return `n` standard normal numbers."""
-        return standard_normal(n, rng)
+        return standard_normal(n, rng, out)

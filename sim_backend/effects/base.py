@@ -301,8 +301,11 @@ class Effect:
         """Return the state before the first sample, shape (n_state,)."""
         return np.zeros(self.n_state)
 
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
-        """Return the exogenous numbers of `n` samples, shape (n,), for effects whose `aux` is EXOGENOUS."""
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
+        """Return the exogenous numbers of `n` samples, shape (n,), for effects whose `aux` is EXOGENOUS.
+
+        `out` (n,) is filled and returned where it is given.
+        """
         raise ConfigError(f"effect {self.name} draws no exogenous numbers; its aux is {self.aux.name}")
 
     def retune(self, model: ModalModel, input_index: int, output_index: int) -> ModalModel:

@@ -51,9 +51,11 @@ class BroadbandVibration(Effect):
     centre_hz: float = shape("centre of the band", 50.0, s=-1, low=1e-3)
     bandwidth_hz: float = shape("width of the band at half power", 20.0, s=-1, low=1e-3)
 
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
         """Return `n` samples of white noise of unit two-sided density, held over each sample."""
-        return standard_normal(n, rng) * math.sqrt(rate_hz)
+        out = standard_normal(n, rng, out)
+        out *= math.sqrt(rate_hz)
+        return out
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

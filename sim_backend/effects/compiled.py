@@ -1,8 +1,6 @@
-"""How the step of an effect becomes machine code: a loop over all its places, called once per sample.
+"""The step of an effect: Python that numba translates to LLVM's text, of which the kernel makes machine code.
 
-A bench holds the same effect at several places (noise of three amplifiers, the iron of two axes), so one call serves
-all of them, with the step inlined: signals that a step does not use are not even read. Nothing is compiled before a
-bench is played.
+Nothing is translated before a bench is played; the text is kept on disk.
 """
 
 from __future__ import annotations
@@ -11,17 +9,16 @@ import dis
 import json
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
-from types import CodeType, FunctionType
+from types import CodeType
 from typing import Any, cast
 from zlib import crc32
 
-from sim_backend.jit import Callback, Kernel, entry_name, intrinsic
+from sim_backend.jit import Callback, entry_name, intrinsic
 from sim_backend.kernel_cache import keep_entry, read_entry
 
 WIRES = 7
 """Addresses of one place: signal, position, rate, aux, target, parameters, state."""
 
-_LOOP = "void(intp, CPointer(intp), float64)"
 _ALONE = f"float64({'float64, ' * 5}CPointer(float64), CPointer(float64))"
 
 
@@ -51,18 +48,6 @@ def store(typingctx, address, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _numbers(typingctx, address):  # type: ignore[no-untyped-def]
-    """Return an address as a pointer to float64 numbers."""
-    from llvmlite import ir
-    from numba import types
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return builder.inttoptr(args[0], ir.DoubleType().as_pointer())
-
-    return types.CPointer(types.float64)(types.intp), codegen
-
-
-@intrinsic
 def call_loop(typingctx, address, n, wires, dt_s):  # type: ignore[no-untyped-def]
     """Call the compiled loop at `address` for `n` places, whose addresses begin at the address `wires`."""
     from llvmlite import ir
@@ -78,14 +63,6 @@ def call_loop(typingctx, address, n, wires, dt_s):  # type: ignore[no-untyped-de
     return types.void(types.intp, types.intp, types.intp, types.float64), codegen
 
 
-def _loop(n, wires, dt_s):  # type: ignore[no-untyped-def]
-    for i in range(0, WIRES * n, WIRES):
-        signal, position, rate, aux = load(wires[i]), load(wires[i + 1]), load(wires[i + 2]), load(wires[i + 3])
-        target = wires[i + 4]
-        added = _step(signal, position, rate, aux, dt_s, _numbers(wires[i + 5]), _numbers(wires[i + 6]))  # type: ignore[name-defined] # noqa: F821
-        store(target, load(target) + added)
-
-
 class Step:
     """The compiled step of an effect; the Python function stays as `__wrapped__`.
 
@@ -99,15 +76,10 @@ class Step:
         update_wrapper(cast(Any, self), function)
         self._function: Any = function
         self.key = f"{function.__module__}.{function.__qualname__}.{_checksum(self._function.__code__)}"
-        self._read = {name for i in dis.get_instructions(self._function) for name in _loaded(i)}
 
     @cached_property
-    def address(self) -> int:
-        """The address of the loop over the places of one effect, compiled or read from disk now."""
-        own = {"_step": Kernel(self._function, forceinline=True, error_model="numpy")}
-        loop = FunctionType(_loop.__code__, {**globals(), **own, "__name__": self.__module__}, self.__name__)
-        loop.__qualname__ = self.__qualname__
-        return Callback(loop, _LOOP, forceinline=True, error_model="numpy").address
+    def _read(self) -> set[str]:
+        return {name for i in dis.get_instructions(self._function) for name in _loaded(i)}
 
     @cached_property
     def alone(self) -> tuple[str, str]:
@@ -131,7 +103,7 @@ class Step:
 
 
 def compiled(step: Callable[..., float]) -> Step:
-    """Compile `step`(signal, position, rate, aux, dt_s, parameters, state) -> contribution into a loop over its places.
+    """Return the Step of `step`(signal, position, rate, aux, dt_s, parameters, state) -> contribution.
 
     `signal` is the value at the effect's place before it (command, current, torque, sensor, reading), `position` and
     `rate` the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step.

@@ -29,6 +29,6 @@ class SensorNoise(Effect):
 
     std: float = size("standard deviation per sample", y=1, low=0.0)
 
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
+    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
         """Return `n` standard normal numbers."""
-        return standard_normal(n, rng)
+        return standard_normal(n, rng, out)

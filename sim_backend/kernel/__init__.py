@@ -54,7 +54,9 @@ class Loop:
         """Return a structure, the part of its table that stays, and the addresses in there, which it does not copy."""
         if inlined not in self._tables:
             # where they are inlined nobody calls the steps, so they need not be compiled for that
-            addresses = np.array([0 if inlined else step.address for step in self._parts.fx.steps], dtype=np.int64)
+            addresses = np.array(
+                [0 if inlined else self._machine.address_of(step) for step in self._parts.fx.steps], dtype=np.int64
+            )
             structure = structure_of(self._parts, inlined=inlined)
             self._tables[inlined] = structure, fixed_entries(self._parts, addresses), addresses
         return self._tables[inlined]
@@ -82,11 +84,13 @@ def contribution_along(
     out: layout.Array,
 ) -> None:
     """Fill `out` (n,) with what effect `e` adds along given signals, each (n,): its signature before the plant."""
+    from sim_backend.kernel.machine import address_of
+
     cell = fx.cells.ctypes.data
     own: list[Any] = [cell + 8 * i for i in range(5)]
     own += [fx.parameters.ctypes.data + 8 * fx.p0[e], fx.states.ctypes.data + 8 * fx.s0[e]]
     wires = np.array(own, dtype=np.int64)
-    along(fx.steps[e].address, wires, fx.cells, signal, position, rate, aux, dt_s, out)
+    along(address_of(fx.steps[e]), wires, fx.cells, signal, position, rate, aux, dt_s, out)
 
 
 __all__ = ["LONG", "NO_DELAY", "Loop", "contribution_along", "played"]

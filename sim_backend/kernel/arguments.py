@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from sim_backend import layout
 from sim_backend.kernel.called import gate, learn
 
@@ -25,8 +27,8 @@ _ARRAYS: dict[str, tuple[str, ...]] = {
     "out": RECORDED,
 }
 _PREFIXED = {"ctl": "ctl.", "out": "out."}  # their names occur elsewhere, too
-_FIXED_NUMBERS = ("address", "gate", "learn", "substeps", "depth", "n_blocks", "n_blocks_l", "n_taps", "length")
-_NUMBERS = ("n", "samples", "first", "period", "n_events", "n_drawn", *(f"columns.{name}" for name in RECORDED))
+_FIXED_NUMBERS = ("address", "learn", "substeps", "depth", "n_blocks", "n_blocks_l", "n_taps", "length")
+_NUMBERS = ("n", "gate", "samples", "first", "period", "n_events", "n_drawn", *(f"columns.{name}" for name in RECORDED))
 
 
 def _names(*groups: str) -> list[str]:
@@ -40,14 +42,16 @@ TABLE = (*_names(*layout.Parts._fields), *_FIXED_NUMBERS, *_names("wave", "out")
 def fixed_entries(parts: layout.Parts, steps: layout.Ints) -> list[int]:
     """Return the part of the table that stays with a bench; `steps` (n_e,) are the addresses of its effects' steps."""
     plant, _, _, ctl, mem, _ = parts
-    numbers = [steps.ctypes.data, gate.address, learn.address, plant.substeps, mem.queue.shape[1]]
+    learns = learn.address if np.any(ctl.learning >= 0) else 0  # what nothing calls need not be compiled
+    numbers = [steps.ctypes.data, learns, plant.substeps, mem.queue.shape[1]]
     numbers += [ctl.fb.shape[1], ctl.lb.shape[1], ctl.taps.shape[1], mem.ring.shape[1]]
     return [*_addresses(**parts._asdict()), *numbers]
 
 
 def entries(n: int, wave: layout.Waveform, mem: layout.Memory, out: layout.Output) -> list[int]:
     """Return the part of the table that a run of `n` samples brings."""
-    numbers = [n, int(mem.samples[0]), out.first, wave.reference.shape[0], wave.events.shape[0]]
+    gates = gate.address if wave.events.shape[0] else 0
+    numbers = [n, gates, int(mem.samples[0]), out.first, wave.reference.shape[0], wave.events.shape[0]]
     numbers += [wave.exogenous.shape[1], *(getattr(out, name).shape[-1] for name in RECORDED)]
     return [*_addresses(wave=wave, out=out), *numbers]
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from threading import Lock, Thread
+from threading import enumerate as threads
 from typing import Any
 
 from llvmlite import binding as llvm
 
+from sim_backend.effects.compiled import Step
 from sim_backend.jit import entry_name
+from sim_backend.kernel.places import emit_places
 from sim_backend.kernel.sample import NAME, Sample
 from sim_backend.kernel.structure import Structure, step_symbol
 from sim_backend.kernel_cache import keep_entry, read_entry
@@ -24,7 +27,11 @@ _loaded: dict[Structure, tuple[Play, Any]] = {}
 """Every loop of this process with what holds its code."""
 _locks: dict[Structure, Lock] = {}
 """One for each loop that is being made: different ones are made side by side."""
+_steps: dict[Step, Any] = {}
+"""What holds the code of each step's loop over its places."""
 _numbers = count()
+ASIDE = "kernel"
+"""Name of a thread that makes a loop."""
 
 
 def loop_of(structure: Structure) -> Play:
@@ -58,7 +65,14 @@ def make_aside(structure: Structure) -> None:
         if structure in _locks:
             return
         _locks[structure] = Lock()
-    Thread(target=loop_of, args=(structure,), name="kernel").start()
+    Thread(target=loop_of, args=(structure,), name=ASIDE).start()
+
+
+def wait() -> None:
+    """Wait until the loops that are being made aside are there."""
+    for thread in threads():
+        if thread.name == ASIDE:
+            thread.join()
 
 
 @cache
@@ -79,28 +93,43 @@ def _made_by() -> tuple[str, str]:
     return sha256(sources).hexdigest(), llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()
 
 
-def _entry(structure: Structure) -> str:
-    return entry_name("loop", *_made_by(), structure.text())
-
-
 def _kept(structure: Structure) -> tuple[Play, Any] | None:
     """Return a loop from disk, or None if it is not there."""
-    code = read_entry(_entry(structure))
-    return None if code is None else _load(code)
+    code = read_entry(entry_name("loop", *_made_by(), structure.text()))
+    return None if code is None else _as_loop(code)
 
 
 def _made(structure: Structure) -> tuple[Play, Any]:
     """Return a loop made now, and keep it on disk."""
-    code = _compiled(structure)
-    keep_entry(_entry(structure), code)
-    return _load(code)
+    code = _compiled(str(Sample(structure).emit()), structure.steps)
+    keep_entry(entry_name("loop", *_made_by(), structure.text()), code)
+    return _as_loop(code)
 
 
-def _compiled(structure: Structure) -> bytes:
-    module = llvm.parse_assembly(str(Sample(structure).emit()))
-    for step in dict.fromkeys(structure.steps):
-        text, name = step.alone
-        part = llvm.parse_assembly(text)
+def _as_loop(code: bytes) -> tuple[Play, Any]:
+    linked = _linked(code)
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(linked[NAME]), linked
+
+
+def address_of(step: Step) -> int:
+    """Return the address of the loop over all places of a step, from this process, from disk, or made now."""
+    with _lock:
+        if step not in _steps:
+            entry = entry_name("places", *_made_by(), step.key)
+            code = read_entry(entry)
+            if code is None:
+                code = _compiled(str(emit_places(step.key, NAME)), (step,))
+                keep_entry(entry, code)
+            _steps[step] = _linked(code)
+        return int(_steps[step][NAME])
+
+
+def _compiled(text: str, steps: Sequence[Step]) -> bytes:
+    """Return the object code of an emitted module, in which the steps that it names are inlined."""
+    module = llvm.parse_assembly(text)
+    for step in dict.fromkeys(steps):
+        own, name = step.alone
+        part = llvm.parse_assembly(own)
         part.get_function(name).name = step_symbol(step.key)
         module.link_in(part)
     for function in module.functions:
@@ -121,7 +150,7 @@ def _linker() -> Any:
     return llvm.create_lljit_compiler(suppress_errors=True)
 
 
-def _load(code: bytes) -> tuple[Play, Any]:
+def _linked(code: bytes) -> Any:
+    """Return object code in this process, which gives the address of its function NAME."""
     library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(NAME)
-    linked = library.link(_linker(), f"loop-{next(_numbers)}")
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(linked[NAME]), linked
+    return library.link(_linker(), f"code-{next(_numbers)}")

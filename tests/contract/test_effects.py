@@ -320,6 +320,15 @@ def test_finite_for_any_finite_input(cls, data):
     assert np.all(np.isfinite(out)), effect
 
 
+@by_name([cls for cls in ALL if cls.aux is Aux.EXOGENOUS])
+def test_numbers_are_drawn_into_what_is_given(cls):
+    effect = cls("theta_x->theta_x", **{p.name: 1.0 for p in cls.parameters()})
+    table = np.full((2, 100), np.nan)
+    drawn = effect.draw(100, RATE_HZ, np.random.default_rng(6), out=table[1])
+    assert drawn.base is table and np.isnan(table[0]).all()
+    np.testing.assert_array_equal(drawn, effect.draw(100, RATE_HZ, np.random.default_rng(6)))
+
+
 @by_name([cls for cls in ALL if cls.site is Site.MODEL])
 def test_retune_changes_no_other_axis_and_keeps_the_model_it_is_given(cls, nominal):
     model = three_axes().linear()

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mccdcli.output import emit, plain, say, table, visible
+from mccdcli.output import emit, plain, say, table, visible, warnings_in_one_line
+from sim_backend.errors import MccdWarning
+from sim_backend.kernel_cache import VARIABLE, KernelCacheWarning
+from tests import running
 
 
 @dataclass(frozen=True)
@@ -17,6 +21,33 @@ class Settling:
     axis: str
     time_s: np.ndarray
     file: Path
+
+
+def test_a_warning_of_ours_is_one_line_and_any_other_keeps_its_place(capsys: pytest.CaptureFixture[str]) -> None:
+    assert issubclass(KernelCacheWarning, MccdWarning)
+    usual = warnings.showwarning
+    with pytest.warns(DeprecationWarning) as others, warnings_in_one_line():
+        warnings.warn("the folder\n  is old", MccdWarning, stacklevel=1)
+        warnings.warn("of a library", DeprecationWarning, stacklevel=1)
+    assert capsys.readouterr() == ("", "mccd: warning: the folder is old\n")
+    assert [str(one.message) for one in others] == ["of a library"]
+    assert warnings.showwarning is usual
+
+
+def test_a_kernel_cache_that_others_may_write_is_a_line_beside_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    folder.chmod(0o777)
+    monkeypatch.setenv(VARIABLE, str(folder))
+    short = ("simulate", "--model", "design", "--plan", "rest", "--set", "duration_s=0.01", "--set", "settle_s=0.01")
+    done = running.mccd(*short, "--json", cwd=tmp_path, command=running.REAL)
+    assert done.returncode == 0 and json.loads(done.stdout)["plan"] == "rest"
+    said = [line for line in done.stderr.splitlines() if " left" not in line]  # how far it is, where that is due
+    assert len(said) == 1
+    assert said[0].startswith(f"mccd: warning: kernel cache: {folder} may be written by other users; ")
+    assert list(folder.iterdir()) == []
 
 
 def test_json_is_all_there_is_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:

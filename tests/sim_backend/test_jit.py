@@ -118,6 +118,28 @@ def test_deferred_values_are_found_inside_kernels() -> None:
     assert made.turns(np.pi) == 0.5
 
 
+def test_no_kernel_compiles_the_text_of_an_error(folder: Path) -> None:
+    # an array written to another one brings it, and with it numba's texts: 4 s, many times what the kernel takes
+    script = (
+        "import json, numpy as np\n"
+        "from numba.core import event\n"
+        "from analysis.diagnosis.noise.whitener import _fir\n"
+        "from analysis.identification.block_basis import exponentials\n"
+        "from analysis.linear.simulate import simulate_linear\n"
+        "from sim_backend.linear import discretise\n"
+        "from sim_backend.model import load_model\n"
+        "with event.install_recorder('numba:compile') as made:\n"
+        "    simulate_linear(discretise(load_model('design').linear(), 10e3), np.ones((20, 3)))\n"
+        "    exponentials(np.zeros((1, 2, 2)))\n"
+        "    _fir(np.ones(2), np.ones((1, 5)), np.empty((1, 5)))\n"
+        "print(json.dumps([one.data['dispatcher'].py_func.__module__ for _, one in made.buffer]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=300)
+    modules = json.loads(done.stdout)
+    assert {"analysis.linear.simulate", "analysis.identification.block_basis"} <= set(modules)
+    assert "numba.cpython.unicode" not in modules
+
+
 def every_stamp() -> dict[str, str]:
     """The stamps of all kernels of the project."""
     found = {}

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sim_backend.errors import ConfigError
 from sim_backend.noise import standard_normal
 
 
@@ -25,3 +26,17 @@ def test_the_generator_may_be_used_otherwise_between():
 def test_another_generator_draws_by_itself():
     ours, numpys = (np.random.Generator(np.random.SFC64(1)) for _ in range(2))
     np.testing.assert_array_equal(standard_normal(1000, ours), numpys.standard_normal(1000))
+
+
+@pytest.mark.parametrize("generator", [np.random.PCG64, np.random.SFC64])
+def test_what_is_given_is_filled_and_nothing_beside_it(generator):
+    ours, numpys = (np.random.Generator(generator(7)) for _ in range(2))
+    table = np.zeros((3, 500))
+    filled = standard_normal(500, ours, out=table[1])
+    np.testing.assert_array_equal(table[1], numpys.standard_normal(500))
+    assert filled.base is table and not table[[0, 2]].any()
+    column = np.zeros((500, 2))
+    standard_normal(500, ours, out=column[:, 1])
+    np.testing.assert_array_equal(column[:, 1], numpys.standard_normal(500))
+    with pytest.raises(ConfigError, match=r"shape \(3, 500\); 500 numbers need \(500,\)"):
+        standard_normal(500, ours, out=table)

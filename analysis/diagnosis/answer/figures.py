@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from analysis.diagnosis.records.dataset import Dataset
@@ -16,6 +15,9 @@ from analysis.diagnosis.result import Domain
 from analysis.pages.canvas import COLOURS, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
 from sim_backend.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -164,6 +166,8 @@ def _floor(canvas: Canvas, first: Domain) -> None:
     top = max(float(np.max(first.level)), level)
     if is_steep(first):
         axes.set_yscale("log")
+        from matplotlib.ticker import FuncFormatter  # see `analysis.pages.canvas`
+
         axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
         axes.set_ylim(bottom=0.4 * level)
     else:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import jinja2
 import numpy as np
 from markupsafe import Markup, escape
 
@@ -31,6 +30,8 @@ from sim_backend.effects import NAMED
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
+    import jinja2
+
     from analysis.diagnosis.evidence.chop_gain import ChopGain
 
 HEADLINES = {

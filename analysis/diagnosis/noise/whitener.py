@@ -213,7 +213,9 @@ def _fir(taps, series, out):  # type: ignore[no-untyped-def]
     for j in range(k):
         for first in range(0, n, 2048):
             last = min(first + 2048, n)
-            out[j, first:last] = taps[0] * series[j, first:last]
+            past, now = series[j, first:last], out[j, first:last]
+            for i in range(now.size):  # one by one: see `analysis.linear.simulate._add_direct`
+                now[i] = taps[0] * past[i]
             for lag in range(1, taps.size):
                 begin, w = max(first, lag), taps[lag]
                 past, now = series[j, begin - lag : last - lag], out[j, begin:last]

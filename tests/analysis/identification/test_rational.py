@@ -39,6 +39,37 @@ def test_gradient_matches_finite_differences(rng, plant, hold, magnitude_only):
         assert normal.gradient[i] == pytest.approx((up - down) / (4.0 * step[i]), rel=3e-5, abs=100.0 * rounding)
 
 
+@pytest.mark.parametrize("hold", [None, 10000.0])
+@pytest.mark.parametrize("magnitude_only", [False, True])
+def test_products_of_derivatives_match_finite_differences(rng, plant, hold, magnitude_only):
+    model = plant(rng, 2, 2, 3, False).with_(delay_s=np.array([1.3e-4, 2.6e-4, 3.9e-4]))
+    # lines that are no multiple of any power of two, with weights of their own
+    f = np.linspace(7.0, 3000.0, 149)
+    exact = model.frequency_response(f, hold)
+    variance = rng.uniform(0.5, 2.0, exact.shape) * np.mean(np.abs(exact) ** 2)
+    target = make_target(f, 1.1 * exact, variance, hold, magnitude_only)
+    layout = layout_of(model, Structure(delay=True))
+
+    def seen(vector):
+        response = unpack(vector, layout).frequency_response(f, hold)
+        values = np.abs(response) if magnitude_only else response
+        return (np.sqrt(2.0 / variance) * values).ravel()
+
+    vector, slopes = pack(model), []
+    for i in range(layout.size):
+        step = np.zeros(layout.size)
+        step[i] = 1e-6 * max(abs(vector[i]), 1e-4)
+        slopes.append((seen(vector + step) - seen(vector - step)) / (2.0 * step[i]))
+    # a magnitude does not depend on a delay
+    told = slice(0, layout.span("delay_s").start if magnitude_only else layout.size)
+    want = (np.conj(slopes) @ np.transpose(slopes)).real[told, told]
+    size = np.sqrt(np.diag(want))
+    # of each product of two slopes: second order in a step (8e-6 in a logarithm) over a resonance's width (5e-3), and
+    # the rounding of a response, 1e-16 of its largest value, over the step
+    found = normal_equations(target, model, layout).hessian[told, told]
+    np.testing.assert_allclose(found / np.outer(size, size), want / np.outer(size, size), rtol=0, atol=3e-5)
+
+
 @pytest.mark.parametrize(("n_y", "n_u", "blocks", "mechanical", "hold"), [
     (1, 1, 3, True, 10000.0), (1, 1, 4, False, None), (2, 3, 5, True, 10000.0), (3, 3, 6, False, 6400.0),
 ])  # fmt: skip

@@ -17,6 +17,29 @@ def test_matches_scipy_state_space_over_several_chunks(rng, plant):
     assert np.allclose(got, want, atol=1e-9 * np.std(want))
 
 
+@pytest.mark.parametrize("n", [0, 1, 63, 64, 65, 4353, 8704, 8705])
+def test_every_length_and_every_path_from_input_to_output(rng, plant, n):
+    # some blocks are driven by the second input alone, or seen in the last output alone
+    model = plant(rng, 3, 3, 2, False)
+    b, c = model.b * [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], model.c * [[1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]]
+    model = model.with_(b=b, b_direct=np.zeros_like(b), c=c, c_rate=np.zeros_like(c))
+    u, discrete = rng.normal(size=(n, 2)), discretise(model, 1e4)
+    a, b, c, d = model.state_space()
+    want = np.zeros((n, 3))
+    if n:
+        want = signal.dlsim((*signal.cont2discrete((a, b, c, d), 1e-4)[:4], 1e-4), u)[1]
+    # a rounding of 1e-16 lives on for the memory of the slowest mode, some thousands of samples
+    assert np.allclose(simulate_linear(discrete, u), want, rtol=0, atol=1e-9 * np.max(np.abs(want), initial=0.0))
+
+
+def test_what_no_output_sees_may_run_away(rng, plant):
+    model = plant(rng, 2, 1, 1, True)
+    lost = model.with_(sigma_1_s=model.sigma_1_s * [1.0, -1e3], c=model.c * [1.0, 0.0])
+    u = rng.normal(size=(9000, 1))
+    alone = simulate_linear(discretise(model.only(np.array([True, False])), 1e4), u)
+    np.testing.assert_array_equal(simulate_linear(discretise(lost, 1e4), u), alone)
+
+
 def test_steady_state_of_a_periodic_input_with_fractional_delay(rng, plant):
     model = plant(rng, 3, 2, 2, True, band_hz=(100.0, 2000.0)).with_(delay_s=np.array([0.0, 2.34e-4]))
     model = model.with_(sigma_1_s=np.full(3, 40.0))

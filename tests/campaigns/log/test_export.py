@@ -85,6 +85,10 @@ def test_matlab(log, tmp_path):
     first, last = int(found["segments"]["first"][1]), int(found["segments"]["last"][1])
     assert found["segments"]["label"][1] == "held-out"
     np.testing.assert_array_equal(found["channels"]["torque"][first - 1 : last], VALUES["torque"][30:50])
+    np.testing.assert_allclose(found["time_s"], TIME_S, rtol=1e-15)
+    assert [json.loads(text) for text in found["segments"]["settings"]] == [{"frequency_hz": 5.0}] * 2
+    about = json.loads(found["about"])
+    assert about["seed"] == 4 and about["channels"]["torque"]["unit"] == "N m"
 
 
 @pytest.mark.skipif(shutil.which("octave") is None, reason="octave is not installed")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.io import loadmat
 
 from campaigns.log import Channel, LogWriter, Run, read_run
 from campaigns.log.export import save
@@ -77,6 +80,21 @@ def test_nexus(log, tmp_path):
         np.testing.assert_array_equal(data["time"][:], TIME_S)
         for name, values in VALUES.items():
             np.testing.assert_array_equal(data[name][:], values)
+
+
+def test_matlab(log, tmp_path):
+    tracemalloc.start()
+    try:
+        path = exported(log, tmp_path, ".mat")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # a block of times or values takes its numbers, what they are made from and their bytes; all rows take 12 blocks
+    assert peak < 5 * 8 * BLOCK_ROWS
+    found = loadmat(path, simplify_cells=True)["run"]
+    np.testing.assert_array_equal(found["time_s"], TIME_S)
+    for name, values in VALUES.items():
+        np.testing.assert_array_equal(found["channels"][name], values)
 
 
 def test_matlab_is_refused_what_its_form_cannot_hold(log, tmp_path, monkeypatch):

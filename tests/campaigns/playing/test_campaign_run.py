@@ -86,6 +86,21 @@ def bytes_of(folder):
     return {p.name: p.read_bytes() for p in folder.glob("*.h5")}
 
 
+def test_what_the_logs_will_take_is_announced_before_there_is_one(file, tmp_path):
+    told = []
+
+    def announce(size_bytes):
+        told.append((size_bytes, list((tmp_path / "runs").glob("*.h5"))))
+
+    play(file, tmp_path / "runs", announce=announce)
+    counted = sum(one.bytes for one in estimate_campaign(load_campaign(file), "small", 5).values())
+    taken = sum(path.stat().st_size for path in (tmp_path / "runs").glob("*.h5"))
+    # besides the numbers a log holds its header, its segments and an unfinished chunk
+    assert told == [(counted, [])] and counted < taken < 1.2 * counted + 3e5 * 3
+    play(file, tmp_path / "runs", announce=announce, resume=True)
+    assert told[1][0] == 0
+
+
 def test_paused_and_resumed_equals_uninterrupted(file, tmp_path):
     play(file, tmp_path / "whole")
 

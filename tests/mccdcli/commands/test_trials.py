@@ -150,6 +150,21 @@ def test_identify_finds_the_modes_that_a_model_was_given(run, here):
     assert code == 0 and json.loads(out)["identification"]["modes"] == found["modes"]
 
 
+def test_large_logs_are_announced_before_anything_is_played(run, here, monkeypatch):
+    (here / "small.toml").write_text(
+        'name = "small"\n[[runs]]\nname = "stops"\nplan = "endstops"\n'
+        "settings = { ramp_s = 0.02, settle_s = 0.02, hold_s = 0.02 }\n"
+    )
+    assert "mccd: the logs" not in run("campaign", "run", "small.toml", "--out", "quiet")[2]
+    monkeypatch.setattr("mccdcli.trials.LARGE_BYTES", 1e4)
+    monkeypatch.setattr("campaigns.playing.campaign_run._play", lambda *_: 1 / 0)
+    code, out, err = run("campaign", "run", "small.toml", "--out", "told")
+    assert (code, out) == (70, "") and err.startswith("mccd: the logs will take 0 MB in told\nmccd: error: ")
+    code, _, err = run("report", "--campaign", "small.toml", "--out", "report")
+    said = "mccd: the logs will take 0 MB in report/campaign, and then about 300 MB in report/designed\n"
+    assert err.startswith(said)
+
+
 def test_campaigns_are_run_resumed_and_shown(run, here):
     (here / "small.toml").write_text(
         'name = "small"\n[[runs]]\nname = "stops"\nplan = "endstops"\n'

@@ -5,7 +5,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import current_thread, main_thread
-from threading import enumerate as enumerate_threads
 
 import msgspec
 import numpy as np
@@ -120,9 +119,7 @@ def test_a_bench_that_is_played_for_long_gets_a_loop_of_its_own(monkeypatch, ask
     runs = [benches[0].play(segment) for _ in range(3)]
     assert [structure.inlined for structure in asked[:3]] == [False, False, False]
     # the third run went beyond LONG, so the other loop is being made aside now
-    for thread in enumerate_threads():
-        if thread.name == "kernel":
-            thread.join(timeout=60.0)
+    machine.wait()
     asked.clear()
     runs.append(benches[0].play(segment))
     assert [structure.inlined for structure in asked] == [True]
@@ -197,7 +194,7 @@ def test_damaged_code_is_made_again(monkeypatch, tmp_path, damage):
 def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
     made, compiled = [], machine._compiled  # noqa: SLF001
     empty(monkeypatch, tmp_path)
-    monkeypatch.setattr(machine, "_compiled", lambda structure: (made.append(structure), compiled(structure))[1])
+    monkeypatch.setattr(machine, "_compiled", lambda *what: (made.append(what), compiled(*what))[1])
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(lambda _: play(one_axis(), held_torque(2000))["theta_x"], range(8)))
     assert len(made) == 1
