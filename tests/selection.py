@@ -16,14 +16,39 @@ ONE_PER_SITE = {
 
 BLIND = "tests/end_to_end/test_blind_families.py::test_a_hidden_cause_is_named_and_adding_it_pays"
 
+DRAWN = "counts over many drawn records"
+SEARCHED = "a whole search, as others that stay"
+LINE = "one of many faults of a line, which takes as long as the line"
+
 THOROUGH = (
     ("end_to_end/test_blind_families.py::test_two_hidden_causes_*", "pairs take a minute each"),
     ("end_to_end/test_mirror.py::*", "the measured mirror takes five minutes"),
+    ("end_to_end/test_linear_benches.py::*", "a minute each"),
+    ("analysis/diagnosis/test_investigation.py::test_an_instrument_beside_the_bench_decides_*", SEARCHED),
+    ("analysis/diagnosis/search/test_pairs.py::test_friction_is_found_beside_a_rounded_command", SEARCHED),
+    ("analysis/diagnosis/search/test_named_friction.py::*", SEARCHED),
+    ("analysis/diagnosis/spread/test_spread.py::test_one_rate_for_all_kinds_holds_on_noise_alone", DRAWN),
+    ("analysis/diagnosis/spread/test_shaking.py::test_none_is_found_in_coloured_noise_alone", DRAWN),
+    ("analysis/diagnosis/spread/test_shaking.py::test_an_amplifier_*", DRAWN),
+    ("analysis/diagnosis/noise/test_louder.py::test_what_stands_out_only_in_the_loudest_rows_*", DRAWN),
+    ("analysis/diagnosis/noise/test_slow_noise.py::test_slow_noise_is_no_drift", DRAWN),
+    ("analysis/diagnosis/noise/test_slow_noise.py::test_what_slow_noise_hides_in_part_is_found", DRAWN),
+    ("analysis/diagnosis/evidence/test_slow_noise.py::test_slow_noise_is_significant_as_often_*", DRAWN),
+    ("analysis/diagnosis/verdict/test_leftover.py::test_noise_alone_makes_p_values_uniform", DRAWN),
+    ("analysis/diagnosis/nominal/test_prior.py::test_covariance_is_that_of_models_*", DRAWN),
+    ("analysis/identification/test_rational.py::test_magnitude_alone_finds_modes_of_either_sign", DRAWN),
+    ("analysis/study/test_run.py::test_a_study_that_is_killed_again_and_again_*", "kills a study many times"),
     ("benchmarks/test_speed.py::test_all_compute_the_same*diagnosis*", "a panel of diagnoses"),
     ("benchmarks/test_speed.py::test_all_compute_the_same*paper*", "the whole report, which others make in small"),
     ("benchmarks/test_speed.py::test_all_compute_the_same*log-commands*", "commands on a long log"),
-    ("analysis/diagnosis/spread/test_shaking.py::test_none_is_found_in_coloured_noise_alone", "sixty searches"),
-    ("end_to_end/test_linear_benches.py::*", "a minute each"),
+    (
+        "benchmarks/test_speed.py::test_all_compute_the_same*frequency-response*",
+        "its kernel for several cores takes half a minute to compile",
+    ),
+    ("campaigns/importing/test_hostile.py::test_mutated_sources_*mat*", "as the mutated HDF5 sources, which stay"),
+    ("campaigns/serial/test_faulty_line.py::test_a_damaged_line_gives_right_data*tcp*", LINE),
+    ("campaigns/serial/test_faulty_line.py::test_a_bench_that_stalls_again_and_again_*", LINE),
+    ("campaigns/serial/test_faulty_line.py::test_drawn_faults_keep_the_promises*", LINE),
 )
 """Patterns of node IDs below tests/, and why these tests are left to the longer run."""
 
