@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 
 from tests.running.client import OWNER, SOCKET
-from tests.selection import is_thorough
+from tests.selection import COLLECTED, is_thorough
 
 pytest_plugins = ["tests.order"]
 
@@ -45,8 +45,9 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what its option -m says
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark what only `make test-all` runs."""
+    config.stash[COLLECTED] = [item.nodeid for item in items]
     for item in items:
         if is_thorough(item.nodeid):
             item.add_marker(pytest.mark.thorough)

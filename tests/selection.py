@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from fnmatch import fnmatchcase
 
+import pytest
+
+COLLECTED = pytest.StashKey[list[str]]()
+"""Where pytest's settings hold the node IDs of all tests that were found, chosen or not."""
+
 ONE_PER_SITE = {
     "amplifier-lag",
     "damping-shift",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 import tomllib
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
@@ -14,7 +13,7 @@ import pytest
 
 from campaigns.challenge.families import slugs
 from sim_backend.effects import NAMED
-from tests.selection import ONE_PER_SITE, THOROUGH
+from tests.selection import COLLECTED, ONE_PER_SITE, THOROUGH
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -130,15 +129,12 @@ def test_a_python_too_old_is_told_apart_from_a_broken_set_up(tmp_path: Path) -> 
     assert f"mccd needs Python 3.11 or newer; {old} is older or absent" in done.stderr
 
 
-def test_every_pattern_of_the_longer_run_finds_a_test_and_every_site_keeps_a_blind_family() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0", "-m", "not soak", "-p", "no:cacheprovider"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    collected = [line for line in done.stdout.splitlines() if "::" in line]
+def test_every_pattern_of_the_longer_run_finds_a_test_and_every_site_keeps_a_blind_family(
+    request: pytest.FixtureRequest,
+) -> None:
+    collected = request.config.stash[COLLECTED]
+    if len({nodeid.split("/")[1] for nodeid in collected}) < len(list((ROOT / "tests").glob("*/"))) - 2:
+        pytest.skip("only a part of the tests was collected")
     # as many as there were when the longer run was made, on 2026-11-25, and no fewer
     assert len(collected) >= 3965
     for pattern, why in THOROUGH:
