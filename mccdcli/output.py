@@ -8,8 +8,8 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
-from unicodedata import category
+from typing import Any, TextIO
+from unicodedata import category as kind_of
 
 import click
 
@@ -34,13 +34,20 @@ def warnings_in_one_line() -> Iterator[None]:
     """Show warnings of ours as a remark in one line; any other as Python does, with the place that it is about."""
     usual = warnings.showwarning
 
-    def show(message: Warning | str, kind: type[Warning], *place: Any, **more: Any) -> None:
-        if issubclass(kind, MccdWarning):
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if issubclass(category, MccdWarning):
             say(f"mccd: warning: {' '.join(str(message).split())}")
         else:
-            usual(message, kind, *place, **more)
+            usual(message, category, filename, lineno, file, line)
 
-    warnings.showwarning = cast(Any, show)
+    warnings.showwarning = show
     try:
         yield
     finally:
@@ -52,7 +59,7 @@ def visible(text: str) -> str:
 
     What stands in a file may be anything; it must not reach the terminal as a command to it.
     """
-    return "".join(c if c in "\n\t" or category(c)[0] != "C" else ascii(c)[1:-1] for c in text)
+    return "".join(c if c in "\n\t" or kind_of(c)[0] != "C" else ascii(c)[1:-1] for c in text)
 
 
 def plain(value: object) -> Any:

@@ -98,12 +98,14 @@ def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
     from contextlib import closing
 
     from campaigns.benches import open_bench
+    from campaigns.plans import estimate
 
     _require_models(plan)
     with closing(open_bench(bench, seed)) as opened, progress(plan.title) as report:
-        from campaigns.playing.runner import run_plan  # brings the logs: a bench that is not there is told before
+        counted = estimate(plan, opened)
+        from campaigns.playing.runner import run_plan  # brings the logs: what cannot be played is told before
 
-        outcome = run_plan(plan, opened, log, seed=seed, report=report)
+        outcome = run_plan(plan, opened, log, seed=seed, report=report, counted=counted)
     if outcome.status == "complete":
         return Played(outcome.path, outcome.run_uid, 0)
     say(f"mccd: {outcome.status}: {outcome.reason}; {outcome.path} holds what was recorded")

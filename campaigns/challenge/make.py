@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from campaigns.challenge.bounds import bound_deviations, held_out_floor
 from campaigns.challenge.draw import Drawn, Plan, draw_case, separable
 from campaigns.challenge.experiment import Run
-from campaigns.challenge.families import slugs
+from campaigns.challenge.families import members, slugs
 from campaigns.challenge.metric import Metric
 from campaigns.challenge.plant import AXES, nominal_model
 from campaigns.challenge.truth import Buried, Case, Number, Stratum, Truth, seal
@@ -78,13 +78,11 @@ def make_challenge(
 
     Raises ConfigError for an unknown family, no case at all, or a folder that holds something.
     """
-    known = slugs()
-    unknown = sorted(set(families) - set(known))
-    if unknown:
-        raise ConfigError(f"there is no family '{unknown[0]}' to hide; families: {', '.join(known)}")
+    for family in families:
+        members(family)
     if folder.exists() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty and a challenge never overwrites: choose another folder")
-    plans = plans_of(counts, tuple(families) or known, np.random.default_rng([seed, 0]), shape)
+    plans = plans_of(counts, tuple(families) or slugs(), np.random.default_rng([seed, 0]), shape)
     if not plans:
         raise ConfigError("a challenge of no cases: ask for at least one case of some stratum")
     names = [f"{i + 1:04d}" for i in range(len(plans))]

@@ -7,6 +7,7 @@ from contextlib import closing
 from typing import Any
 
 from campaigns.benches import open_bench
+from campaigns.plans.base import axis_of
 from campaigns.playing.campaign import Campaign, RunEntry
 
 Z_AMPLITUDE_N = 0.01
@@ -16,9 +17,11 @@ Z_AMPLITUDE_N = 0.01
 def sweep_campaign(address: str, axes: Sequence[str], settings: dict[str, Any]) -> Campaign:
     """Return a sweep of each of `axes`, of all of the bench's when there is none, with `settings`.
 
-    Raises ConfigError for a bench or settings that do not exist.
+    Raises ConfigError for a bench, an axis or settings that do not exist.
     """
     with closing(open_bench(address, 0)) as bench:
+        for axis in axes:
+            axis_of(bench, axis)
         chosen = tuple(axes) or bench.axes
     runs = tuple(
         RunEntry(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from analysis.report import Report
 
 
-OWN_LOGS: Final = "300 MB"
+OWN_LOGS: Final = "310 MB"
 """What the logs of this project's own controller take, about: how long it learns is not known before it is designed."""
 
 

@@ -12,6 +12,7 @@ from analysis.design.from_logs import design_from_logs
 from analysis.paper.measured import Measured
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from campaigns.benches import open_bench
+from mccdcli.commands.report import OWN_LOGS
 from mccdcli.main import main
 from tests.kept import ANALYSED, kept
 
@@ -79,6 +80,11 @@ def test_knowing_the_cryostat_and_learning_gain_what_the_issue_asks_of_them(home
         assert learned.settling_s <= SETTLING_S and learned.stability_rad_3sigma <= STABILITY_RAD
     # without the weak modes of the cryostat θx rings far beyond its dwell's beginning
     assert stages.loc[("theta_x", "designed-linear")].settling_s > 4.0 * SETTLING_S
+
+
+def test_its_logs_take_what_is_announced(home):
+    taken = sum(path.stat().st_size for path in (home / "report" / "designed").glob("*.h5"))
+    assert taken / 1e6 == pytest.approx(float(OWN_LOGS.removesuffix(" MB")), rel=0.1)
 
 
 def test_the_page_says_both(home):

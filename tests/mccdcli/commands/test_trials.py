@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from campaigns.playing.campaign import load_campaign
+from campaigns.playing.campaign_run import estimate_campaign
+from mccdcli.commands.report import OWN_LOGS
 from mccdcli.main import main
 
+ROOT = Path(__file__).parents[3]
 TESTS = ("chop", "settle", "endstops", "theodolite", "hysteresis", "thermal", "simulate", "identify")
 
 
@@ -161,8 +167,16 @@ def test_large_logs_are_announced_before_anything_is_played(run, here, monkeypat
     code, out, err = run("campaign", "run", "small.toml", "--out", "told")
     assert (code, out) == (70, "") and err.startswith("mccd: the logs will take 0 MB in told\nmccd: error: ")
     code, _, err = run("report", "--campaign", "small.toml", "--out", "report")
-    said = "mccd: the logs will take 0 MB in report/campaign, and then about 300 MB in report/designed\n"
+    said = "mccd: the logs will take 0 MB in report/campaign, and then about 310 MB in report/designed\n"
     assert err.startswith(said)
+
+
+def test_readme_and_tutorial_say_what_the_logs_of_a_report_take():
+    counted = sum(one.bytes for one in estimate_campaign(load_campaign("paper"), "sim", 0).values()) / 1e6
+    own = float(OWN_LOGS.removesuffix(" MB"))
+    for page in ("README.md", "docs/tutorial.md"):
+        said = re.search(r"(\d+) MB of logs", (ROOT / page).read_text(encoding="utf-8"))
+        assert said is not None and float(said[1]) == pytest.approx(counted + own, rel=0.03)
 
 
 def test_campaigns_are_run_resumed_and_shown(run, here):
