@@ -32,7 +32,8 @@ from analysis.study.summary import summarise
 from analysis.study.trial import Job, Outcome, run_trial
 from benchmarks.study_nothing import NothingTrial, dask_setup
 from campaigns.playing.recording import Planned
-from sim_backend import kernel, noise
+from sim_backend import noise
+from sim_backend.kernel import machine
 from sim_backend.memory import keep_freed_memory
 from sim_backend.simbench import SimBench
 
@@ -103,7 +104,7 @@ STAGES: tuple[tuple[object, str, str], ...] = (
 )
 """Whose function belongs to which stage; `record` is what playing takes besides: joining segments to one record."""
 
-FREE: tuple[tuple[object, str], ...] = ((kernel, "loop_of"), (noise, "_fill"))
+FREE: tuple[tuple[object, str], ...] = ((machine, "loop_of"), (noise, "_fill"))
 """What leaves Python's lock to others: the loop that the first returns, and the second. numpy does so too, within long
 operations, which is not counted."""
 

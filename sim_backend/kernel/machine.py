@@ -62,9 +62,15 @@ def make_aside(structure: Structure) -> None:
 
 
 @cache
-def _target() -> Any:
+def _set_up() -> None:
+    """Make this machine known to LLVM: a process that only loads code needs it, too."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+
+
+@cache
+def _target() -> Any:
+    _set_up()
     features = llvm.get_host_cpu_features().flatten()
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=3, jit=True)
@@ -117,6 +123,7 @@ def _compiled(structure: Structure) -> bytes:
 
 @cache
 def _linker() -> Any:
+    _set_up()
     return llvm.create_lljit_compiler(suppress_errors=True)
 
 

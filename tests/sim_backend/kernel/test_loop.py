@@ -1,5 +1,8 @@
 """A loop with its effects inlined is the loop that calls them, to the last bit; its code is made once and kept."""
 
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import current_thread, main_thread
 from threading import enumerate as enumerate_threads
@@ -156,6 +159,24 @@ def test_code_is_read_from_disk(monkeypatch, tmp_path):
     monkeypatch.setattr(machine, "_compiled", None)
     np.testing.assert_array_equal(play(one_axis(), held_torque(200))["theta_x"], first)
     assert len(list((tmp_path / "new").glob("loop-*"))) == 1
+
+
+def test_a_process_that_compiles_nothing_plays_what_another_has_kept(tmp_path):
+    script = (
+        "import sys\n"
+        "from tests.sim_backend.test_kernel import held_torque, one_axis, play\n"
+        "from sim_backend import kernel\n"
+        "from sim_backend.kernel import machine\n"
+        "kernel.Loop._is_inlined = lambda self, n: True\n"
+        "machine._compiled = None if sys.argv[1] == 'kept' else machine._compiled\n"
+        "print(play(one_axis(), held_torque(200))['theta_x'].tobytes().hex())"
+    )
+    environment = os.environ | {VARIABLE: str(tmp_path)}
+    printed = [
+        subprocess.run([sys.executable, "-c", script, how], env=environment, capture_output=True, check=True).stdout
+        for how in ("made", "kept")
+    ]
+    assert printed[0] and printed[1] == printed[0]
 
 
 def test_a_folder_that_cannot_be_written_only_costs_time(monkeypatch, tmp_path):
