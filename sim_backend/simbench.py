@@ -11,16 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
-from sim_backend.assembly import (
-    bus_of,
-    current_from_command,
-    effects_of,
-    places_of,
-    plant_of,
-    retuned,
-    transducers_of,
-    wired,
-)
+from sim_backend.assembly import bus_of, current_from_command, places_of, plant_of, retuned, transducers_of
 from sim_backend.bench import Identity, Limits, Record, Segment, Signal
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect, Site
@@ -28,6 +19,7 @@ from sim_backend.errors import ConfigError
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import Model, number
 from sim_backend.noise import standard_normal
+from sim_backend.wiring import effects_of, wired
 
 Array = NDArray[np.float64]
 
@@ -36,10 +28,15 @@ _BLOCK = 10_000
 
 
 def streams_of(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Generator]:
-    """Return one random stream per effect, by its name and place, so that adding an effect changes no other's draws."""
+    """Return one random stream per effect that leaves something to chance.
+
+    It goes by name and place, so that adding an effect changes no other's draws.
+    """
     streams: dict[int, np.random.Generator] = {}
     seen: Counter[str] = Counter()
     for effect in effects:
+        if effect.aux is not Aux.EXOGENOUS and effect.site is not Site.RECORD:
+            continue
         label = f"{effect.name}@{effect.where}"
         streams[id(effect)] = _stream(seed, label, seen[label])
         seen[label] += 1
@@ -102,6 +99,7 @@ class SimBench:
         self._bus = bus_of(n_u, n_a, n_y, n_s, self._fx)
         self._fx = wired(self._fx, self._bus)
         self._axes = n_u
+        self._signals = self._all_signals()
         self._mem = fresh_memory(self._plant, n_u, self._hw.heating[0])
 
     @property
@@ -122,6 +120,9 @@ class SimBench:
     @property
     def signals(self) -> tuple[Signal, ...]:
         """Every channel in the order in which it is recorded."""
+        return self._signals
+
+    def _all_signals(self) -> tuple[Signal, ...]:
         rate = self.rate_hz
         model = self._model
         out = [Signal(f"command_{p.dof}", p.unit, "input", p.dof, rate) for p in model.inputs]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, Round, Target, times_the_time
 from campaigns.plans.chop import ChopPlan
 from sim_backend import kernel, layout
-from sim_backend.assembly import bus_of, effects_of, places_of, plant_of, transducers_of, wired
+from sim_backend.assembly import bus_of, places_of, plant_of, transducers_of
 from sim_backend.bench import Segment
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect
@@ -23,6 +23,7 @@ from sim_backend.linear import discretise
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import load_model, number
 from sim_backend.simbench import SimBench, streams_of
+from sim_backend.wiring import effects_of, wired
 
 Array = NDArray[np.float64]
 

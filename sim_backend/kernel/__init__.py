@@ -55,7 +55,7 @@ class Loop:
         if inlined not in self._tables:
             # where they are inlined nobody calls the steps, so they need not be compiled for that
             addresses = np.array([0 if inlined else step.address for step in self._parts.fx.steps], dtype=np.int64)
-            structure = structure_of(self._parts, inlined=inlined)
+            structure = self._inlined if inlined and self._inlined else structure_of(self._parts, inlined=inlined)
             self._tables[inlined] = structure, fixed_entries(self._parts, addresses), addresses
         return self._tables[inlined]
 
