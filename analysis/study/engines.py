@@ -16,6 +16,7 @@ from typing import Any
 from analysis.study.fingerprint import fingerprint, require_same
 from analysis.study.trial import Job, Outcome, run_trials
 from sim_backend.errors import ConfigError, HardwareError
+from sim_backend.kernel.structure import LANES
 from sim_backend.memory import keep_freed_memory
 
 AHEAD = 3
@@ -32,9 +33,6 @@ ALONE_S = 60.0
 """How long a cluster may be without any worker before the study gives up; it can be resumed."""
 
 CONNECT_S = 10.0
-
-LANES = 4
-"""Trials that are handed to a kind together."""
 
 
 class _Sizes:
@@ -252,14 +250,14 @@ def _tried(job: Job, trials: tuple[int, ...], stopped: Callable[[], bool] = lamb
     """Do trials, those of one point of the grid side by side, until all are done or `stopped`."""
     keep_freed_memory()
     done: list[Outcome] = []
-    for group in _groups(trials, len(job.study.points)):
+    for group in groups_of(trials, len(job.study.points)):
         if stopped():
             break
         done += run_trials(job, group)
     return done
 
 
-def _groups(trials: tuple[int, ...], points: int) -> Iterator[tuple[int, ...]]:
+def groups_of(trials: Sequence[int], points: int) -> Iterator[tuple[int, ...]]:
     """Yield the trials in groups of at most LANES, all of a group at one point."""
     for point in sorted({trial % points for trial in trials}):
         own = tuple(trial for trial in trials if trial % points == point)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from campaigns.log import Channel, LogSegment
 from campaigns.plans import Plan, checked_segments
-from sim_backend.bench import Bench, Segment
+from sim_backend.bench import Bench, Record, Segment
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -96,7 +96,11 @@ class Planned:
 def play_in_memory(plan: Plan, bench: Bench, planned: Planned | None = None) -> Recording:
     """Play a plan and return its record; raises ConfigError for what the bench cannot be asked, before it moves."""
     segments = (planned or Planned()).segments(plan, bench)
-    played = [bench.play(segment) for segment in segments]
+    return joined(plan, bench, segments, [bench.play(segment) for segment in segments])
+
+
+def joined(plan: Plan, bench: Bench, segments: Sequence[Segment], played: Sequence[Record]) -> Recording:
+    """Return the record of a whole plan from those of its segments."""
     ends = np.cumsum([segment.n_samples for segment in segments]).tolist()
     rows = tuple(
         LogSegment(segment.label, end - segment.n_samples, end, segment.settings)

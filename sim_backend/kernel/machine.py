@@ -24,6 +24,8 @@ _loaded: dict[Structure, tuple[Play, Any]] = {}
 """Every loop of this process with what holds its code."""
 _locks: dict[Structure, Lock] = {}
 """One for each loop that is being made: different ones are made side by side."""
+_absent: set[Structure] = set()
+"""Loops that were not on disk when they were asked for: a process looks for each once."""
 _numbers = count()
 
 
@@ -47,8 +49,11 @@ def is_loaded(structure: Structure) -> bool:
 
 def load(structure: Structure) -> bool:
     """Load the loop of a structure if it is on disk; tell whether it is ready now."""
-    if structure not in _loaded and (found := _kept(structure)):
-        _loaded.setdefault(structure, found)
+    if structure not in _loaded and structure not in _absent:
+        if found := _kept(structure):
+            _loaded.setdefault(structure, found)
+        else:
+            _absent.add(structure)
     return structure in _loaded
 
 
@@ -99,12 +104,16 @@ def _made(structure: Structure) -> tuple[Play, Any]:
     """Return a loop made now, and keep it on disk."""
     code = _compiled(structure)
     keep_entry(_entry(structure), code)
+    _absent.discard(structure)
     return _load(code)
 
 
 def _compiled(structure: Structure) -> bytes:
     module = llvm.parse_assembly(str(Sample(structure).emit()))
+    called = {function.name for function in module.functions}
     for step in dict.fromkeys(structure.steps):
+        if step_symbol(step.key) not in called:
+            continue  # it is there for several lanes at once
         text, name = step.alone
         part = llvm.parse_assembly(text)
         part.get_function(name).name = step_symbol(step.key)
@@ -112,10 +121,11 @@ def _compiled(structure: Structure) -> bytes:
     for function in module.functions:
         if not function.is_declaration and function.name != NAME:
             function.linkage = llvm.Linkage.internal
-            function.add_function_attribute("alwaysinline")
+            if not any(b"noinline" in attribute for attribute in function.attributes):
+                function.add_function_attribute("alwaysinline")
     module.triple, module.data_layout = _target().triple, str(_target().target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.slp_vectorization = False
+    options.slp_vectorization = structure.lanes > 1  # steps of several benches may share instructions
     builder = llvm.create_pass_builder(_target(), options)
     builder.getModulePassManager().run(module, builder)
     return bytes(_target().emit_object(module))

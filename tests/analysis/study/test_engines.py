@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from analysis.study import engines
 from analysis.study.engines import AHEAD, MOST, Engine
 from analysis.study.run import missing_trials, run_study
 from analysis.study.trial import Outcome, run_trials
+from sim_backend.kernel import machine, side_by_side
+from sim_backend.kernel.structure import LANES
 from tests.analysis.study.studies import results, spread
 
 
@@ -70,3 +73,17 @@ def test_the_size_of_tasks_changes_no_byte(
     run_study(spread(12), folders[1], workers=1)
     assert results(folders[1]) == results(folders[0])
     assert (max(asked) > 1) is (task_s > 0.0)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_trials_side_by_side_change_no_byte(workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    loop_of = machine.loop_of
+    monkeypatch.setattr(machine, "loop_of", lambda structure: (asked.append(structure.lanes), loop_of(structure))[1])
+    monkeypatch.setattr(engines, "THREAD_TASK_S", 10.0)
+    for lanes in (False, True):
+        monkeypatch.setattr(side_by_side, "_is_there", lambda *_, lanes=lanes: lanes)
+        asked.clear()
+        run_study(spread(24), tmp_path / str(lanes), workers=workers)
+        assert (LANES in asked) is lanes
+    assert results(tmp_path / "True") == results(tmp_path / "False")
