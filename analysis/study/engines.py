@@ -36,23 +36,28 @@ CONNECT_S = 10.0
 
 
 class _Sizes:
-    """How many trials a task gets: so many as take `task_s` by what has finished, and fewer near the end of a study."""
+    """How many trials a task gets: so many as take `task_s` by what has finished, and fewer near the end of a study.
 
-    def __init__(self, task_s: float, missing: int) -> None:
-        self._task_s, self._left = task_s, missing
+    What is more than `whole` is a multiple of it.
+    """
+
+    def __init__(self, task_s: float, missing: int, whole: int) -> None:
+        self._task_s, self._left, self._whole = task_s, missing, whole
         self._trials, self._seconds, self._largest = 0, 0.0, 1
 
     def done(self, outcomes: Sequence[Outcome]) -> None:
         """Count what has finished; tasks at most double with each, for the first trials may not be like the others."""
         self._trials, self._seconds = self._trials + len(outcomes), self._seconds + sum(o.wall_s for o in outcomes)
-        if len(outcomes) >= self._largest:
+        if 2 * len(outcomes) > self._largest:
             self._largest = min(2 * self._largest, MOST)
 
     def take(self, trials: Iterator[int], workers: int) -> tuple[int, ...]:
         """Return the trials of the next task, none when there are no more."""
         fitting = self._trials * self._task_s / self._seconds if self._seconds else 1.0
-        fair = self._left // (AHEAD * max(workers, 1))
-        taken = tuple(islice(trials, max(int(min(self._largest, fitting, fair)), 1)))
+        fair = max(self._left // (AHEAD * max(workers, 1)), self._whole)
+        size = max(int(min(self._largest, fitting, fair)), 1)
+        size -= size % self._whole if size > self._whole else 0
+        taken = tuple(islice(trials, size))
         self._left -= len(taken)
         return taken
 
@@ -62,12 +67,13 @@ class Engine:
     """An executor for trials: `begin` starts a task of some, `workers` says how many can run at once now.
 
     A task gives what came of its trials; fewer than it was given once `stop` was called, if it can be told. Tasks are
-    made to take `task_s`.
+    made to take `task_s` and, where they can be, of `whole` groups of trials.
     """
 
     begin: Callable[[tuple[int, ...]], Future[list[Outcome]]]
     workers: Callable[[], int]
     task_s: float
+    whole: int = 1
     stop: Callable[[], None] = lambda: None
 
     def outcomes(
@@ -80,7 +86,7 @@ class Engine:
         none comes.
         """
         running: set[Future[list[Outcome]]] = set()
-        sizes = _Sizes(self.task_s, missing)
+        sizes = _Sizes(self.task_s, missing, self.whole)
         alone_since: float | None = None
         while True:
             workers = self.workers()
@@ -117,7 +123,11 @@ def threads(job: Job, workers: int) -> Iterator[Engine]:
     stopped = Event()
     try:
         yield Engine(
-            lambda trials: pool.submit(_tried, job, trials, stopped.is_set), lambda: workers, THREAD_TASK_S, stopped.set
+            lambda trials: pool.submit(_tried, job, trials, stopped.is_set),
+            lambda: workers,
+            THREAD_TASK_S,
+            LANES * len(job.study.points),
+            stopped.set,
         )
     finally:
         stopped.set()
@@ -139,7 +149,10 @@ def cluster(job: Job, parts: dict[str, str], address: str) -> Iterator[Engine]:
             held = client.submit(_Held, job, parts, pure=False)
             with _clear_errors(address):
                 yield Engine(
-                    lambda trials: executor.submit(_on_worker, held, trials), _Workers(client, address), CLUSTER_TASK_S
+                    lambda trials: executor.submit(_on_worker, held, trials),
+                    _Workers(client, address),
+                    CLUSTER_TASK_S,
+                    LANES * len(job.study.points),
                 )
         finally:
             with contextlib.suppress(Exception):  # a scheduler that has gone away cannot be taken leave of

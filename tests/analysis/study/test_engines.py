@@ -18,7 +18,7 @@ from sim_backend.kernel.structure import LANES
 from tests.analysis.study.studies import results, spread
 
 
-def handed_out(total: int, trial_s: float, workers: int = 1, task_s: float = 1.0) -> list[tuple[int, ...]]:
+def handed_out(total: int, trial_s: float, workers: int = 1, whole: int = 1) -> list[tuple[int, ...]]:
     """Return the tasks of a study whose trials take so long, of which each is done when it is begun."""
     tasks: list[tuple[int, ...]] = []
 
@@ -28,7 +28,7 @@ def handed_out(total: int, trial_s: float, workers: int = 1, task_s: float = 1.0
         future.set_result([Outcome(trial, "done", "", (), (), trial_s) for trial in trials])
         return future
 
-    engine = Engine(begin, lambda: workers, task_s)
+    engine = Engine(begin, lambda: workers, 1.0, whole)
     done = [o.trial for some in engine.outcomes(missing_trials(np.zeros(total, dtype=bool)), total) for o in some]
     assert sorted(done) == list(range(total))
     return tasks
@@ -45,6 +45,11 @@ def test_short_trials_go_out_by_the_hundred() -> None:
     assert max(sizes(handed_out(20_000, 1e-6))) == MOST
     # the first tasks say how long a trial takes
     assert found[:AHEAD] == [1] * AHEAD
+
+
+def test_tasks_are_whole_groups_of_lanes_where_they_can_be() -> None:
+    found = sizes(handed_out(5_000, 0.005, whole=24))
+    assert max(found) == 192 and all(size % 24 == 0 for size in found if size > 24)
 
 
 def test_long_trials_go_out_one_by_one() -> None:
@@ -84,6 +89,6 @@ def test_trials_side_by_side_change_no_byte(workers: int, tmp_path: Path, monkey
     for lanes in (False, True):
         monkeypatch.setattr(side_by_side, "_is_there", lambda *_, lanes=lanes: lanes)
         asked.clear()
-        run_study(spread(24), tmp_path / str(lanes), workers=workers)
+        run_study(spread(40), tmp_path / str(lanes), workers=workers)
         assert (LANES in asked) is lanes
     assert results(tmp_path / "True") == results(tmp_path / "False")
