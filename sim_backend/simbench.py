@@ -50,12 +50,11 @@ def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
 
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:
-    for name, values in channels.items():
-        with np.errstate(over="ignore", invalid="ignore"):
-            # the quickest way to a yes; a no says nothing, for squares may overflow
-            if math.isfinite(np.dot(values, values)):
-                continue
-        finite = np.isfinite(values)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # the quickest way to a yes; a no says nothing, for squares may overflow
+        doubtful = [name for name, values in channels.items() if not math.isfinite(np.dot(values, values))]
+    for name in doubtful:
+        finite = np.isfinite(channels[name])
         if not finite.all():
             raise ConfigError(
                 f"segment '{label}': {name} of the simulated bench is no finite number at sample {np.argmin(finite)}; "

@@ -80,12 +80,15 @@ def stability_of_blocks(
     Raises as `chop_stability`.
     """
     target = finite("commanded angles", commanded_rad, 2, least=1)
-    sums = [(r.sum(axis=(2, 3)), r.shape[2] * r.shape[3], r.mean(axis=3)) for r in _rows(blocks(), target)]
+    sums, kept = [], list[Array]()
+    for rows in _rows(blocks(), target):
+        sums.append((rows.sum(axis=(2, 3)), rows.shape[2] * rows.shape[3], rows.mean(axis=3)))
+        kept = [rows] if len(sums) == 1 else []  # a single block need not be made again
     count = sum(part[1] for part in sums)
     mean = np.sum([part[0] for part in sums], axis=0) / count
     window_means = np.concatenate([part[2] for part in sums], axis=2) - mean[:, :, None]
     squares, inside, errors = [], [], []
-    for rows in _rows(blocks(), target):
+    for rows in kept or _rows(blocks(), target):
         off = rows - mean[:, :, None, None]
         of_window = (off**2).sum(axis=3)
         squares.append(of_window.sum(axis=2))
