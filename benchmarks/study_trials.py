@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import statistics
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,15 +24,17 @@ import numpy as np
 
 from analysis.study import run as study_run
 from analysis.study.definition import SCHEMA, Study, load_study
+from analysis.study.engines import groups_of
 from analysis.study.fingerprint import fingerprint
 from analysis.study.kinds import KINDS, played
 from analysis.study.output import write_results
 from analysis.study.store import Store
 from analysis.study.summary import summarise
-from analysis.study.trial import Job, Outcome, run_trial
+from analysis.study.trial import Job, Outcome, run_trials
 from benchmarks.study_nothing import NothingTrial, dask_setup
 from campaigns.playing.recording import Planned
-from sim_backend import kernel, noise
+from sim_backend import noise
+from sim_backend.kernel import machine
 from sim_backend.memory import keep_freed_memory
 from sim_backend.simbench import SimBench
 
@@ -97,13 +99,13 @@ STAGES: tuple[tuple[object, str, str], ...] = (
     (played, "make_plan", "plan"),
     (Planned, "segments", "plan"),
     (SimBench, "__init__", "bench"),
-    (SimBench, "play", "play"),
-    (played, "play_in_memory", "record"),
+    (played, "play_side_by_side", "play"),
+    (played, "joined", "record"),
     (KINDS["settling"], "measured", "measure"),
 )
 """Whose function belongs to which stage; `record` is what playing takes besides: joining segments to one record."""
 
-FREE: tuple[tuple[object, str], ...] = ((kernel, "loop_of"), (noise, "_fill"))
+FREE: tuple[tuple[object, str], ...] = ((machine, "loop_of"), (noise, "_fill"))
 """What leaves Python's lock to others: the loop that the first returns, and the second. numpy does so too, within long
 operations, which is not counted."""
 
@@ -138,29 +140,25 @@ def shares(trials: int, warm: int = WARM, *, give_back: bool = False) -> dict[st
     if not give_back:
         keep_freed_memory()
     job = Job.of(load_study(SPREAD))
-    for trial in range(warm):
-        run_trial(job, trial)
-    whole: list[float] = []
-    stages: list[dict[str, float]] = []
-    free: list[dict[str, float]] = []
+    for group in groups_of(range(warm), len(job.study.points)):
+        run_trials(job, group)
+    whole_s, stage_s, free_s = 0.0, Counter[str](), Counter[str]()
     faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     with clocked() as clock:
-        for trial in range(warm, warm + trials):  # draws that no trial has made before
+        # draws that no trial has made before
+        for group in groups_of(range(warm, warm + trials), len(job.study.points)):
             started = time.thread_time()
-            outcome = run_trial(job, trial)
-            whole.append(time.thread_time() - started)
-            if outcome.status != "done":
-                raise SystemExit(f"trial {trial} of spread.toml {outcome.status}: {outcome.reason}")
-            for kept, table in zip((stages, free), clock.take(), strict=True):
-                kept.append(table)
+            outcomes = run_trials(job, group)
+            whole_s += time.thread_time() - started
+            for outcome in outcomes:
+                if outcome.status != "done":
+                    raise SystemExit(f"trial {outcome.trial} of spread.toml {outcome.status}: {outcome.reason}")
+            for total, table in zip((stage_s, free_s), clock.take(), strict=True):
+                total.update(table)
     faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - faults
-    trial_ms = 1e3 * statistics.fmean(whole)
-
-    def mean_ms(name: str, tables: list[dict[str, float]]) -> float:
-        return 1e3 * statistics.fmean(one.get(name, 0.0) for one in tables)
-
+    trial_ms = 1e3 * whole_s / trials
     names = [*dict.fromkeys(stage for _, _, stage in STAGES)]
-    ms, free_ms = ({name: mean_ms(name, tables) for name in names} for tables in (stages, free))
+    ms, free_ms = ({name: 1e3 * total[name] / trials for name in names} for total in (stage_s, free_s))
     table = {
         name: {
             "ms": round(ms[name], 3),

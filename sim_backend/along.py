@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel
-from sim_backend.assembly import Places, effects_of
+from sim_backend.assembly import Places
 from sim_backend.effects import make_effect
 from sim_backend.model import EffectEntry, number
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import layout
 from sim_backend.effects.base import Aux, Effect, Site
-from sim_backend.effects.compiled import WIRES
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
 from sim_backend.linear import ModalModel, delay_taps, discretise
 from sim_backend.model import Hardware, Model, number
-from sim_backend.modes import is_mode, mode_of, reach_of
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Places:
     """The channels that an effect's `where` can name.
 
     Inputs and outputs go by degree of freedom, actuators and sensor heads by name. `levers` (n_a, n_y) gives each
     actuator's own displacement, `sights` (n_s, n_y) what each head sees, `coordinates` (n_u, n_y) the motion that each
-    input works against.
+    input works against. Places are equal when all of that is.
     """
 
     inputs: tuple[str, ...]
@@ -37,22 +37,22 @@ class Places:
     sights: Array
     coordinates: Array
 
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        names = self.inputs, self.outputs, self.actuators, self.heads
+        return *names, *(a.tobytes() for a in (self.levers, self.sights, self.coordinates))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Places) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
     def find(self, names: tuple[str, ...], where: str, effect: str) -> int:
         """Return the index of `where` in `names`; raises ConfigError naming what there is."""
         if where not in names:
             raise ConfigError(f"effect {effect}: there is no '{where}' on this bench; places: {', '.join(names)}")
         return names.index(where)
-
-
-@dataclass(frozen=True)
-class _Wire:
-    """Where one effect is connected: site, channel, coordinate it reads, inputs it writes, and its source channel."""
-
-    site: Site
-    index: int
-    read: Array
-    write: Array
-    column: int
 
 
 def places_of(model: Model) -> Places:
@@ -173,188 +173,6 @@ def transducers_of(model: Model) -> layout.Transducers:
 def current_from_command(hw: Hardware) -> Array:
     """Return the matrix (n_a, n_u) from commands (N m, N m, N) to actuator currents (A). Source: (6.2)."""
     return dof_from_points(number(hw.actuators.radius_m)).T / number(hw.force_constant_n_a)
-
-
-def effects_of(
-    effects: Sequence[Effect], places: Places, linear: ModalModel | None = None
-) -> tuple[layout.Effects, list[Effect]]:
-    """Return the effects that act on signals as arrays, and in the same order as objects (sorted by site).
-
-    Exogenous columns are numbered in that order. Raises ConfigError when a `where` names no channel of the bench, nor
-    a mode of its `linear` model.
-    """
-    batches = _batches([(_wire(e, places, linear), e) for e in effects if e.site <= Site.READING])
-    wires = _of_one_width([w for batch in batches for w, _ in batch])
-    ordered = [e for batch in batches for _, e in batch]
-    sites = np.array([int(w.site) for w in wires], dtype=np.int64)
-    ends = np.cumsum([0, *map(len, batches)])
-    sizes = np.array([len(e.parameters()) for e in ordered], dtype=np.int64)
-    states = np.array([e.n_state for e in ordered], dtype=np.int64)
-    drawn = np.cumsum([e.aux is Aux.EXOGENOUS for e in ordered]) - 1
-    column = [
-        int(drawn[i]) if e.aux is Aux.EXOGENOUS else w.column
-        for i, (w, e) in enumerate(zip(wires, ordered, strict=True))
-    ]
-    read = np.array([w.read for w in wires]).reshape(len(wires), wires[0].read.size if wires else len(places.outputs))
-    coordinates, watched, fast = _coordinates(wires, ordered)
-    levers, moved = _rows(
-        [w.write for w in wires if w.site is Site.STRUCTURE],
-        [w.write for w in wires],
-        wires[0].write.size if wires else len(places.inputs),
-    )
-    return layout.Effects(
-        first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)),
-        site=np.searchsorted([int(batch[0][0].site) for batch in batches], np.arange(int(Site.READING) + 2)),
-        batch=ends,
-        steps=tuple(e.step for e in ordered),
-        channel=np.array([w.index for w in wires], dtype=np.int64),
-        p0=(np.cumsum(sizes) - sizes).astype(np.int64),
-        s0=(np.cumsum(states) - states).astype(np.int64),
-        aux=np.array([int(e.aux) for e in ordered], dtype=np.int64),
-        column=np.array(column, dtype=np.int64),
-        read=read,
-        coordinates=coordinates,
-        watched=watched,
-        fast=fast,
-        levers=levers,
-        moved=moved,
-        # one spare number each, so that the arrays have an address even when empty
-        parameters=np.concatenate([*(e.values() for e in ordered), np.zeros(1)]),
-        states=np.concatenate([*(e.start() for e in ordered), np.zeros(1)]),
-        wires=np.zeros((len(wires), WIRES), dtype=np.int64),
-        cells=np.zeros(5),
-    ), ordered
-
-
-def _coordinates(wires: Sequence[_Wire], effects: Sequence[Effect]) -> tuple[Array, layout.Ints, int]:
-    """Return the coordinates that steps look at, whose they are, and of how many, the first, a rate is wanted too."""
-    at_mid_step = [w.read for w in wires if w.site is Site.DRIVE]
-    rates = at_mid_step + [w.read for w, e in zip(wires, effects, strict=True) if e.step.reads("rate")]
-    positions = [w.read for w, e in zip(wires, effects, strict=True) if e.step.reads("position")]
-    n_y = wires[0].read.size if wires else 0
-    fast, _ = _rows(rates, [], n_y)
-    return *_rows(rates + positions, [w.read for w in wires], n_y), fast.shape[0]
-
-
-def _rows(needed: Sequence[Array], rows: Sequence[Array], width: int) -> tuple[Array, layout.Ints]:
-    """Return the different ones of `needed`, in their order, and the number of each of `rows` among them, else 0."""
-    kept = {row.tobytes(): row for row in needed}
-    number = {key: i for i, key in enumerate(kept)}
-    found = np.array([number.get(row.tobytes(), 0) for row in rows], dtype=np.int64)
-    return np.array(list(kept.values()), dtype=float).reshape(len(kept), width), found
-
-
-def _batches(acting: list[tuple[_Wire, Effect]]) -> list[list[tuple[_Wire, Effect]]]:
-    """Return the effects, sorted by site, in groups of the same one at different places.
-
-    The effects of one channel keep their order, for each sees the signal that those before it leave. Torques on the
-    structure add up and have no order.
-    """
-    batches: list[list[tuple[_Wire, Effect]]] = []
-    for wire, effect in acting:
-        after = -1
-        if wire.site is not Site.STRUCTURE:
-            here = [i for i, b in enumerate(batches) if any((w.site, w.index) == (wire.site, wire.index) for w, _ in b)]
-            after = max(here, default=-1)
-        for batch in batches[after + 1 :]:
-            if batch[0][0].site is wire.site and type(batch[0][1]) is type(effect):
-                batch.append((wire, effect))
-                break
-        else:
-            batches.append([(wire, effect)])
-    return sorted(batches, key=lambda batch: int(batch[0][0].site))
-
-
-def wired(fx: layout.Effects, bus: layout.Bus) -> layout.Effects:
-    """Return the effects connected to the signals of a bus; both must be kept as long as they are used."""
-    signals = {
-        Site.COMMAND: bus.driven,
-        Site.CURRENT: bus.current,
-        Site.DRIVE: bus.torque,
-        Site.STRUCTURE: bus.torque,
-        Site.HEAD: bus.head,
-        Site.READING: bus.reading,
-    }
-    first_source = {
-        Aux.NONE: 0,
-        Aux.TEMPERATURE: 1,
-        Aux.SOURCE_COMMAND: 2,
-        Aux.SOURCE_POSITION: 2 + bus.driven.size,
-        Aux.EXOGENOUS: 2 + bus.driven.size + bus.reading.size,
-    }
-    wires = np.zeros_like(fx.wires)
-    for site, signal in signals.items():
-        at = slice(fx.first[site], fx.first[site + 1])
-        wires[at, 0] = wires[at, 4] = _addresses(signal, fx.channel[at])
-        wires[at, 1] = _addresses(bus.middle if site is Site.DRIVE else bus.at, fx.watched[at])
-        if site is Site.STRUCTURE:
-            wires[at, 4] = _addresses(bus.force, fx.moved[at])
-    source = np.array([first_source[Aux(kind)] for kind in fx.aux], dtype=np.int64)
-    has_column = (fx.aux != int(Aux.NONE)) & (fx.aux != int(Aux.TEMPERATURE))
-    wires[:, 2] = _addresses(bus.speed, np.where(fx.watched < fx.fast, fx.watched, 0))
-    wires[:, 3] = _addresses(bus.source, source + np.where(has_column, fx.column, 0))
-    wires[:, 5], wires[:, 6] = _addresses(fx.parameters, fx.p0), _addresses(fx.states, fx.s0)
-    return fx._replace(wires=wires)
-
-
-def _addresses(array: Array, index: layout.Ints) -> layout.Ints:
-    return np.asarray(array.ctypes.data + array.itemsize * index, dtype=np.int64)
-
-
-def _wire_to_mode(effect: Effect, linear: ModalModel) -> _Wire:
-    """Return the connection to a mode by itself, after the columns of the outputs and inputs."""
-    m = mode_of(linear, effect.where, effect.name)
-    reach = reach_of(linear, m)
-    read, write = np.zeros(linear.n_outputs + linear.n_blocks), np.zeros(linear.n_inputs + linear.n_blocks)
-    read[linear.n_outputs + m], write[linear.n_inputs + m] = reach, linear.omega_rad_s[m] ** 2 / reach
-    return _Wire(effect.site, 0, read, write, -1)
-
-
-def _of_one_width(wires: list[_Wire]) -> list[_Wire]:
-    """Return the wires with rows of one length: where one goes to a mode, those of the others go on with zeros."""
-    n_read, n_write = (
-        max((row.size for row in rows), default=0) for rows in ([w.read for w in wires], [w.write for w in wires])
-    )
-    return [replace(w, read=_longer(w.read, n_read), write=_longer(w.write, n_write)) for w in wires]
-
-
-def _longer(row: Array, size: int) -> Array:
-    return np.concatenate([row, np.zeros(size - row.size)])
-
-
-def _wire(effect: Effect, places: Places, linear: ModalModel | None) -> _Wire:
-    source, arrow, target = effect.where.partition("->")
-    target = target if arrow else source
-    n_y, n_u = len(places.outputs), len(places.inputs)
-    column = _source(effect, source, places) if effect.aux in (Aux.SOURCE_COMMAND, Aux.SOURCE_POSITION) else -1
-    nowhere = np.zeros(n_u)
-    site = effect.site
-    if target in places.actuators and site in (Site.COMMAND, Site.CURRENT, Site.STRUCTURE):
-        i = places.actuators.index(target)
-        lever = places.levers[i]
-        if site is Site.STRUCTURE:
-            return _Wire(site, int(np.argmax(np.abs(lever))), lever, lever, column)
-        return _Wire(Site.CURRENT, i, lever, nowhere, column)
-    if target in places.heads and site in (Site.HEAD, Site.READING):
-        i = places.heads.index(target)
-        return _Wire(Site.HEAD, i, places.sights[i], nowhere, column)
-    if site in (Site.READING, Site.HEAD):
-        i = places.find(places.outputs, target, effect.name)
-        return _Wire(Site.READING, i, np.eye(n_y)[i], nowhere, column)
-    if linear is not None and site is Site.STRUCTURE and target not in places.inputs and is_mode(target):
-        return _wire_to_mode(effect, linear)
-    i = places.find(places.inputs, target, effect.name)
-    return _Wire(Site.COMMAND if site is Site.CURRENT else site, i, places.coordinates[i], np.eye(n_u)[i], column)
-
-
-def _source(effect: Effect, source: str, places: Places) -> int:
-    if "->" not in effect.where:
-        raise ConfigError(
-            f"effect {effect.name} goes from one channel to another; write where as 'source->target', not "
-            f"'{effect.where}'"
-        )
-    names = places.inputs if effect.aux is Aux.SOURCE_COMMAND else places.outputs
-    return places.find(names, source, effect.name)
 
 
 def retuned(linear: ModalModel, effects: Sequence[Effect], places: Places) -> ModalModel:

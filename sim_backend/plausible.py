@@ -32,7 +32,7 @@ NOT_NEGATIVE = frozenset({"cold_finger_k", "thermal_resistance_k_w", "theodolite
 
 def refuse_absurd(model: dict[str, Any], where: str) -> None:
     """Raise ConfigError, naming the number, its value and the limit, if the plain content of a model holds one."""
-    for place, value in _numbers(model, ""):
+    for place, value in () if _all_finite(model) else _numbers(model, ""):
         if not abs(value) <= LARGEST:
             raise ConfigError(f"{where}: {place} is {value:g}; every number must be finite and at most {LARGEST:g}")
     rate_hz = model["sample_rate_hz"]
@@ -43,6 +43,20 @@ def refuse_absurd(model: dict[str, Any], where: str) -> None:
         lowest = SMALLEST if name in POSITIVE else 0.0 if name in NOT_NEGATIVE else -LARGEST
         if value < lowest:
             raise ConfigError(f"{where}: hardware.{name} is {value:g}; it must be at least {lowest:g}")
+
+
+def _all_finite(model: dict[str, Any]) -> bool:
+    """Tell whether no number is larger than it may be, without naming places: most models are sound."""
+    below: list[Any] = [model]
+    for node in below:
+        kind = type(node)  # plain content holds no other kinds, and asking so is quickest
+        if kind is dict:
+            below.extend(node.values())
+        elif kind is list:
+            below.extend(node)
+        elif (kind is float or kind is int) and not abs(node) <= LARGEST:
+            return False
+    return True
 
 
 def _numbers(node: object, place: str) -> Iterator[tuple[str, float]]:

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
-from sim_backend.assembly import Places, bus_of, effects_of, plant_of, retuned, wired
+from sim_backend.assembly import Places, bus_of, plant_of, retuned
 from sim_backend.bench import Segment
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.linear import ModalModel
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
+from sim_backend.wiring import effects_of, wired
 
 Array = NDArray[np.float64]
 

@@ -6,29 +6,23 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
-from sim_backend.assembly import (
-    bus_of,
-    current_from_command,
-    effects_of,
-    places_of,
-    plant_of,
-    retuned,
-    transducers_of,
-    wired,
-)
+from sim_backend.assembly import bus_of, current_from_command, places_of, plant_of, retuned, transducers_of
 from sim_backend.bench import Identity, Limits, Record, Segment, Signal
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.errors import ConfigError
+from sim_backend.kernel import side_by_side
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import Model, number
 from sim_backend.noise import standard_normal
+from sim_backend.wiring import effects_of, wired
 
 Array = NDArray[np.float64]
 
@@ -37,10 +31,15 @@ _BLOCK = 10_000
 
 
 def streams_of(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Generator]:
-    """Return one random stream per effect, by its name and place, so that adding an effect changes no other's draws."""
+    """Return one random stream per effect that leaves something to chance.
+
+    It goes by name and place, so that adding an effect changes no other's draws.
+    """
     streams: dict[int, np.random.Generator] = {}
     seen: Counter[str] = Counter()
     for effect in effects:
+        if effect.aux is not Aux.EXOGENOUS and effect.site is not Site.RECORD:
+            continue
         label = f"{effect.name}@{effect.where}"
         streams[id(effect)] = _stream(seed, label, seen[label])
         seen[label] += 1
@@ -52,17 +51,63 @@ def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
 
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:
-    for name, values in channels.items():
-        with np.errstate(over="ignore", invalid="ignore"):
-            # the quickest way to a yes; a no says nothing, for squares may overflow
-            if math.isfinite(np.dot(values, values)):
-                continue
-        finite = np.isfinite(values)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # the quickest way to a yes; a no says nothing, for squares may overflow
+        doubtful = [name for name, values in channels.items() if not math.isfinite(np.dot(values, values))]
+    for name in doubtful:
+        finite = np.isfinite(channels[name])
         if not finite.all():
             raise ConfigError(
                 f"segment '{label}': {name} of the simulated bench is no finite number at sample {np.argmin(finite)}; "
                 "its model, or the loop closed around it, is unstable or holds an absurd number: correct that"
             )
+
+
+Controllers = dict[tuple[int, float], layout.Controller]
+"""The loops of a segment by number of axes and rate."""
+
+
+class Begun(NamedTuple):
+    """A segment that a bench is about to play: the channels it asks for, memory for them, and the parts of the loop."""
+
+    bench: SimBench
+    segment: Segment
+    wanted: tuple[str, ...]
+    out: layout.Output
+    parts: layout.Parts
+
+
+def play_side_by_side(benches: Sequence[SimBench], segment: Segment) -> list[Record | ConfigError]:
+    """Play one segment on several benches; return the record of each, or why it has none: what each would play alone.
+
+    Benches that differ in numbers alone go through the loop together, which takes less time.
+    """
+    controllers: Controllers = {}
+    played: list[Begun | Record | ConfigError] = []
+    for bench in benches:
+        try:
+            played.append(bench.begin(segment, controllers))
+        except ConfigError as error:
+            played.append(error)
+    _run(segment, [one for one in played if isinstance(one, Begun)])
+    for i, one in enumerate(played):
+        if isinstance(one, Begun):
+            try:
+                played[i] = one.bench.end(one)
+            except ConfigError as error:
+                played[i] = error
+    return [one for one in played if not isinstance(one, Begun)]
+
+
+def _run(segment: Segment, begun: Sequence[Begun]) -> None:
+    events, period = events_of(segment), segment.reference.shape[0]
+    reference, feedforward = np.ascontiguousarray(segment.reference), np.ascontiguousarray(segment.feedforward)
+    whole = max(_BLOCK // period, 1) * period  # blocks end where a period does, so that gates keep their place
+    loops = [kernel.Loop(one.parts, lasting=True) for one in begun]
+    for start in range(0, segment.n_samples, whole):
+        n = min(whole, segment.n_samples - start)
+        waves = [layout.Waveform(reference, feedforward, events, one.bench.draw(n)) for one in begun]
+        side_by_side.play(loops, n, waves, [one.out._replace(first=start) for one in begun])
 
 
 class SimBench:
@@ -103,6 +148,7 @@ class SimBench:
         self._bus = bus_of(n_u, n_a, n_y, n_s, self._fx)
         self._fx = wired(self._fx, self._bus)
         self._axes = n_u
+        self._signals = self._all_signals()
 
     # Both are made for the first segment: who asks for channels and limits alone, to count a plan or to refuse it,
     # does not wait for scipy's matrix exponential.
@@ -132,6 +178,9 @@ class SimBench:
     @property
     def signals(self) -> tuple[Signal, ...]:
         """Every channel in the order in which it is recorded."""
+        return self._signals
+
+    def _all_signals(self) -> tuple[Signal, ...]:
         rate = self.rate_hz
         model = self._model
         out = [Signal(f"command_{p.dof}", p.unit, "input", p.dof, rate) for p in model.inputs]
@@ -162,6 +211,13 @@ class SimBench:
         A segment that sets the cold finger begins once the bench has settled there. Raises ConfigError when the segment
         names an unknown channel or has the wrong number of axes, and when the simulation diverges.
         """
+        (record,) = play_side_by_side([self], segment)
+        if isinstance(record, ConfigError):
+            raise record
+        return record
+
+    def begin(self, segment: Segment, controllers: Controllers) -> Begun:
+        """Make ready to play a segment, with `controllers` that alike benches share; raises ConfigError as `play`."""
         wanted = self._wanted(segment)
         if segment.reference.shape[1] != self._axes:
             raise ConfigError(
@@ -170,33 +226,25 @@ class SimBench:
         if segment.cold_finger_k is not None:
             self._hw.heating[0] = segment.cold_finger_k
             self._mem.temperature[0] = segment.cold_finger_k
-        ctl = controller_of(segment, self._axes, self.rate_hz)
+        kind = self._axes, self.rate_hz
+        if kind not in controllers:
+            controllers[kind] = controller_of(segment, *kind)
+        ctl = controllers[kind]
         self._mem = refit_memory(self._mem, ctl)
         for axis in range(self._axes):
             if axis >= len(segment.feedback) or segment.feedback[axis] is None:
                 self._mem.closed[axis] = 0
-        out = self._output(segment.n_samples, wanted)
-        self._run(segment, ctl, out)
-        channels = self._channels(segment, out, wanted)
-        _require_finite(segment.label, channels)
-        return Record(segment, channels)
-
-    def _run(self, segment: Segment, ctl: layout.Controller, out: layout.Output) -> None:
-        events = events_of(segment)
-        period = segment.reference.shape[0]
-        reference, feedforward = (
-            np.ascontiguousarray(segment.reference),
-            np.ascontiguousarray(segment.feedforward),
-        )
-        whole = max(_BLOCK // period, 1) * period  # blocks end where a period does, so that gates keep their place
         parts = layout.Parts(self._plant, self._hw, self._fx, ctl, self._mem, self._bus)
-        loop = kernel.Loop(parts, lasting=True)
-        for start in range(0, segment.n_samples, whole):
-            n = min(whole, segment.n_samples - start)
-            wave = layout.Waveform(reference, feedforward, events, self._draw(n))
-            loop.play(n, wave, out._replace(first=start))
+        return Begun(self, segment, wanted, self._output(segment.n_samples, wanted), parts)
 
-    def _draw(self, n: int) -> Array:
+    def end(self, begun: Begun) -> Record:
+        """Return the record of a segment that was played; raises ConfigError where the simulation has diverged."""
+        channels = self._channels(begun.segment, begun.out, begun.wanted)
+        _require_finite(begun.segment.label, channels)
+        return Record(begun.segment, channels)
+
+    def draw(self, n: int) -> Array:
+        """Draw what is left to chance in the next `n` samples, shape (n_columns, n)."""
         drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
         out = np.empty((len(drawing), n))
         for row, effect in zip(out, drawing, strict=True):

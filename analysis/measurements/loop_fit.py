@@ -23,9 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.measurements.arrays import finite, positive
 from sim_backend import kernel
-from sim_backend.assembly import Places, effects_of
+from sim_backend.assembly import Places
 from sim_backend.effects import make_effect
 from sim_backend.errors import DataError
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 

@@ -38,8 +38,9 @@ def coil_power(
         if whole == 0:
             raise DataError(f"coil power: {i.shape[0]} samples hold no whole period of {period}; record longer")
         i = i[:whole]
-    actuator = ratio**2 * np.mean(i**2, axis=0)
-    return CoilPower(actuator, float(actuator.sum()), float(np.max(np.abs(i))))
+    rows = np.ascontiguousarray(i.T)  # along a row sums are several times faster
+    actuator = ratio**2 * np.mean(rows**2, axis=1)
+    return CoilPower(actuator, float(actuator.sum()), float(max(rows.max(), -rows.min())))
 
 
 def joined_power(parts: Iterable[tuple[CoilPower, int]]) -> CoilPower:

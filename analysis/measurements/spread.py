@@ -43,7 +43,8 @@ def spread(values: ArrayLike) -> Spread:
     """
     y, slope = detrended(values)
     n = y.shape[0]
-    power = np.abs(np.fft.rfft(y, axis=0)) ** 2 / n**2
+    lines = np.fft.rfft(y, axis=0)
+    power = (lines.real**2 + lines.imag**2) / n**2
     inner = slice(1, n // 2 if n % 2 == 0 else None)  # every line but the mean and the one at half the rate is doubled
     power[inner] *= 2.0
     variance = np.sum(y**2, axis=0) / (n - 2)

@@ -79,7 +79,8 @@ def run_study(
             if there < study.total:
                 started = time.monotonic()
                 with _engine(job, parts, workers, address) as engine, signals.abortable():
-                    for batch in engine.outcomes(missing_trials(before), lambda: signals.pausing):
+                    missing = study.total - there
+                    for batch in engine.outcomes(missing_trials(before), missing, lambda: signals.pausing):
                         if batch:
                             store.add(batch)
                         tried += len(batch)

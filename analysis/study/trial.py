@@ -7,7 +7,7 @@ its draw, never from what ran before it or beside it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Literal
@@ -18,6 +18,7 @@ import numpy as np
 
 from analysis.study.definition import MODEL, Study, Swept, Variation
 from analysis.study.kinds import Column, Kind, Scalar, Setup, kind_named
+from analysis.study.kinds.base import attempted
 from analysis.study.places import Number, numbers_at, replaced
 from sim_backend.errors import ConfigError, MccdError, did_you_mean
 from sim_backend.model import Model, check_model, load_model
@@ -246,24 +247,40 @@ def _checked(content: Content, name: str) -> Model:
 
 
 def run_trial(job: Job, trial: int) -> Outcome:
-    """Return what comes of a trial, whatever that is.
+    """Return what comes of a trial; as `run_trials`."""
+    return run_trials(job, (trial,))[0]
 
-    Only what lies outside the trial is raised: a disk, a file or memory that fails (OSError, MemoryError).
+
+def run_trials(job: Job, trials: Sequence[int]) -> list[Outcome]:
+    """Return what comes of trials, whatever that is, in their order: the same for each whichever others there are.
+
+    Only what lies outside the trials is raised: a disk, a file or memory that fails (OSError, MemoryError).
     """
     started = time.perf_counter()
-    varied: tuple[Scalar, ...] = (None,) * len(job.varied_names)
+    begun = [_set_up(job, trial) for trial in trials]
+    results = iter(job.kind.run_together([setup for _, setup in begun if isinstance(setup, Setup)]))
+    found = [next(results) if isinstance(setup, Setup) else setup for _, setup in begun]
+    wall_s = (time.perf_counter() - started) / max(len(trials), 1)
+    return [
+        _ended(job, trial, varied, one, wall_s) for trial, (varied, _), one in zip(trials, begun, found, strict=True)
+    ]
+
+
+def _set_up(job: Job, trial: int) -> tuple[tuple[Scalar, ...], Setup | Exception]:
+    """Return what varies in a trial and what it is set up with, or why it cannot be."""
+    varied = attempted(lambda: job.varied(trial))
+    if isinstance(varied, Exception):
+        return (None,) * len(job.varied_names), varied
+    return varied, attempted(lambda: job.setup(trial, varied))
+
+
+def _ended(
+    job: Job, trial: int, varied: tuple[Scalar, ...], found: Mapping[str, Scalar] | Exception, wall_s: float
+) -> Outcome:
+    if not isinstance(found, Exception):
+        return Outcome(trial, "done", "", varied, tuple(found[c.name] for c in job.columns), wall_s)
     empty: tuple[Scalar, ...] = (None,) * len(job.columns)
-
-    def ended(status: Literal["done", "failed", "broken"], reason: str, results: tuple[Scalar, ...]) -> Outcome:
-        return Outcome(trial, status, reason, varied, results, time.perf_counter() - started)
-
-    try:
-        varied = job.varied(trial)
-        found = job.kind.run(job.setup(trial, varied))
-    except MccdError as error:
-        return ended("failed", " ".join(str(error).split()), empty)
-    except (OSError, MemoryError):
-        raise
-    except Exception as error:  # a trial that met a bug is a result too: the others go on, and the study says so
-        return ended("broken", " ".join(f"{type(error).__name__}: {error}".split()), empty)
-    return ended("done", "", tuple(found[c.name] for c in job.columns))
+    if isinstance(found, MccdError):
+        return Outcome(trial, "failed", " ".join(str(found).split()), varied, empty, wall_s)
+    # a trial that met a bug is a result too: the others go on, and the study says so
+    return Outcome(trial, "broken", " ".join(f"{type(found).__name__}: {found}".split()), varied, empty, wall_s)

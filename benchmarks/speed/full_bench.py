@@ -6,6 +6,7 @@ import ctypes
 import shutil
 import subprocess
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,23 @@ from numpy.typing import NDArray
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, Round, Target, times_the_time
 from campaigns.plans.chop import ChopPlan
 from sim_backend import kernel, layout
-from sim_backend.assembly import bus_of, effects_of, places_of, plant_of, transducers_of, wired
+from sim_backend.assembly import bus_of, places_of, plant_of, transducers_of
 from sim_backend.bench import Segment
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect
-from sim_backend.kernel import machine
+from sim_backend.kernel import machine, side_by_side
+from sim_backend.kernel.structure import LANES, structure_of
 from sim_backend.linear import discretise
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import load_model, number
 from sim_backend.simbench import SimBench, streams_of
+from sim_backend.wiring import effects_of, wired
 
 Array = NDArray[np.float64]
 
 OURS, LOOP, C = "mccd SimBench, drawn, played, kept", "mccd compiled loop", "the same loop in C, gcc -O3 -march=native"
-REAL_TIME = f"{OURS}: times real time"
+SEVERAL = "mccd compiled loop, four benches side by side"
+REAL_TIME, SEVERAL_REAL_TIME = f"{OURS}: times real time", f"{SEVERAL}: times real time"
 SAMPLES, QUICK, SEED = 600_000, 20_000, 1
 RATE_HZ = 10_000.0
 ACTUATORS, HEADS, ANGLES = ("a1", "a2", "a3"), ("s1", "s2", "s3"), ("theta_x", "theta_y")
@@ -124,28 +128,58 @@ def loop_in_c(library: ctypes.CDLL, segment: Segment, noise: Array) -> Contender
     return Contender(C, run, segment.n_samples)
 
 
+class LoopAtWork:
+    """Makes our loop, from rest, on the same noise and into memory that is there, as the C loop has it."""
+
+    def __init__(self, segment: Segment, noise: Array) -> None:
+        model = load_model("as-built")
+        self.plant, self.hw = plant_of(model.linear(), RATE_HZ, 1), transducers_of(model)
+        self.controller, self.places = controller_of(segment, 3, RATE_HZ), places_of(model)
+        _, self.effects = parts_of_bench()
+        self.tables = {name: np.zeros((3, segment.n_samples)) for name in ("command", "reading", "current", "head")}
+        self.temperature, none = np.zeros(segment.n_samples), np.zeros((3, 0))
+        command, reading, current, head = self.tables.values()
+        self.out = layout.Output(command, none, current, none, reading, head, self.temperature, 0)
+        reference, feedforward = np.ascontiguousarray(segment.reference), np.ascontiguousarray(segment.feedforward)
+        self.wave = layout.Waveform(reference, feedforward, events_of(segment), noise)
+
+    def made(self) -> kernel.Loop:
+        """Return the loop of a bench at rest."""
+        fx, _ = effects_of(self.effects, self.places)
+        bus = bus_of(3, 3, 3, 3, fx)
+        memory = refit_memory(fresh_memory(self.plant, 3, self.hw.heating[0]), self.controller)
+        parts = layout.Parts(self.plant, self.hw, wired(fx, bus), self.controller, memory, bus)
+        return kernel.Loop(parts, lasting=True)
+
+    def kept(self) -> dict[str, Array]:
+        """Return what was kept."""
+        return {**{name: table.T for name, table in self.tables.items()}, "temperature": self.temperature}
+
+
 def compiled_loop(segment: Segment, noise: Array) -> Contender:
-    """Return our loop at work, from rest, on the same noise and into memory that is there, as the C loop is."""
-    model = load_model("as-built")
-    plant, hw = plant_of(model.linear(), RATE_HZ, 1), transducers_of(model)
-    loop = controller_of(segment, 3, RATE_HZ)
-    tables = {name: np.zeros((3, segment.n_samples)) for name in ("command", "reading", "current", "head")}
-    temperature, none = np.zeros(segment.n_samples), np.zeros((3, 0))
-    table = layout.Output(
-        tables["command"], none, tables["current"], none, tables["reading"], tables["head"], temperature, 0
-    )
-    reference, feedforward = np.ascontiguousarray(segment.reference), np.ascontiguousarray(segment.feedforward)
-    wave = layout.Waveform(reference, feedforward, events_of(segment), noise)
+    """Return our loop at work."""
+    one = LoopAtWork(segment, noise)
 
     def run() -> dict[str, Array]:
-        fx, _ = parts_of_bench()
-        bus = bus_of(3, 3, 3, 3, fx)
-        memory = refit_memory(fresh_memory(plant, 3, hw.heating[0]), loop)
-        parts = layout.Parts(plant, hw, wired(fx, bus), loop, memory, bus)
-        kernel.Loop(parts, lasting=True).play(segment.n_samples, wave, table)
-        return {**{name: table.T for name, table in tables.items()}, "temperature": temperature}
+        one.made().play(segment.n_samples, one.wave, one.out)
+        return one.kept()
 
     return Contender(LOOP, run, segment.n_samples)
+
+
+def loop_for_several(segment: Segment, noise: Array) -> Contender:
+    """Return our loop at work on as many benches as it plays side by side."""
+    several = [LoopAtWork(segment, noise) for _ in range(LANES)]
+    # those who have played for long have it on disk
+    machine.loop_of(replace(structure_of(several[0].made().parts, inlined=True), lanes=LANES))
+    first = several[0].wave  # they play the same
+    waves = [first._replace(exogenous=one.wave.exogenous) for one in several]
+
+    def run() -> dict[str, Array]:
+        side_by_side.play([one.made() for one in several], segment.n_samples, waves, [one.out for one in several])
+        return several[-1].kept()
+
+    return Contender(SEVERAL, run, LANES * segment.n_samples)
 
 
 def channels(record: Mapping[str, Array]) -> dict[str, Array]:
@@ -172,6 +206,7 @@ def check(results: Mapping[str, Any]) -> list[Agreement]:
     why = "of each channel's largest value: rounding"
     return [
         Agreement(LOOP, error(results[LOOP]), 1e-10, why),
+        Agreement(SEVERAL, error(results[SEVERAL]), 1e-10, why),
         Agreement(OURS, error(channels(results[OURS])), 1e-10, why),
     ]
 
@@ -186,7 +221,11 @@ def prepare(quick: bool, folder: Path) -> Prepared:
 
     whole()
     machine.wait()  # its effects are inlined from now on, as they are on a machine that has played it before
-    contenders = [Contender(OURS, whole, segment.n_samples), compiled_loop(segment, noise)]
+    contenders = [
+        Contender(OURS, whole, segment.n_samples),
+        compiled_loop(segment, noise),
+        loop_for_several(segment, noise),
+    ]
     absent = {}
     if shutil.which("gcc"):
         contenders.append(loop_in_c(compiled(folder), segment, noise))
@@ -201,6 +240,11 @@ def real_time(turn: Round) -> float:
     return 1.0 / (RATE_HZ * turn.seconds[OURS])
 
 
+def real_time_of_several(turn: Round) -> float:
+    """Return simulated seconds of all benches per second."""
+    return 1.0 / (RATE_HZ * turn.seconds[SEVERAL])
+
+
 BENCHMARK = Benchmark(
     name="full-bench",
     work="the bench as built, three axes in closed loop at 10 kHz, all effects and noises, all channels kept in memory",
@@ -209,6 +253,7 @@ BENCHMARK = Benchmark(
     targets=(
         Target(REAL_TIME, 500.0, "×", (OURS,), real_time),
         times_the_time(LOOP, C, 1.3),
+        Target(SEVERAL_REAL_TIME, 1200.0, "×", (SEVERAL,), real_time_of_several),
     ),
     missed={},
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from campaigns.log import Channel, LogSegment
 from campaigns.plans import Plan, checked_segments
-from sim_backend.bench import Bench, Segment
+from sim_backend.bench import Bench, Record, Segment
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -46,14 +46,14 @@ class Recorded(Protocol):
 class Recording:
     """What a bench measured during a whole plan: `channels` and `segments` describe, `read` gives values in SI units.
 
-    `path` is what errors call it. `values` holds every channel as (rows,).
+    `path` is what errors call it. `values` holds every channel in pieces, (n_samples,) of each segment.
     """
 
     path: Path
     rows: int
     channels: Mapping[str, Channel]
     segments: tuple[LogSegment, ...]
-    values: Mapping[str, Array]
+    values: Mapping[str, Sequence[Array]]
 
     @property
     def sample_rate_hz(self) -> float:
@@ -64,7 +64,13 @@ class Recording:
         """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,); raises ConfigError for none."""
         if name not in self.values:
             raise ConfigError(f"{self.path} has no channel '{name}'; it has {', '.join(self.values)}")
-        return self.values[name][start:stop]
+        first, last, _ = slice(start, stop).indices(self.rows)
+        whole = [
+            piece[max(first - segment.start, 0) : max(last - segment.start, 0)]
+            for segment, piece in zip(self.segments, self.values[name], strict=True)
+        ]
+        pieces = [piece for piece in whole if piece.size] or whole[:1]
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
 
 
 class Planned:
@@ -96,7 +102,11 @@ class Planned:
 def play_in_memory(plan: Plan, bench: Bench, planned: Planned | None = None) -> Recording:
     """Play a plan and return its record; raises ConfigError for what the bench cannot be asked, before it moves."""
     segments = (planned or Planned()).segments(plan, bench)
-    played = [bench.play(segment) for segment in segments]
+    return joined(plan, bench, segments, [bench.play(segment) for segment in segments])
+
+
+def joined(plan: Plan, bench: Bench, segments: Sequence[Segment], played: Sequence[Record]) -> Recording:
+    """Return the record of a whole plan from those of its segments."""
     ends = np.cumsum([segment.n_samples for segment in segments]).tolist()
     rows = tuple(
         LogSegment(segment.label, end - segment.n_samples, end, segment.settings)
@@ -104,5 +114,5 @@ def play_in_memory(plan: Plan, bench: Bench, planned: Planned | None = None) -> 
     )
     wanted = set(plan.channels(bench))
     channels = {signal.name: Channel.of(signal) for signal in bench.signals if signal.name in wanted}
-    values = {name: np.concatenate([record.channels[name] for record in played]) for name in channels}
+    values = {name: [record.channels[name] for record in played] for name in channels}
     return Recording(Path(plan.name), ends[-1], channels, rows, values)

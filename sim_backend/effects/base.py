@@ -244,9 +244,13 @@ class Effect:
         """Return the names of the shape parameters that a fit searches: constants are left out."""
         return tuple(p.name for p in cls.parameters() if not p.size and not p.fixed)
 
+    def numbers(self) -> list[float]:
+        """Return the parameter values in the order of `parameters`."""
+        return [getattr(self, p.name) for p in self.parameters()]
+
     def values(self) -> Array:
         """Return the parameter values, shape (n_parameters,), in the order of `parameters`."""
-        return np.array([getattr(self, p.name) for p in self.parameters()], dtype=float)
+        return np.array(self.numbers(), dtype=float)
 
     def is_neutral(self) -> bool:
         """Tell whether the effect adds nothing: all sizes zero or, without sizes, all shapes neutral."""

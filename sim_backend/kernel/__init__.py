@@ -35,41 +35,48 @@ class Loop:
     def __init__(self, parts: layout.Parts, *, lasting: bool = False) -> None:
         from sim_backend.kernel import machine  # it brings LLVM, which nothing needs before something is played
 
-        self._machine = machine
-        self._parts = parts  # the table holds the addresses of their arrays: they must live as long
-        self._inlined = structure_of(parts, inlined=True) if lasting else None
-        if self._inlined is not None:
-            self._machine.load(self._inlined)
+        self.machine = machine
+        self.parts = parts  # the table holds the addresses of their arrays: they must live as long
+        self.inlined = structure_of(parts, inlined=True) if lasting else None
+        if self.inlined is not None:
+            self.machine.load(self.inlined)
         self._steps = np.array([parts.plant.dt_s, parts.plant.dt_s / parts.plant.substeps])
         self._tables: dict[bool, tuple[Structure, list[int], layout.Ints]] = {}
 
     def play(self, n: int, wave: layout.Waveform, out: layout.Output) -> None:
         """Play `n` samples of `wave` and keep them in `out`."""
         structure, fixed, _ = self._table(self._is_inlined(n))
-        table = np.array(fixed + entries(n, wave, self._parts.mem, out), dtype=np.int64)
-        self._machine.loop_of(structure)(table.ctypes.data, self._steps.ctypes.data)
-        self._parts.mem.samples[0] += n
+        self.run(structure, np.array(fixed + entries(n, wave, self.parts.mem, out), dtype=np.int64))
+        self.parts.mem.samples[0] += n
+
+    def table(self, n: int, wave: layout.Waveform, out: layout.Output) -> list[int]:
+        """Return what an emitted loop with the effects inlined receives to play `n` samples of `wave`."""
+        return self._table(True)[1] + entries(n, wave, self.parts.mem, out)
+
+    def run(self, structure: Structure, table: layout.Ints) -> None:
+        """Run the loop of a structure with its table, a row for each of its lanes."""
+        self.machine.loop_of(structure)(table.ctypes.data, self._steps.ctypes.data)
 
     def _table(self, inlined: bool) -> tuple[Structure, list[int], layout.Ints]:
         """Return a structure, the part of its table that stays, and the addresses in there, which it does not copy."""
         if inlined not in self._tables:
             # where they are inlined nobody calls the steps, so they need not be compiled for that
             addresses = np.array(
-                [0 if inlined else self._machine.address_of(step) for step in self._parts.fx.steps], dtype=np.int64
+                [0 if inlined else self.machine.address_of(step) for step in self.parts.fx.steps], dtype=np.int64
             )
-            structure = structure_of(self._parts, inlined=inlined)
-            self._tables[inlined] = structure, fixed_entries(self._parts, addresses), addresses
+            structure = self.inlined if inlined and self.inlined else structure_of(self.parts, inlined=inlined)
+            self._tables[inlined] = structure, fixed_entries(self.parts, addresses), addresses
         return self._tables[inlined]
 
     def _is_inlined(self, n: int) -> bool:
         """Tell whether the next `n` samples are played with the effects inlined; see to it that later ones are."""
-        if self._inlined is None:
+        if self.inlined is None:
             return False
-        if self._machine.is_loaded(self._inlined):
+        if self.machine.is_loaded(self.inlined):
             return True
-        played[self._inlined] += n
-        if played[self._inlined] > LONG:
-            self._machine.make_aside(self._inlined)
+        played[self.inlined] += n
+        if played[self.inlined] > LONG:
+            self.machine.make_aside(self.inlined)
         return False
 
 

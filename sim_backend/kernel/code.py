@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from sim_backend.kernel.structure import ONE, ZERO
 
-F64, I64 = ir.DoubleType(), ir.IntType(64)
+F64, I32, I64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 
 
 class Number:
-    """A float64 of the emitted function; its operators emit instructions."""
+    """A float64 of the emitted function, or one for each lane; its operators emit instructions."""
 
     def __init__(self, at: ir.IRBuilder, value: Any) -> None:
         self.at, self.value = at, value
 
     def _operand(self, other: Number | float) -> Any:
-        return other.value if isinstance(other, Number) else ir.Constant(F64, float(other))
+        return other.value if isinstance(other, Number) else ir.Constant(self.value.type, float(other))
 
     def __add__(self, other: Number | float) -> Number:
         return Number(self.at, self.at.fadd(self.value, self._operand(other)))
@@ -42,11 +42,38 @@ class Number:
 
     def times_plus(self, factor: Number, addend: Number) -> Number:
         """Return self · factor + addend, rounded once: the same on every processor."""
-        return Number(self.at, self.at.fma(self.value, factor.value, addend.value))
+        kind = self.value.type
+        name = f"llvm.fma.v{kind.count}f64" if isinstance(kind, ir.VectorType) else "llvm.fma.f64"
+        known = self.at.module.globals.get(name)
+        function = known or ir.Function(self.at.module, ir.FunctionType(kind, [kind] * 3), name)
+        return Number(self.at, self.at.call(function, [self.value, factor.value, addend.value]))
+
+    def lane(self, lane: int) -> Any:
+        """Return the value of one lane."""
+        return self.at.extract_element(self.value, ir.Constant(I32, lane)) if self.lanes > 1 else self.value
+
+    def with_lane(self, lane: int, value: Any) -> Number:
+        """Return the number with the value of one lane replaced."""
+        return Number(self.at, self.at.insert_element(self.value, value, ir.Constant(I32, lane)))
+
+    @property
+    def lanes(self) -> int:
+        """How many numbers it holds."""
+        return self.value.type.count if isinstance(self.value.type, ir.VectorType) else 1
+
+    @classmethod
+    def of_lanes(cls, at: ir.IRBuilder, values: Sequence[Any]) -> Number:
+        """Return the number with one value for each lane."""
+        if len(values) == 1:
+            return cls(at, values[0])
+        value: Any = ir.Constant(ir.VectorType(F64, len(values)), ir.Undefined)
+        for lane, one in enumerate(values):
+            value = at.insert_element(value, one, ir.Constant(I32, lane))
+        return cls(at, value)
 
 
 class Cells:
-    """Consecutive float64 in memory, read and written by index: a Python int or an emitted whole number."""
+    """Consecutive numbers in memory, read and written by index: a Python int or an emitted whole number."""
 
     def __init__(self, at: ir.IRBuilder, pointer: Any) -> None:
         self.at, self.pointer = at, pointer
@@ -64,6 +91,29 @@ class Cells:
     def part(self, first: Any) -> Cells:
         """Return the cells from `first` on."""
         return Cells(self.at, self.place(first))
+
+
+class SideBySide(Cells):
+    """The same cells of several benches: a number holds what each of them has there."""
+
+    def __init__(self, at: ir.IRBuilder, lanes: Sequence[Cells]) -> None:
+        super().__init__(at, None)
+        self.lanes = lanes
+
+    def place(self, i: Any) -> Any:
+        """Raise TypeError: they have no address in common."""
+        raise TypeError("cells of several benches have no address in common")
+
+    def __getitem__(self, i: Any) -> Number:
+        return Number.of_lanes(self.at, [cells[i].value for cells in self.lanes])
+
+    def __setitem__(self, i: Any, number: Number) -> None:
+        for lane, cells in enumerate(self.lanes):
+            cells[i] = Number(self.at, number.lane(lane))
+
+    def part(self, first: Any) -> Cells:
+        """Return the cells from `first` on."""
+        return SideBySide(self.at, [cells.part(first) for cells in self.lanes])
 
 
 class Weights:

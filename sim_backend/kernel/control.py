@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 def emit_commands(loop: Sample, sample: Any, k: Any) -> None:
     """Emit the commands of sample `k` of the period: feed-forward, feedback where the loop is closed, and learning."""
-    reference, feedforward = loop.cells("reference"), loop.cells("feedforward")
+    reference, feedforward = (loop.cells_of(loop.whole, name) for name in ("reference", "feedforward"))
     row = loop.at.mul(k, index(loop.n_u))
     for i in range(loop.n_u):
         column, command = loop.at.add(row, index(i)), loop.bus["source"].part(2 + i)
-        command[0] = feedforward[column]
+        command[0] = loop.alike(feedforward[column])
         if loop.weights["fd"].kinds[i] or loop.weights["fb"].kinds[i].any():
             with loop.at.if_then(loop.closed[i], likely=True):
-                command[0] = command[0] + _feedback(loop, i, reference[column] - loop.bus["reading"][i])
+                command[0] = command[0] + _feedback(loop, i, loop.alike(reference[column]) - loop.bus["reading"][i])
         if loop.structure.learning[i]:
-            _learn(loop, i, sample, reference[column] - loop.bus["reading"][i], command)
+            _learn(loop, i, sample, loop.alike(reference[column]) - loop.bus["reading"][i], command)
 
 
 def _feedback(loop: Sample, i: int, error: Number) -> Number:
@@ -44,10 +44,10 @@ def _feedback(loop: Sample, i: int, error: Number) -> Number:
 
 def _learn(loop: Sample, i: int, sample: Any, error: Number, command: Cells) -> None:
     """Emit the call that adds the repetitive input of an axis to its command."""
-    loop.scratch[0], loop.scratch[1] = error, command[0]
     now = loop.at.add(loop.whole["samples"], sample)
     of_controller = [f"ctl.{name}" for name in ("period", "lead", "learning", "taps", "gain", "la", "lb", "lc", "ld")]
     names = ["length", "n_taps", "n_blocks_l", *of_controller, "xl", "ring", "learned"]
-    given = [loop.whole[name] for name in names]
-    loop.call("learn", [index(i), now, *given, loop.scratch.place(0), loop.scratch.place(1)])
-    command[0] = loop.scratch[1]
+    for lane, (table, scratch) in enumerate(zip(loop.tables, loop.scratch, strict=True)):
+        scratch[0], scratch[1] = (Number(loop.at, number.lane(lane)) for number in (error, command[0]))
+        loop.call("learn", [index(i), now, *(table[name] for name in names), scratch.place(0), scratch.place(1)])
+    command[0] = Number.of_lanes(loop.at, [scratch[1].value for scratch in loop.scratch])

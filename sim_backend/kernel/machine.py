@@ -16,7 +16,7 @@ from llvmlite import binding as llvm
 
 from sim_backend.effects.compiled import Step
 from sim_backend.jit import entry_name
-from sim_backend.kernel.places import emit_places
+from sim_backend.kernel.called_step import emit_places
 from sim_backend.kernel.sample import NAME, Sample
 from sim_backend.kernel.structure import Structure, step_symbol
 from sim_backend.kernel_cache import keep_entry, read_entry
@@ -29,6 +29,8 @@ _locks: dict[Structure, Lock] = {}
 """One for each loop that is being made: different ones are made side by side."""
 _steps: dict[Step, Any] = {}
 """What holds the code of each step's loop over its places."""
+_absent: set[Structure] = set()
+"""Loops that were not on disk when they were asked for: a process looks for each once."""
 _numbers = count()
 ASIDE = "kernel"
 """Name of a thread that makes a loop."""
@@ -54,8 +56,11 @@ def is_loaded(structure: Structure) -> bool:
 
 def load(structure: Structure) -> bool:
     """Load the loop of a structure if it is on disk; tell whether it is ready now."""
-    if structure not in _loaded and (found := _kept(structure)):
-        _loaded.setdefault(structure, found)
+    if structure not in _loaded and structure not in _absent:
+        if found := _kept(structure):
+            _loaded.setdefault(structure, found)
+        else:
+            _absent.add(structure)
     return structure in _loaded
 
 
@@ -76,9 +81,15 @@ def wait() -> None:
 
 
 @cache
-def _target() -> Any:
+def _set_up() -> None:
+    """Make this machine known to LLVM: a process that only loads code needs it, too."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+
+
+@cache
+def _target() -> Any:
+    _set_up()
     features = llvm.get_host_cpu_features().flatten()
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=3, jit=True)
@@ -101,8 +112,9 @@ def _kept(structure: Structure) -> tuple[Play, Any] | None:
 
 def _made(structure: Structure) -> tuple[Play, Any]:
     """Return a loop made now, and keep it on disk."""
-    code = _compiled(str(Sample(structure).emit()), structure.steps)
+    code = _compiled(str(Sample(structure).emit()), structure.steps, several=structure.lanes > 1)
     keep_entry(entry_name("loop", *_made_by(), structure.text()), code)
+    _absent.discard(structure)
     return _as_loop(code)
 
 
@@ -124,10 +136,13 @@ def address_of(step: Step) -> int:
         return int(_steps[step][NAME])
 
 
-def _compiled(text: str, steps: Sequence[Step]) -> bytes:
+def _compiled(text: str, steps: Sequence[Step], *, several: bool = False) -> bytes:
     """Return the object code of an emitted module, in which the steps that it names are inlined."""
     module = llvm.parse_assembly(text)
+    called = {function.name for function in module.functions}
     for step in dict.fromkeys(steps):
+        if step_symbol(step.key) not in called:
+            continue  # it is there for several lanes at once
         own, name = step.alone
         part = llvm.parse_assembly(own)
         part.get_function(name).name = step_symbol(step.key)
@@ -135,10 +150,11 @@ def _compiled(text: str, steps: Sequence[Step]) -> bytes:
     for function in module.functions:
         if not function.is_declaration and function.name != NAME:
             function.linkage = llvm.Linkage.internal
-            function.add_function_attribute("alwaysinline")
+            if not any(b"noinline" in attribute for attribute in function.attributes):
+                function.add_function_attribute("alwaysinline")
     module.triple, module.data_layout = _target().triple, str(_target().target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.slp_vectorization = False
+    options.slp_vectorization = several  # steps of several benches may share instructions
     builder = llvm.create_pass_builder(_target(), options)
     builder.getModulePassManager().run(module, builder)
     return bytes(_target().emit_object(module))
@@ -146,7 +162,7 @@ def _compiled(text: str, steps: Sequence[Step]) -> bytes:
 
 @cache
 def _linker() -> Any:
-    _target()  # a process that only loads code has to prepare for this processor, too
+    _set_up()
     return llvm.create_lljit_compiler(suppress_errors=True)
 
 

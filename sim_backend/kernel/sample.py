@@ -16,14 +16,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
+from numpy.typing import NDArray
 
-from sim_backend.effects.base import Aux, Site
-from sim_backend.effects.compiled import WIRES
+from sim_backend.effects.base import Site
 from sim_backend.kernel.arguments import BUS, COPIED, TABLE
-from sim_backend.kernel.code import F64, I64, Cells, Number, Weights, added, index, repeated
+from sim_backend.kernel.code import F64, I64, Cells, Number, SideBySide, Weights, added, index, repeated
 from sim_backend.kernel.control import emit_commands
-from sim_backend.kernel.structure import Structure, step_symbol, whole
+from sim_backend.kernel.places import emit_effects
+from sim_backend.kernel.structure import ANY, Structure, whole
+from sim_backend.kernel.tables import Tables
 from sim_backend.linear import TAPS
 
 NAME = "play"
@@ -37,13 +40,15 @@ class Sample:
         self.module = ir.Module("loop")
         function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [I64.as_pointer(), F64.as_pointer()]), NAME)
         self.at = ir.IRBuilder(function.append_basic_block("entry"))
-        given = function.args[0]
-        self.whole = {name: self.at.load(self.at.gep(given, [index(i)])) for i, name in enumerate(TABLE)}
-        self.dt_s, self.fine_s = (Cells(self.at, function.args[1])[i] for i in (0, 1))
+        given, width = function.args[0], len(TABLE)
+        self.tables = [
+            {name: self.at.load(self.at.gep(given, [index(lane * width + i)])) for i, name in enumerate(TABLE)}
+            for lane in range(structure.lanes)
+        ]
+        self.whole = self.tables[0]  # the whole numbers, which all lanes share
+        self.dt_s, self.fine_s = (self.alike(Cells(self.at, function.args[1])[i]) for i in (0, 1))
         kinds = structure.weights()
-        self.weights = {
-            name: Weights(self.cells(f"ctl.{name}" if name[0] == "f" else name), kinds[name]) for name in kinds
-        }
+        self.weights = {name: self._weights(name, kinds[name]) for name in kinds}
         self.n_y, self.n_u = kinds["d"].shape
         self.n_a, self.n_s = kinds["to_current"].shape[0], kinds["to_heads"].shape[0]
         self.n_modes, self.n_blocks = kinds["a"].shape[0], kinds["fb"].shape[1]
@@ -72,15 +77,41 @@ class Sample:
         }
         self.driven, self.driven_by, self.seen, self.seen_mode = (whole(part).tolist() for part in structure.plant)
         self.wires = structure.wires()
-        self.zero = Number(self.at, ir.Constant(F64, 0.0))
+        self.wide_steps: dict[str, Any] = {}
+        self.zero = self.constant(0.0)
+
+    def constant(self, value: float) -> Number:
+        """Return a number that is known, the same in all lanes."""
+        return self.alike(Number(self.at, ir.Constant(F64, value)))
+
+    def alike(self, number: Number) -> Number:
+        """Return a number that is the same in all lanes."""
+        return Number.of_lanes(self.at, [number.value] * self.structure.lanes)
 
     def cells(self, name: str) -> Cells:
-        """Return an array of the table."""
-        return Cells(self.at, self.at.inttoptr(self.whole[name], F64.as_pointer()))
+        """Return an array of the table, of all lanes."""
+        own = [self.cells_of(table, name) for table in self.tables]
+        return own[0] if len(own) == 1 else SideBySide(self.at, own)
 
-    def local(self, size: int, name: str) -> Cells:
+    def cells_of(self, table: dict[str, Any], name: str) -> Cells:
+        """Return an array of one lane's table."""
+        return Cells(self.at, self.at.inttoptr(table[name], F64.as_pointer()))
+
+    def local(self, size: int, name: str, lanes: int = 0) -> Cells:
         """Return cells of the function's own, which the compiler keeps in registers where it can."""
-        return Cells(self.at, self.at.alloca(F64, max(size, 1), name))
+        lanes = lanes or self.structure.lanes
+        kind = F64 if lanes == 1 else ir.VectorType(F64, lanes)
+        return Cells(self.at, self.at.alloca(kind, max(size, 1), name))
+
+    def _weights(self, name: str, kinds: NDArray[np.uint8]) -> Weights:
+        """Return an array of weights; those of several lanes are brought together first."""
+        cells = self.cells(f"ctl.{name}" if name[0] == "f" else name)
+        if self.structure.lanes > 1:
+            together = self.local(kinds.size, name)
+            for i in np.flatnonzero(kinds == ANY).tolist():
+                together[i] = cells[i]
+            cells = together
+        return Weights(cells, kinds)
 
     def copy(self, source: Cells, target: Cells, size: int) -> None:
         """Copy `size` cells."""
@@ -95,19 +126,25 @@ class Sample:
             self.copy(self.cells(name), self.mine[name], self.sizes[name])
         # effects that are called by address find the signals in memory
         self.bus = {name: self.local(self.bus_sizes[name], name) if inlined else self.cells(name) for name in BUS}
-        self.scratch = self.local(2, "scratch")
+        rows = {"command": self.n_u, "torque": self.n_u, "current": self.n_a, "position": self.n_y}
+        self.run = Tables(self, {**rows, "reading": self.n_y, "head": self.n_s, "temperature": 1})
+        most = max(self.sizes["parameters"], self.sizes["states"])
+        self.numbers_of_step = self.local(most, "own", lanes=1), self.local(most, "state", lanes=1)
+        self.scratch = [self.local(2, "scratch", lanes=1) for _ in self.tables]
         if inlined:
             self.copy(self.cells("reading"), self.bus["reading"], self.n_y)
         self.temperature, self.bus["source"][0] = self.cells("temperature"), self.zero
         self.bus["source"][1] = self.temperature[0]
         has_past = at.inttoptr(self.whole["has_past"], I64.as_pointer())
         self.half = self.local(1, "half")
-        self.half[0] = Number(at, at.sitofp(at.load(has_past), F64)) * 0.5
+        self.half[0] = self.alike(Number(at, at.sitofp(at.load(has_past), F64))) * 0.5
         heating = self.cells("heating")
         self.heating = (heating[0], heating[1] / heating[3], self.dt_s / heating[2])
         self._stretches()
         self.temperature[0] = self.bus["source"][1]
-        at.store(at.select(at.icmp_signed(">", self.whole["n"], index(0)), index(1), at.load(has_past)), has_past)
+        played = at.select(at.icmp_signed(">", self.whole["n"], index(0)), index(1), at.load(has_past))
+        for table in self.tables:
+            at.store(played, at.inttoptr(table["has_past"], I64.as_pointer()))
         for name in COPIED[1:]:
             self.copy(self.mine[name], self.cells(name), self.sizes[name])
         if inlined:
@@ -126,24 +163,29 @@ class Sample:
         at.position_at_end(head)
         at.cbranch(at.icmp_signed("<", at.load(done), whole["n"]), body, end)
         at.position_at_end(body)
-        now, until = at.load(k), self._least(at.sub(whole["n"], at.load(done)), at.sub(whole["period"], at.load(k)))
+        now, until = at.load(k), self.least(at.sub(whole["n"], at.load(done)), at.sub(whole["period"], at.load(k)))
         with at.if_then(at.icmp_signed(">", whole["n_events"], index(0))):
             names = ("n_events", "n_blocks", "events", "ctl.integrator", "ctl.fc", "xf", "closed")
-            at.store(self.call("gate", [now, at.load(event), *(whole[name] for name in names)], I64), event)
+            rows = [
+                self.call("gate", [now, at.load(event), *(table[name] for name in names)], I64) for table in self.tables
+            ]
+            at.store(rows[0], event)
         self.copy(self.cells("xf"), self.mine["xf"], self.sizes["xf"])
-        ahead = self.local(1, "ahead")
+        ahead = self.local(1, "ahead", lanes=1)
         ahead[0] = Number(at, at.sitofp(until, F64))
         with at.if_then(at.icmp_signed("<", at.load(event), whole["n_events"])):
-            next_event = self.cells("events")[at.mul(at.load(event), index(4))]
+            next_event = self.cells_of(whole, "events")[at.mul(at.load(event), index(4))]
             gap = next_event - Number(at, at.sitofp(now, F64))
             with at.if_then(at.fcmp_ordered("<", gap.value, ahead[0].value)):
                 ahead[0] = gap
-        until = at.fptosi(ahead[0].value, I64)
+        until = self.run.most(at.fptosi(ahead[0].value, I64))
         closed = Cells(at, at.inttoptr(whole["closed"], I64.as_pointer()))
         self.closed = [at.icmp_signed("==", closed[i].value, index(1)) for i in range(self.n_u)]
         started = at.load(done)
+        self.run.bring(started, until)
         with repeated(at, until, "sample") as i:
-            self._sample(at.add(started, i), at.add(now, i))
+            self._sample(at.add(started, i), at.add(now, i), i)
+        self.run.hand_back(started, until)
         self.copy(self.mine["xf"], self.cells("xf"), self.sizes["xf"])
         at.store(at.add(started, until), done)
         following = at.add(now, until)
@@ -153,7 +195,8 @@ class Sample:
         at.branch(head)
         at.position_at_end(end)
 
-    def _least(self, a: Any, b: Any) -> Any:
+    def least(self, a: Any, b: Any) -> Any:
+        """Return the lesser of two whole numbers."""
         return self.at.select(self.at.icmp_signed("<", a, b), a, b)
 
     def call(self, name: str, arguments: Sequence[Any], returns: Any = None) -> Any:
@@ -161,12 +204,11 @@ class Sample:
         kind = ir.FunctionType(returns or ir.VoidType(), [a.type for a in arguments])
         return self.at.call(self.at.inttoptr(self.whole[name], kind.as_pointer()), arguments)
 
-    def _sample(self, sample: Any, k: Any) -> None:
+    def _sample(self, sample: Any, k: Any, i: Any) -> None:
         """Emit one sample."""
-        structure, exogenous = self.structure, self.cells("exogenous")
+        structure = self.structure
         for column in range(structure.n_columns):
-            at = self.at.add(self.at.mul(index(column), self.whole["n_drawn"]), sample)
-            self.bus["source"][2 + self.n_u + self.n_y + column] = exogenous[at]
+            self.bus["source"][2 + self.n_u + self.n_y + column] = self.run.drawn(column, sample, i)
         self._motion()
         if not structure.feedthrough:
             self._read()
@@ -178,7 +220,7 @@ class Sample:
         if structure.feedthrough:
             self._motion()
             self._read()
-        self._record(sample)
+        self._record(sample, i)
         self._advance()
         if structure.fine:
             with repeated(self.at, self.at.sub(self.whole["substeps"], index(1)), "substep"):
@@ -214,20 +256,20 @@ class Sample:
     def _read(self) -> None:
         """Emit heads and readings from the positions."""
         self._product("to_heads", self.position, self.bus["head"])
-        self._apply(Site.HEAD)
+        emit_effects(self, Site.HEAD)
         self._product("to_reading", [self.bus["head"][i] for i in range(self.n_s)], self.bus["reading"])
-        self._apply(Site.READING)
+        emit_effects(self, Site.READING)
 
     def _drive(self, sample: Any) -> None:
         """Emit currents and the torques that they hold during this sample."""
         driven = self.bus["driven"]
         self.copy(self.bus["source"].part(2), driven, self.n_u)
-        self._apply(Site.COMMAND)
+        emit_effects(self, Site.COMMAND)
         values = [driven[j] for j in range(self.n_u)]
         if self.structure.delayed:
             values = [self._delayed(j, sample, value) for j, value in enumerate(values)]
         self._product("to_current", values, self.bus["current"])
-        self._apply(Site.CURRENT)
+        emit_effects(self, Site.CURRENT)
         current = [self.bus["current"][i] for i in range(self.n_a)]
         self.held = [self.weights["to_torque"].row(j, current) or self.zero for j in range(self.n_u)]
 
@@ -263,11 +305,11 @@ class Sample:
             torque[j] = self.held[j]
         for c in range(self.structure.n_rates):
             self.bus["middle"][c] = (self.fine_s * 0.5).times_plus(self.bus["speed"][c], self.bus["at"][c])
-        self._apply(Site.DRIVE)
+        emit_effects(self, Site.DRIVE)
         forces = range(self.bus_sizes["force"])
         for m in forces:
             force[m] = self.zero
-        self._apply(Site.STRUCTURE)
+        emit_effects(self, Site.STRUCTURE)
         along = [force[m] for m in forces]
         pushed = [self._onward(along, j) for j in range(self.n_u + self.n_pushed)]
         for j in range(self.n_u):
@@ -275,7 +317,7 @@ class Sample:
                 torque[j] = torque[j] + onward
             self.mine["acting"][j] = torque[j]
         self.pushed = pushed[self.n_u :]
-        self.half[0] = Number(self.at, ir.Constant(F64, 0.5))
+        self.half[0] = self.constant(0.5)
 
     def _onward(self, forces: Sequence[Number], j: int) -> Number | None:
         """Emit what forces that depend on the motion do to input or mode `j`, extrapolated to mid-step."""
@@ -300,56 +342,8 @@ class Sample:
                     on = push.term((m, state), force, on)
                 x[2 * m + state] = on or self.zero
 
-    def _apply(self, site: Site) -> None:
-        """Emit all effects of a site: inlined one by one, or one call for all places of an effect."""
-        dt_s = self.fine_s if site in (Site.DRIVE, Site.STRUCTURE) else self.dt_s
-        if self.structure.inlined:
-            for wires, step in zip(self.wires, self.structure.steps, strict=True):
-                if wires["site"] == site:
-                    self._inline(site, wires, step.key, dt_s)
-            return
-        batch, address = (self.at.inttoptr(self.whole[name], I64.as_pointer()) for name in ("batch", "address"))
-        for b in range(*whole(self.structure.sites)[site : site + 2].tolist()):
-            first, end = (self.at.load(self.at.gep(batch, [index(i)])) for i in (b, b + 1))
-            wires = self.at.add(self.whole["wires"], self.at.mul(first, index(8 * WIRES)))
-            kind = ir.FunctionType(ir.VoidType(), [I64, I64.as_pointer(), F64])
-            function = self.at.inttoptr(self.at.load(self.at.gep(address, [first])), kind.as_pointer())
-            pointer = self.at.inttoptr(wires, I64.as_pointer())
-            self.at.call(function, [self.at.sub(end, first), pointer, dt_s.value])
-
-    def _inline(self, site: Site, wires: dict[str, int], key: str, dt_s: Number) -> None:
-        """Emit one effect: its step, which the compiler inlines, and the addition of what it gives."""
-        signals = {Site.COMMAND: "driven", Site.CURRENT: "current", Site.HEAD: "head", Site.READING: "reading"}
-        signal = self.bus[signals.get(site, "torque")].part(wires["channel"])
-        target = self.bus["force"].part(wires["moved"]) if site is Site.STRUCTURE else signal
-        place = "middle" if site is Site.DRIVE else "at"
-        position, size = self.bus[place], self.bus_sizes[place]
-        column, watched = wires["column"], wires["watched"]
-        source = {
-            Aux.NONE: 0,
-            Aux.TEMPERATURE: 1,
-            Aux.SOURCE_COMMAND: 2 + column,
-            Aux.SOURCE_POSITION: 2 + self.n_u + column,
-            Aux.EXOGENOUS: 2 + self.n_u + self.n_y + column,
-        }[Aux(wires["aux"])]
-        numbers = [
-            signal[0],
-            position[watched] if watched < size else self.zero,
-            self.bus["speed"][watched] if watched < self.structure.n_rates else self.zero,
-            self.bus["source"][source],
-            dt_s,
-        ]
-        pointers = [self.mine["parameters"].place(wires["p0"]), self.mine["states"].place(wires["s0"])]
-        arguments = [*(n.value for n in numbers), *pointers]
-        name = step_symbol(key)
-        function = self.module.globals.get(name) or ir.Function(
-            self.module, ir.FunctionType(F64, [a.type for a in arguments]), name
-        )
-        target[0] = target[0] + Number(self.at, self.at.call(function, arguments))
-
-    def _record(self, sample: Any) -> None:
+    def _record(self, sample: Any, i: Any) -> None:
         """Emit what is kept; a table without columns keeps nothing."""
-        at = self.at
         kept: dict[str, Sequence[Number]] = {
             "command": [self.bus["source"][2 + j] for j in range(self.n_u)],
             "torque": [self.bus["torque"][j] for j in range(self.n_u)],
@@ -359,9 +353,8 @@ class Sample:
             "head": [self.bus["head"][i] for i in range(self.n_s)],
             "temperature": [self.bus["source"][1]],
         }
-        place = at.add(self.whole["first"], sample)
         for name, numbers in kept.items():
             columns = self.whole[f"columns.{name}"]
-            with at.if_then(at.icmp_signed(">", columns, index(0)), likely=True):
-                for j, number in enumerate(numbers):
-                    self.cells(f"out.{name}")[at.add(at.mul(index(j), columns), place)] = number
+            with self.at.if_then(self.at.icmp_signed(">", columns, index(0)), likely=True):
+                for row, number in enumerate(numbers):
+                    self.run.keep(name, row, sample, i, number)

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from sim_backend import layout
 
+LANES = 4
+"""Benches that one loop can play side by side: as many float64 as one instruction takes."""
+
 ZERO, ONE, ANY = 0, 1, 2
 """What the structure of a bench says of a weight: it is 0 and left out, 1 and not multiplied, or any number."""
 
@@ -35,6 +38,7 @@ class Structure:
     `shapes` are those of all weights, `kinds` says of every entry of them whether it is zero or one. `plant` says who
     drives and sees which mode, `sites` which batches are at a site. `wiring`, where each effect is connected, and
     `steps`, their compiled steps, are there only where effects are inlined: otherwise they are called by address.
+    `lanes` benches are played side by side, all with their effects inlined.
     """
 
     shapes: tuple[tuple[int, ...], ...]
@@ -53,6 +57,7 @@ class Structure:
     fine: bool
     delayed: bool
     heated: bool
+    lanes: int = 1
 
     def weights(self) -> dict[str, NDArray[np.uint8]]:
         """Return the kinds of all weights by name."""

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.responses import coasting, response, simulate, stacked
 from sim_backend import kernel, layout
-from sim_backend.assembly import Places, effects_of
+from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 

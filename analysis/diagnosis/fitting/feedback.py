@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Motion, force_along
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from sim_backend import kernel
-from sim_backend.assembly import Places, effects_of
+from sim_backend.assembly import Places
 from sim_backend.effects.base import Effect, Site
 from sim_backend.intersample import steps_for
 from sim_backend.linear import ModalModel, discretise
 from sim_backend.modes import is_mode, mode_alone, mode_of
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from functools import partial
+from typing import Any, ClassVar, Literal, TypeVar
 
 from sim_backend.model import Model
+
+T = TypeVar("T")
 
 Scalar = float | bool | str | None
 """One result; None where it was not measured."""
@@ -50,3 +53,20 @@ class Kind(ABC):
     @abstractmethod
     def run(self, setup: Setup) -> Mapping[str, Scalar]:
         """Return the results of one trial by column; raises MccdError when the trial comes to none."""
+
+    def run_together(self, setups: Sequence[Setup]) -> list[Mapping[str, Scalar] | Exception]:
+        """Return the results of trials, or what each of them met: the same as of each alone.
+
+        Raises OSError and MemoryError, which are of no trial.
+        """
+        return [attempted(partial(self.run, setup)) for setup in setups]
+
+
+def attempted(act: Callable[[], T]) -> T | Exception:
+    """Return what `act` returns, or what it raises; raises OSError and MemoryError, which are of no trial."""
+    try:
+        return act()
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        return error

@@ -21,7 +21,7 @@ from analysis.study import engines
 from analysis.study.definition import parse_study
 from analysis.study.run import missing_trials, run_study
 from analysis.study.store import FILE
-from analysis.study.trial import Job, run_trial
+from analysis.study.trial import Job, run_trial, run_trials
 from campaigns.plans import ChopPlan
 from sim_backend.errors import ConfigError, DataError
 from tests.analysis.study.studies import SPREAD, results, spread
@@ -165,13 +165,13 @@ def test_failed_trials_are_counted_and_the_rest_goes_on(tmp_path: Path) -> None:
 def test_what_fails_around_a_trial_stops_the_study_and_keeps_what_is_done(
     reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(job: Job, trial: int) -> object:
-        if trial == 4:
+    def full(job: Job, trials: tuple[int, ...]) -> object:
+        if 4 in trials:
             raise OSError(28, "No space left on device")
-        return run_trial(job, trial)
+        return run_trials(job, trials)
 
     with monkeypatch.context() as patched, pytest.raises(OSError, match="No space"):
-        patched.setattr(engines, "run_trial", full)
+        patched.setattr(engines, "run_trials", full)
         run_study(spread(), tmp_path, workers=1)
     outcome = run_study(spread(), tmp_path, workers=1, resume=True)
     assert 0 < outcome.timing.trials < 10
@@ -229,16 +229,16 @@ def test_after_a_pause_no_trial_is_begun(tmp_path: Path, monkeypatch: pytest.Mon
     begun: list[int] = []
     paused_at: list[int] = []
 
-    def watched(job: Job, trial: int) -> object:
-        begun.append(trial)
-        return run_trial(job, trial)
+    def watched(job: Job, trials: tuple[int, ...]) -> object:
+        begun.extend(trials)
+        return run_trials(job, trials)
 
     def report(_done: float, _total: float, _what: str) -> None:
         if not paused_at:
             paused_at.append(len(begun))
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(engines, "run_trial", watched)
+    monkeypatch.setattr(engines, "run_trials", watched)
     outcome = run_study(spread(20), tmp_path, workers=1, report=report)
     assert outcome.status == "paused"
     # the thread may have taken one more between the count and the signal

@@ -12,12 +12,15 @@ from scipy import stats
 from analysis.recorded.settle import settle_of
 from analysis.study.definition import parse_study
 from analysis.study.kinds import KINDS
-from analysis.study.trial import Job, run_trial
+from analysis.study.trial import Job, run_trial, run_trials
 from campaigns.benches import open_bench
 from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
+from sim_backend.kernel import machine, side_by_side
+from sim_backend.kernel.structure import LANES
 from sim_backend.model import number
+from sim_backend.simbench import SimBench
 from tests.analysis.study.studies import spread
 
 HEAD = 'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n[settings]\ncycles = 2\n'
@@ -126,22 +129,67 @@ def test_a_draw_that_makes_no_model_is_a_result_too() -> None:
 
 
 def test_an_error_that_nobody_foresaw_is_kept_and_told_from_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    def breaks(_setup: object) -> None:
-        raise ZeroDivisionError("nobody thought of it")
+    right = run_trials(job(), range(4))
+    play, measured = SimBench.begin, KINDS["settling"].measured
+    numbers = iter(range(4))
 
-    monkeypatch.setattr(KINDS["settling"], "run", breaks)
-    outcome = run_trial(job(), 0)
-    assert (outcome.status, outcome.reason) == ("broken", "ZeroDivisionError: nobody thought of it")
+    def breaks(*of: object) -> object:
+        if next(numbers) == 1:
+            raise ZeroDivisionError("nobody thought of it")
+        return measured(*of)
+
+    def breaks_while_played(bench: SimBench, *of: object) -> object:
+        if bench.identity.serial == f"seed-{job().setup(2, ()).seed}":
+            raise ZeroDivisionError("nobody thought of it")
+        return play(bench, *of)
+
+    for owner, name, function, broken in (
+        (KINDS["settling"], "measured", breaks, 1),
+        (SimBench, "begin", breaks_while_played, 2),
+    ):
+        with monkeypatch.context() as patched:
+            patched.setattr(owner, name, function)
+            found = run_trials(job(), range(4))
+        for i, (outcome, whole) in enumerate(zip(found, right, strict=True)):
+            if i == broken:
+                assert (outcome.status, outcome.reason) == ("broken", "ZeroDivisionError: nobody thought of it")
+            else:
+                assert (outcome.status, outcome.results) == ("done", whole.results)
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
 def test_what_lies_outside_a_trial_is_no_result_of_it(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
-    def breaks(_setup: object) -> None:
+    def breaks(*_of: object) -> None:
         raise error
 
-    monkeypatch.setattr(KINDS["settling"], "run", breaks)
-    with pytest.raises(type(error)):
-        run_trial(job(), 0)
+    for owner, name in ((KINDS["settling"], "measured"), (SimBench, "begin"), (Job, "setup")):
+        with monkeypatch.context() as patched, pytest.raises(type(error)):
+            patched.setattr(owner, name, breaks)
+            run_trials(job(), (0, 1))
+
+
+@pytest.mark.parametrize("lanes", [False, True])
+def test_trials_side_by_side_are_what_each_is_alone(lanes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    loop_of = machine.loop_of
+    monkeypatch.setattr(machine, "loop_of", lambda structure: (asked.append(structure.lanes), loop_of(structure))[1])
+    monkeypatch.setattr(side_by_side, "_is_there", lambda *_: lanes)
+    # every second one is unstable, and two strategies play other segments
+    one = job(
+        f'place = "{FREQUENCY}"\nnormal = {{ std = 0.01 }}\nrelative = true',
+        'place = "model.modes[theta_y suspension].input.torque_y"\nsweep = [3091.7, -3091.7]',
+        'place = "settings.strategy"\nsweep = ["mbff", "hybrid"]',
+    )
+    trials = [*range(16), *range(100, 116, 4)]
+    together = run_trials(one, trials)
+    assert (LANES in asked) is lanes
+    asked.clear()
+    for trial, found in zip(trials, together, strict=True):
+        alone = run_trial(one, trial)
+        assert (found.trial, found.status, found.reason, found.varied, found.results) == (
+            (trial, alone.status, alone.reason, alone.varied, alone.results)
+        )
+    assert {found.status for found in together} == {"done", "failed"} and set(asked) == {1}
 
 
 def test_the_seed_of_a_trial_fits_into_a_log() -> None:

@@ -30,6 +30,10 @@ def test_memory_and_log_hold_the_same(tmp_path: Path) -> None:
         for name in run.channels:
             assert np.array_equal(record.read(name), run.read(name))
             assert np.array_equal(record.read(name, 5, 9), run.read(name, 5, 9))
+            # the pieces that a record is held in do not show
+            cut = record.segments[0].stop
+            for start, stop in ((cut - 3, cut + 4), (cut, None), (0, cut), (5, 5), (-7, None), (9, 10**9)):
+                assert np.array_equal(record.read(name, start, stop), run.read(name)[start:stop])
 
 
 def test_a_channel_that_is_not_there_is_told_with_those_that_are() -> None:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from sim_backend import kernel
-from sim_backend.assembly import Places, effects_of
+from sim_backend.assembly import Places
+from sim_backend.wiring import effects_of
 
 PLACES = Places(("theta_x", "theta_y"), ("theta_x", "theta_y"), (), (), np.zeros((0, 2)), np.eye(2), np.eye(2))
 

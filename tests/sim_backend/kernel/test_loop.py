@@ -1,5 +1,6 @@
 """A loop with its effects inlined is the loop that calls them, to the last bit; its code is made once and kept."""
 
+import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -159,6 +160,24 @@ def test_code_is_read_from_disk(monkeypatch, tmp_path):
     assert len(list((tmp_path / "new").glob("loop-*"))) == 1
 
 
+def test_a_process_that_compiles_nothing_plays_what_another_has_kept(tmp_path):
+    script = (
+        "import sys\n"
+        "from tests.sim_backend.test_kernel import held_torque, one_axis, play\n"
+        "from sim_backend import kernel\n"
+        "from sim_backend.kernel import machine\n"
+        "kernel.Loop._is_inlined = lambda self, n: True\n"
+        "machine._compiled = None if sys.argv[1] == 'kept' else machine._compiled\n"
+        "print(play(one_axis(), held_torque(200))['theta_x'].tobytes().hex())"
+    )
+    environment = os.environ | {VARIABLE: str(tmp_path)}
+    printed = [
+        subprocess.run([sys.executable, "-c", script, how], env=environment, capture_output=True, check=True).stdout
+        for how in ("made", "kept")
+    ]
+    assert printed[0] and printed[1] == printed[0]
+
+
 def test_a_folder_that_cannot_be_written_only_costs_time(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     empty(monkeypatch, tmp_path / "file" / "folder")
@@ -194,7 +213,7 @@ def test_damaged_code_is_made_again(monkeypatch, tmp_path, damage):
 def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
     made, compiled = [], machine._compiled  # noqa: SLF001
     empty(monkeypatch, tmp_path)
-    monkeypatch.setattr(machine, "_compiled", lambda *what: (made.append(what), compiled(*what))[1])
+    monkeypatch.setattr(machine, "_compiled", lambda *what, **how: (made.append(what), compiled(*what, **how))[1])
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(lambda _: play(one_axis(), held_torque(2000))["theta_x"], range(8)))
     assert len(made) == 1
