@@ -105,8 +105,8 @@ def test_inlined_effects_give_the_same_bits_for_every_effect(monkeypatch, asked)
 def empty(monkeypatch, folder):
     """Let the kernel cache be an empty folder, and no loop be in this process."""
     monkeypatch.setenv(VARIABLE, str(folder))
-    for name in ("_loaded", "_locks"):
-        monkeypatch.setattr(machine, name, {})
+    for name, nothing in (("_loaded", {}), ("_locks", {}), ("_absent", set())):
+        monkeypatch.setattr(machine, name, nothing)
 
 
 def test_a_bench_that_is_played_for_long_gets_a_loop_of_its_own(monkeypatch, asked, tmp_path):
