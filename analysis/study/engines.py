@@ -271,8 +271,12 @@ def _tried(job: Job, trials: tuple[int, ...], stopped: Callable[[], bool] = lamb
 
 
 def groups_of(trials: Sequence[int], points: int) -> Iterator[tuple[int, ...]]:
-    """Yield the trials in groups of at most LANES, all of a group at one point."""
-    for point in sorted({trial % points for trial in trials}):
-        own = tuple(trial for trial in trials if trial % points == point)
-        for first in range(0, len(own), LANES):
-            yield own[first : first + LANES]
+    """Yield the trials in groups of at most LANES, all of a group at one point, those of a draw near each other."""
+    waiting: dict[int, list[int]] = {}
+    for trial in trials:
+        own = waiting.setdefault(trial % points, [])
+        own.append(trial)
+        if len(own) == LANES:
+            yield tuple(own)
+            own.clear()
+    yield from (tuple(own) for own in waiting.values() if own)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from analysis.study import engines
-from analysis.study.engines import AHEAD, MOST, Engine
+from analysis.study.engines import AHEAD, MOST, Engine, groups_of
 from analysis.study.run import missing_trials, run_study
 from analysis.study.trial import Outcome, run_trials
 from sim_backend.kernel import machine, side_by_side
@@ -50,6 +50,15 @@ def test_short_trials_go_out_by_the_hundred() -> None:
 def test_tasks_are_whole_groups_of_lanes_where_they_can_be() -> None:
     found = sizes(handed_out(5_000, 0.005, whole=24))
     assert max(found) == 192 and all(size % 24 == 0 for size in found if size > 24)
+
+
+def test_groups_are_of_one_point_and_go_through_the_draws_once() -> None:
+    groups = list(groups_of(range(5, 70), points=3))
+    assert sorted(trial for group in groups for trial in group) == list(range(5, 70))
+    assert all(len({trial % 3 for trial in group}) == 1 and len(group) <= LANES for group in groups)
+    assert sum(len(group) < LANES for group in groups) <= 3
+    # a drawn model is kept for the other points of its draw, which must not be far
+    assert all(b[0] // 3 > a[-1] // 3 - 2 * LANES for a, b in zip(groups, groups[1:-3], strict=False))
 
 
 def test_long_trials_go_out_one_by_one() -> None:
