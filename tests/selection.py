@@ -22,16 +22,38 @@ ONE_PER_SITE = {
 BLIND = "tests/end_to_end/test_blind_families.py::test_a_hidden_cause_is_named_and_adding_it_pays"
 
 DRAWN = "counts over many drawn records"
+BENCH = "a bench of another kind, diagnosed as a whole"
+BENCHES = (
+    "bouc_wen",
+    "free_axes",
+    "free_axis",
+    "gross",
+    "imitated_delay",
+    "lagging",
+    "linear_benches",
+    "many_segments",
+    "paper_case",
+    "robustness",
+    "rubbing_axis",
+    "spring",
+    "unlisted_force",
+)
 SEARCHED = "a whole search, as others that stay"
 LINE = "one of many faults of a line, which takes as long as the line"
 
 THOROUGH = (
     ("end_to_end/test_blind_families.py::test_two_hidden_causes_*", "pairs take a minute each"),
     ("end_to_end/test_mirror.py::*", "the measured mirror takes five minutes"),
-    ("end_to_end/test_linear_benches.py::*", "a minute each"),
     ("end_to_end/test_design.py::*", "a whole design and what it reaches; test_schema.py and pages run the command"),
+    *((f"end_to_end/test_{name}.py::*", BENCH) for name in BENCHES),
+    ("end_to_end/test_extended_model.py::*", "a diagnosis and chops on what it corrected"),
     ("analysis/diagnosis/test_investigation.py::test_an_instrument_beside_the_bench_decides_*", SEARCHED),
     ("analysis/diagnosis/test_investigation.py::test_what_a_slow_loop_leaves_tied_*", SEARCHED),
+    ("analysis/diagnosis/test_investigation.py::test_two_gains_stay_tied_*", SEARCHED),
+    ("analysis/diagnosis/test_investigation.py::test_the_rounds_and_the_budget_are_kept", SEARCHED),
+    ("analysis/diagnosis/verdict/test_general_rival.py::test_a_right_name_is_never_behind_*", SEARCHED),
+    ("analysis/diagnosis/verdict/test_stranger.py::test_a_cause_that_is_left_out_is_not_shared_out_*", SEARCHED),
+    ("analysis/study/test_kinds.py::*diagnosis*", SEARCHED),
     ("analysis/diagnosis/search/test_pairs.py::test_friction_is_found_beside_a_rounded_command", SEARCHED),
     ("analysis/diagnosis/search/test_named_friction.py::*", SEARCHED),
     ("analysis/diagnosis/spread/test_spread.py::test_one_rate_for_all_kinds_holds_on_noise_alone", DRAWN),
@@ -44,6 +66,7 @@ THOROUGH = (
     ("analysis/diagnosis/verdict/test_leftover.py::test_noise_alone_makes_p_values_uniform", DRAWN),
     ("analysis/diagnosis/nominal/test_prior.py::test_covariance_is_that_of_models_*", DRAWN),
     ("analysis/identification/test_rational.py::test_magnitude_alone_finds_modes_of_either_sign", DRAWN),
+    ("analysis/study/test_cluster.py::test_trials_of_every_kind_*", "every kind of trial three times over"),
     ("analysis/study/test_run.py::test_a_study_that_is_killed_again_and_again_*", "kills a study many times"),
     ("benchmarks/test_speed.py::test_all_compute_the_same*diagnosis*", "a panel of diagnoses"),
     ("benchmarks/test_speed.py::test_all_compute_the_same*paper*", "the whole report, which others make in small"),
@@ -52,6 +75,11 @@ THOROUGH = (
         "benchmarks/test_speed.py::test_all_compute_the_same*frequency-response*",
         "its kernel for several cores takes half a minute to compile",
     ),
+    ("benchmarks/test_speed.py::test_all_compute_the_same*new-process*", "compiles all of a bench again"),
+    ("benchmarks/test_study_cost.py::test_trials_that_do_nothing_go_through_a_cluster", "starts a cluster to time it"),
+    ("benchmarks/test_study_cost.py::test_one_small_study_*", "a study that is timed"),
+    ("campaigns/challenge/test_end_to_end.py::*", "test_schema.py and the blind families run the commands"),
+    ("campaigns/challenge/test_make.py::test_every_case_with_as_many_axes_*", "makes many cases"),
     ("campaigns/importing/test_hostile.py::test_mutated_sources_*mat*", "as the mutated HDF5 sources, which stay"),
     ("campaigns/serial/test_faulty_line.py::test_a_damaged_line_gives_right_data*tcp*", LINE),
     ("campaigns/serial/test_faulty_line.py::test_a_bench_that_stalls_again_and_again_*", LINE),

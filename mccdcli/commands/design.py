@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from analysis.design.api import Designed
     from analysis.design.stages import StageResult
     from campaigns.plans import Plan
+    from sim_backend.bench import Limits
 
 
 @click.command()
@@ -82,7 +83,6 @@ def design(
     from analysis.design.api import Options, design_controller
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.uncertainty import Tolerance
-    from campaigns.benches import open_bench
     from campaigns.log import read_run
     from campaigns.progress import part_of
 
@@ -95,8 +95,7 @@ def design(
             if code:
                 return code
             runs.append(stack.enter_context(read_run(log)))
-        with closing(open_bench(bench, seed)) as opened:
-            limits, axes = opened.limits, opened.axes
+        limits, axes = _what_it_may(bench, seed)
         with progress("designing") as report:
             # designing takes about as long as playing
             first = part_of(report, 0.0, 0.5 if stages else 0.9)
@@ -108,6 +107,14 @@ def design(
     text = _text(designed, rows, [path, *files.values()])
     emit({**document(designed, rows), "files": {"controller": path, **files}}, as_json=as_json, text=text)
     return 0
+
+
+def _what_it_may(bench: str, seed: int) -> tuple[Limits, tuple[str, ...]]:
+    """Return the limits and the axes of a bench."""
+    from campaigns.benches import open_bench
+
+    with closing(open_bench(bench, seed)) as opened:
+        return opened.limits, opened.axes
 
 
 def _at_rest(plan: Plan, bench: str, folder: Path, seed: int) -> tuple[Path, int]:

@@ -14,6 +14,7 @@ from mccdcli.progress import progress
 if TYPE_CHECKING:
     from analysis.diagnosis.evidence.chop_gain import ChopGain
     from analysis.diagnosis.experiment.face import Face
+    from sim_backend.model import Model
 
 
 @click.command()
@@ -94,16 +95,23 @@ def diagnose(
     chops: tuple[ChopGain, ...] = ()
     if bench is not None:
         # the diagnosis is safe by then, whatever the bench does
-        from analysis.diagnosis.evidence.chop_gain import chops_or_why
-        from campaigns.benches import open_bench
-
-        chops, why = chops_or_why(lambda: open_bench(bench, seed), nominal, files["extended.toml"], model, seed)
+        chops, why = _chops(bench, seed, nominal, files["extended.toml"], model)
         found = replace(found, notes=(*found.notes, *why))
         files = write_page(found, model, loaded.sources, folder, chops)
         files |= write_files(found, model, loaded.sources, folder, chops)
     content = document(found, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files))
     return 0 if found.verdict == "consistent" else 1
+
+
+def _chops(
+    bench: str, seed: int, nominal: str, extended: Path, model: Model
+) -> tuple[tuple[ChopGain, ...], tuple[str, ...]]:
+    """Return what the corrected model gains in chopping on a bench, or why that was not measured."""
+    from analysis.diagnosis.evidence.chop_gain import chops_or_why
+    from campaigns.benches import open_bench
+
+    return chops_or_why(lambda: open_bench(bench, seed), nominal, extended, model, seed)
 
 
 def _face(bench: str, seed: int) -> Face:
