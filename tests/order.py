@@ -8,6 +8,7 @@ nothing are split into their tests. Which ones these are, and how long they take
 from __future__ import annotations
 
 import json
+import os
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LongestFirst
     return LongestFirst(config, log)
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Return one worker more than there are processors: every fifth second of the tests is spent waiting for a line."""
+    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) + 1
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that writes the durations of this run down."""
     parser.addoption("--write-durations", action="store_true", help=f"Write tests/{DURATIONS.name} anew.")
@@ -100,6 +106,8 @@ class Stopwatch:
         split = {file for file, took in files.items() if took > LONG_FILE_S and file not in self._sharing}
         groups = {file: took for file, took in files.items() if file not in split and took >= WORTH_TELLING_S}
         groups |= {nodeid: took for nodeid, took in self._seconds.items() if nodeid.partition("::")[0] in split}
+        not_run = {name: took for name, took in expected().items() if name not in files and name not in self._seconds}
+        groups = {**not_run, **groups}
         ordered = sorted(groups.items(), key=lambda item: -item[1])
         text = json.dumps({name: round(took, 1) for name, took in ordered}, indent=0, ensure_ascii=False)
         DURATIONS.write_text(text + "\n", encoding="utf-8")

@@ -8,17 +8,15 @@ blocks are also solved one by one.
 
 from __future__ import annotations
 
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.jit import Deferred, njit
+from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-prange: Any = Deferred("numba", "prange")
 
 
 _CHUNK = 256
@@ -257,9 +255,9 @@ def _solve_chunk(
 
 
 def solve_lines(
-    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], own: bool, blocked: bool
+    u: ComplexArray, y: ComplexArray, w: ComplexArray, lines: NDArray[np.intp], own: bool, blocked: bool, workers: int
 ) -> tuple[ComplexArray, Array, Array, Array, NDArray[np.bool_]]:
-    """Return response, gain and sums of squares at each of `lines`.
+    """Return response, gain and sums of squares at each of `lines`, with so many threads.
 
     Shapes: `u`, `w` (n_u, experiments, periods, n_f), `y` (n_y, …); `own` says that `w` is `u`. Returns G (n_l, n_y,
     n_u), the diagonal of S (n_l, n_u), sums of squares (3, n_l, n_y) over periods about their mean, of the misfit of
@@ -270,48 +268,52 @@ def solve_lines(
     # here and not in compiled code: numpy asks the system for large pages, of which far fewer have to be fetched
     response, gain = np.empty((n_l, n_y, n_u), dtype=np.complex128), np.empty((n_l, n_u))
     squares, spreads, flag = np.empty((3, n_l, n_y)), np.empty((n_l, n_y, n_u)), np.empty(n_l, dtype=np.bool_)
-    from numba import get_num_threads
-
-    parts = get_num_threads()
+    parts = min(workers, -(-n_l // _CHUNK))
     us, ys = (np.empty((parts, *x.shape[:3], 2, _CHUNK)) for x in (u, y))
-    _solve(u, y, w, lines, own, blocked, us, ys, response, gain, squares, spreads, flag)
+    ends = np.linspace(0, n_l, parts + 1).astype(np.intp)
+
+    def solve(part: int) -> None:
+        memory, out = (us[part], ys[part]), (response, gain, squares, spreads, flag)
+        _solve(u, y, w, lines, ends[part], ends[part + 1], own, blocked, memory, out)
+
+    if parts == 1:
+        solve(0)
+    elif parts > 1:
+        # threads of ours: numba takes 12 s to compile a loop for its own
+        with ThreadPoolExecutor(parts) as pool:
+            list(pool.map(solve, range(parts)))
     return response, gain, squares, spreads, flag
 
 
-@njit(parallel=True)
+@njit
 def _solve(
     u: ComplexArray,
     y: ComplexArray,
     w: ComplexArray,
     lines: NDArray[np.intp],
+    start: int,
+    stop: int,
     own: bool,
     blocked: bool,
-    us: Array,
-    ys: Array,
-    response: ComplexArray,
-    gain: Array,
-    squares: Array,
-    spreads: Array,
-    flag: NDArray[np.bool_],
+    memory: tuple[Array, Array],
+    out: tuple[ComplexArray, Array, Array, Array, NDArray[np.bool_]],
 ) -> None:
-    """Fill what `solve_lines` returns; `us` and `ys` (part, …, 2, line) are memory for as many threads to work in."""
-    n_l, n_u, n_y, parts = lines.size, u.shape[0], y.shape[0], us.shape[0]
-    share = -(-n_l // parts)
-    for part in prange(parts):
-        stop = min((part + 1) * share, n_l)
-        for first in range(part * share, stop, _CHUNK):
-            at = lines[first : min(first + _CHUNK, stop)]
-            some_u, some_y = us[part], ys[part]
-            if at.size < _CHUNK:  # whole arrays, since a part of one has gaps, with which no loop is vectorised
-                some_u, some_y = np.empty((*u.shape[:3], 2, at.size)), np.empty((*y.shape[:3], 2, at.size))
-            g, size, sums, spread, good = _solve_chunk(u, y, w, at, own, blocked, some_u, some_y)
-            for k in range(at.size):
-                flag[first + k] = good[k]
-                for i in range(n_y):
-                    for j in range(n_u):
-                        response[first + k, i, j] = complex(g[i, j, 0, k], g[i, j, 1, k])
-                        spreads[first + k, i, j] = spread[i, j, k]
-                    for m in range(3):
-                        squares[m, first + k, i] = sums[m, i, k]
+    """Fill what `solve_lines` returns from line `start` to `stop`; `memory` (…, 2, line) is for u and y to work in."""
+    n_u, n_y = u.shape[0], y.shape[0]
+    response, gain, squares, spreads, flag = out
+    for first in range(start, stop, _CHUNK):
+        at = lines[first : min(first + _CHUNK, stop)]
+        some_u, some_y = memory
+        if at.size < _CHUNK:  # whole arrays, since a part of one has gaps, with which no loop is vectorised
+            some_u, some_y = np.empty((*u.shape[:3], 2, at.size)), np.empty((*y.shape[:3], 2, at.size))
+        g, size, sums, spread, good = _solve_chunk(u, y, w, at, own, blocked, some_u, some_y)
+        for k in range(at.size):
+            flag[first + k] = good[k]
+            for i in range(n_y):
                 for j in range(n_u):
-                    gain[first + k, j] = size[j, k]
+                    response[first + k, i, j] = complex(g[i, j, 0, k], g[i, j, 1, k])
+                    spreads[first + k, i, j] = spread[i, j, k]
+                for m in range(3):
+                    squares[m, first + k, i] = sums[m, i, k]
+            for j in range(n_u):
+                gain[first + k, j] = size[j, k]

@@ -86,7 +86,8 @@ def frequency_response_periodic(
     Shapes: `inputs` (n, n_u, realisations, periods), `outputs` (n, n_y, …), `reference` like the inputs, for a closed
     loop. `lines` are the excited bins; without them, those whose input (or reference) power is above
     `excitation_floor` times the strongest. `drop_periods` at the start are left out as transient (see
-    `period_drift`). Raises DataError when there are fewer realisations than inputs or nothing is excited.
+    `period_drift`). `workers` is the number of threads. Raises DataError when there are fewer realisations than inputs
+    or nothing is excited.
     """
     u, y = _checked(inputs, outputs, drop_periods)
     w = None if reference is None else _checked(reference, outputs, drop_periods)[0]
@@ -96,7 +97,7 @@ def frequency_response_periodic(
     ww = uu if w is None else _spectra(w, workers)
     if lines is None:
         lines = excited_lines(ww, excitation_floor)
-    return response_from_spectra(uu, yy, ww, lines, lines * (rate_hz / u.shape[0]), blocked=True)
+    return response_from_spectra(uu, yy, ww, lines, lines * (rate_hz / u.shape[0]), blocked=True, workers=workers)
 
 
 def _spectra(records: Array, workers: int) -> ComplexArray:
@@ -142,6 +143,7 @@ def response_from_spectra(
     lines: NDArray[np.intp],
     frequency_hz: Array,
     blocked: bool,
+    workers: int = 2,
 ) -> FrequencyResponse:
     """Return the response from spectra (channel, experiment, period, n_f) at `lines`, with instrument `w`.
 
@@ -152,10 +154,10 @@ def response_from_spectra(
     n_u, experiments, periods = u.shape[:3]
     blocks = experiments // n_u if n_u > 1 and experiments % n_u == 0 and blocked else 0
     lines = np.ascontiguousarray(lines)
-    g, gain, (scatter, misfit, power), spread, good = solve_lines(u, y, w, lines, w is u, blocks > 1)
+    g, gain, (scatter, misfit, power), spread, good = solve_lines(u, y, w, lines, w is u, blocks > 1, workers)
     if blocks > 1 and not np.all(good):
         blocks = 0
-        g, gain, (scatter, misfit, power), spread, good = solve_lines(u, y, w, lines, w is u, False)
+        g, gain, (scatter, misfit, power), spread, good = solve_lines(u, y, w, lines, w is u, False, workers)
     if not np.all(good):
         bad = frequency_hz[int(np.argmin(good))]
         raise DataError(

@@ -40,10 +40,13 @@ def reduced(
     for first in range(0, point.size, _LINES):
         lines = min(_LINES, point.size - first)
         if lines < _LINES:
-            rows[:] = 0.0
+            for i in range(k + 1):
+                for f in range(2 * _LINES):
+                    rows[i, f] = 0.0
         _fractions(point[first : first + lines], poles, real, imag)
         for i in range(n):
-            sums[i] += np.sum(real[i, :lines])
+            for f in range(lines):
+                sums[i] += real[i, f]
         for e in range(entries):
             for f in range(lines):
                 w = weights[first + f, e]
@@ -132,15 +135,19 @@ def scaled_system(
     triangle, sums = reduced(point, data, weights, poles, feedthrough, True)
     entries, k, n = triangle.shape[0], triangle.shape[1], sums.size
     system, target, column = np.zeros((entries * n + 1, n)), np.zeros(entries * n + 1), np.zeros(n)
-    for e in range(entries):
-        system[e * n : (e + 1) * n] = triangle[e, k - n :, k - n :]
-    system[-1] = sums * (size / sums[-1])
-    target[-1] = system[-1, -1]
     for i in range(n):
-        column[i] = math.sqrt(np.sum(system[:, i] ** 2))
-        if not column[i] > 0.0:
-            column[i] = 1.0
-        system[:, i] /= column[i]
+        for e in range(entries):
+            for j in range(n):
+                system[e * n + j, i] = triangle[e, k - n + j, k - n + i]
+        system[entries * n, i] = sums[i] * (size / sums[n - 1])
+    target[entries * n] = system[entries * n, n - 1]
+    for i in range(n):
+        square = 0.0
+        for j in range(entries * n + 1):
+            square += system[j, i] ** 2
+        column[i] = math.sqrt(square) if square > 0.0 else 1.0
+        for j in range(entries * n + 1):
+            system[j, i] /= column[i]
     return system, target, column
 
 

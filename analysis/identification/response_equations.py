@@ -51,7 +51,8 @@ def summed(
     for first in range(0, point.size, _LINES):
         lines = slice(first, min(first + _LINES, point.size))
         if first + _LINES > point.size:
-            state[:], rows[:] = 0.0, 0.0
+            _clear(state, 0)
+            _clear(rows, 0)
         _resolve(blocks[0], blocks[1], blocks[2], blocks[3], point[lines], state)
         for y in range(n_y):
             for u in range(n_u):
@@ -60,7 +61,7 @@ def summed(
                 _residual(of, model[6][y, u], state, seen, magnitude_only, factor, rows[k - 1])
                 _derivatives(of, state, factor, rows)
                 if magnitude_only:
-                    rows[:, _LINES:] = 0.0
+                    _clear(rows, _LINES)
                 _add_products(rows, out[y, u])
     cost, gradient, hessian = 0.0, np.zeros(size), np.zeros((size, size))
     for y in range(n_y):
@@ -71,6 +72,14 @@ def summed(
                 for j in range(k - 1):
                     hessian[places[y, u, i], places[y, u, j]] += out[y, u, i, j]
     return cost, gradient, hessian
+
+
+@njit
+def _clear(rows: Array, first: int) -> None:
+    """Set all columns from `first` on to zero, number by number (docs/decisions/0026)."""
+    for i in range(rows.shape[0]):
+        for f in range(first, rows.shape[1]):
+            rows[i, f] = 0.0
 
 
 @njit
@@ -167,7 +176,8 @@ def _residual(
     """
     weight, data, into, slope = seen
     n = _LINES
-    factor[4 * n : 5 * n], factor[5 * n :] = d, 0.0
+    for f in range(n):
+        factor[4 * n + f], factor[5 * n + f] = d, 0.0
     for i in range(of.shape[1]):
         n0, n1, own = of[0, i], of[1, i], state[i]
         for f in range(n):
@@ -207,8 +217,8 @@ def _derivatives(of: Array, state: Array, factor: Array, rows: Array) -> None:
                 for f in range(n):
                     re, im = on_q * own[f] + on_v * own[2 * n + f], on_q * own[n + f] + on_v * own[3 * n + f]
                     row[f], row[n + f] = re * factor[f] - im * factor[n + f], re * factor[n + f] + im * factor[f]
-    rows[6 * m] = factor[: 2 * n]
-    rows[6 * m + 1] = factor[2 * n : 4 * n]
+    for f in range(2 * n):
+        rows[6 * m, f], rows[6 * m + 1, f] = factor[f], factor[2 * n + f]
 
 
 @njit(fastmath=_SUMMED)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -50,12 +49,7 @@ def prepare(quick: bool, folder: Path) -> Prepared:
     lines = np.arange(1, inputs.shape[0] // 2)
 
     def ours() -> FrequencyResponse:
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1)
-        try:
-            return frequency_response_periodic(inputs, outputs, 1.0, workers=1)
-        finally:
-            numba.set_num_threads(threads)
+        return frequency_response_periodic(inputs, outputs, 1.0, workers=1)
 
     def bare() -> tuple[ComplexArray, ComplexArray]:
         first, second = (fft.rfft(np.moveaxis(x, 0, -1), norm="forward") for x in (inputs, outputs))
