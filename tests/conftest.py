@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from platformdirs import user_cache_path
 
 from tests.running.client import OWNER, SOCKET
 from tests.selection import COLLECTED, is_thorough
@@ -23,11 +24,11 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# Compiled code and the list of fonts are made once for all workers and kept for the next run, whatever home a test has.
-# What is kept goes by the contents of the sources, so it is never out of date.
-KEPT = Path(__file__).parents[1] / ".pytest_cache"
+# Compiled code and the list of fonts are those of whoever runs the tests, whatever home a test has: what is kept goes by
+# the contents of the sources, so it is never out of date.
+CACHE = user_cache_path("mccd", appauthor=False)
 for name, folder in (("MCCD_KERNEL_CACHE", "kernels"), ("MPLCONFIGDIR", "matplotlib")):
-    os.environ.setdefault(name, str(KEPT / folder))
+    os.environ.setdefault(name, str(CACHE / folder))
 
 
 def pytest_configure(config: pytest.Config) -> None:
