@@ -24,8 +24,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# Compiled code and the list of fonts are those of whoever runs the tests, whatever home a test has: what is kept goes by
-# the contents of the sources, so it is never out of date.
+# Compiled code and the list of fonts are those of whoever runs the tests, whatever home a test has.
+# What is kept goes by the contents of the sources, so it is never out of date.
 CACHE = user_cache_path("mccd", appauthor=False)
 for name, folder in (("MCCD_KERNEL_CACHE", "kernels"), ("MPLCONFIGDIR", "matplotlib")):
     os.environ.setdefault(name, str(CACHE / folder))
