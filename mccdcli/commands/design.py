@@ -97,15 +97,14 @@ def design(
             runs.append(stack.enter_context(read_run(log)))
         limits, axes = _what_it_may(bench, seed)
         with progress("designing") as report:
-            # designing takes about as long as playing
-            first = part_of(report, 0.0, 0.5 if stages else 0.9)
+            first = part_of(report, 0.0, 0.5 if stages else 0.9)  # designing takes about as long as playing
             designed = design_controller(nominal, runs, limits, axes, options, first)
             path = write_controller(designed, folder)
             rows = _played(designed, path, bench, seed, part_of(report, 0.5, 0.95)) if stages else []
             report(0.95, 1.0, "figures")
             files = write_design(designed, folder, rows)
-    text = _text(designed, rows, [path, *files.values()])
-    emit({**document(designed, rows), "files": {"controller": path, **files}}, as_json=as_json, text=text)
+    said = {**document(designed, rows), "files": {"controller": path, **files}}
+    emit(said, as_json=as_json, text=_text(designed, rows, [path, *files.values()]))
     return 0
 
 

@@ -103,8 +103,9 @@ def test_inlined_effects_give_the_same_bits_for_every_effect(monkeypatch, asked)
 
 
 def empty(monkeypatch, folder):
-    """Let the kernel cache be an empty folder, and no loop be in this process."""
+    """Let the kernel cache be an empty folder, no loop be in this process, and none be made aside for long play."""
     monkeypatch.setenv(VARIABLE, str(folder))
+    monkeypatch.setattr(kernel, "LONG", np.inf)
     for name, nothing in (("_loaded", {}), ("_locks", {}), ("_absent", set())):
         monkeypatch.setattr(machine, name, nothing)
 
