@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import dis
 import pickle
+import platform
 from collections.abc import Callable, Iterator
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from hashlib import sha256
 from importlib import import_module
+from importlib.metadata import version
 from threading import RLock
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, cast, overload
@@ -228,10 +230,10 @@ class _Kept:
 
 def entry_name(label: str, *decides: str) -> str:
     """Return the name of an entry of the kernel cache: `label`, and a digest of all that decides on the code."""
-    import platform
+    return f"{label}-{sha256(repr((_versions(), decides)).encode()).hexdigest()[:32]}"
 
-    import llvmlite
-    import numba
 
-    versions = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
-    return f"{label}-{sha256(repr((versions, decides)).encode()).hexdigest()[:32]}"
+@cache
+def _versions() -> tuple[str, ...]:
+    """Return the versions of what makes the code, without importing numba: who loads a kept loop does not need it."""
+    return (platform.python_version(), version("numba"), version("llvmlite"), np.__version__)

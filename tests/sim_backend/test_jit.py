@@ -59,6 +59,17 @@ def test_a_kernel_is_python_until_it_is_called() -> None:
     assert json.loads(done.stdout) == [False, 6.0, True]
 
 
+def test_an_entry_is_named_by_all_versions_without_importing_numba() -> None:
+    script = (
+        "import json, sys\n"
+        "from sim_backend.jit import entry_name\n"
+        "print(json.dumps([entry_name('a', 'b'), 'numba' in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
+    assert json.loads(done.stdout) == [jit.entry_name("a", "b"), False]
+    assert jit.entry_name("a", "b") != jit.entry_name("a", "c")
+
+
 def test_what_is_kept_is_used_and_goes_by_globals_and_called_kernels(folder: Path) -> None:
     assert module().outer(3.0) == 7.0
     kept = sorted(entry.name for entry in folder.iterdir())
