@@ -19,6 +19,8 @@ from functools import cache, cached_property, update_wrapper
 from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
 from threading import RLock
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, cast, overload
@@ -32,7 +34,10 @@ _making = RLock()
 
 
 class Deferred:
-    """An attribute of a module that is imported only when a kernel that uses it is compiled."""
+    """An attribute of a module that is imported only when a kernel that uses it is compiled.
+
+    The module's text and the versions of libraries stand for its value: it must import nothing of this project.
+    """
 
     def __init__(self, module: str, attribute: str) -> None:
         self._module, self._attribute = module, attribute
@@ -43,9 +48,11 @@ class Deferred:
         return getattr(import_module(self._module), self._attribute)
 
     def stamp(self) -> str:
-        """Return what it is: a number or an array by its value, anything else by its name."""
-        known_by_value = isinstance(self.made, int | float | np.ndarray)
-        return _value(self.made, frozenset()) if known_by_value else f"{self._module}.{self._attribute}"
+        """Return its name with a digest of its module's text: who loads kept code does not import the module."""
+        spec = find_spec(self._module)
+        written = Path(spec.origin) if spec is not None and spec.origin else Path()
+        text = written.read_bytes() if written.suffix == ".py" else b""
+        return f"{self._module}.{self._attribute} {sha256(text).hexdigest()}"
 
 
 class _Later:
@@ -90,15 +97,19 @@ class Kernel(_Later):
 
 
 class Callback(_Later):
-    """A function that compiled code calls by its address; `signature` is numba's, as text."""
+    """A function for callers in C; `signature` is numba's, as text.
+
+    Its machine code comes from `sim_backend.machine_code`, without numba where it is kept.
+    """
 
     def __init__(self, function: Callable[..., Any], signature: str, **options: Any) -> None:
         super().__init__(function, signature=signature, **options)
 
     @property
-    def address(self) -> int:
-        """The address of the machine code."""
-        return int(self.made.address)
+    def alone(self) -> tuple[str, str]:
+        """The function as LLVM's text, and its name there; numba translates it now."""
+        # numba forbids to inline what it wraps for callers in C
+        return self.made.inspect_llvm().replace("noinline", "alwaysinline"), self.made.native_name
 
     def _make(self) -> Any:
         from numba.core.ccallback import CFunc
@@ -107,7 +118,6 @@ class Callback(_Later):
         options = {"nopython": True, **self._options}
         signature = normalize_signature(options.pop("signature"))
         made: Any = CFunc(_resolved(self.py_func), signature, {}, options)
-        made._cache = _Kept(self)  # noqa: SLF001 as above
         made.compile()
         return made
 

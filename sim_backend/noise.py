@@ -8,14 +8,18 @@ HMC-CS-2014-0905; G. Marsaglia and W. W. Tsang, J. Stat. Software 5 (2000), in t
 
 from __future__ import annotations
 
+import ctypes
 import math
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.errors import ConfigError
-from sim_backend.jit import Deferred, intrinsic, njit
+from sim_backend.jit import Deferred, cfunc, intrinsic, njit
+from sim_backend.machine_code import address_of
 
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _HALF = (1 << 64) - 1
@@ -60,12 +64,12 @@ def _fraction(bits):  # type: ignore[no-untyped-def]
     return (bits >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(error_model="numpy")
-def _fill(state, out):  # type: ignore[no-untyped-def]
+@cfunc("void(CPointer(uint64), intp, CPointer(float64))", error_model="numpy")
+def _fill(state, n, out):  # type: ignore[no-untyped-def]
     """Fill `out` (n,) from the generator's state (4,): upper and lower half of the state and of the increment."""
     high, low, add_high, add_low = state[0], state[1], state[2], state[3]
     k = 0
-    while k < out.size:
+    while k < n:
         high, low = _advanced(high, low, add_high, add_low)
         bits = _scrambled(high, low)
         box = bits & np.uint64(0xFF)
@@ -95,6 +99,11 @@ def _fill(state, out):  # type: ignore[no-untyped-def]
     state[0], state[1] = high, low
 
 
+@cache
+def _filling() -> Callable[[int, int, int], None]:
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_void_p)(address_of(_fill))
+
+
 def standard_normal(n: int, rng: np.random.Generator, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """Return `n` standard normal numbers, those of `rng.standard_normal(n)`, and leave `rng` as that would.
 
@@ -104,13 +113,16 @@ def standard_normal(n: int, rng: np.random.Generator, out: NDArray[np.float64] |
         out = np.empty(n)
     elif out.shape != (n,):
         raise ConfigError(f"out has shape {out.shape}; {n} numbers need ({n},)")
+    elif out.dtype != np.float64 or not out.flags.c_contiguous:
+        out[:] = standard_normal(n, rng)
+        return out
     held: Any = rng.bit_generator.state
     if held["bit_generator"] != "PCG64":
         out[:] = rng.standard_normal(n)
         return out
     whole = held["state"]
     state = np.array([w >> s & _HALF for w in (whole["state"], whole["inc"]) for s in (64, 0)], dtype=np.uint64)
-    _fill(state, out)
+    _filling()(state.ctypes.data, n, out.ctypes.data)
     whole["state"] = int(state[0]) << 64 | int(state[1])
     rng.bit_generator.state = held
     return out

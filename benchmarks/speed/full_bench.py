@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, Round, Target, times_the_time
-from campaigns.plans.chop import ChopPlan
+from benchmarks.speed.chopping import QUICK, RATE_HZ, SAMPLES, SEED, chopping
 from sim_backend import kernel, layout
 from sim_backend.assembly import bus_of, places_of, plant_of, transducers_of
 from sim_backend.bench import Segment
@@ -33,18 +33,9 @@ Array = NDArray[np.float64]
 OURS, LOOP, C = "mccd SimBench, drawn, played, kept", "mccd compiled loop", "the same loop in C, gcc -O3 -march=native"
 SEVERAL = "mccd compiled loop, four benches side by side"
 REAL_TIME, SEVERAL_REAL_TIME = f"{OURS}: times real time", f"{SEVERAL}: times real time"
-SAMPLES, QUICK, SEED = 600_000, 20_000, 1
-RATE_HZ = 10_000.0
 ACTUATORS, HEADS, ANGLES = ("a1", "a2", "a3"), ("s1", "s2", "s3"), ("theta_x", "theta_y")
 AXES = (*ANGLES, "z")
 """Places of the bench, in the order of full_bench.c."""
-
-
-def chopping(n: int) -> Segment:
-    """Return a chop along 30 degrees, so that two axes move, with all loops closed all the time; every channel kept."""
-    plan = ChopPlan(strategy="mbff", alpha_deg=30.0)
-    chop = next(s for s in plan.segments(SimBench(load_model("as-built"), 0)) if s.label.startswith("chop"))
-    return Segment("full", n, chop.reference, chop.feedforward, chop.feedback, chop.gates)
 
 
 def compiled(folder: Path) -> ctypes.CDLL:

@@ -9,24 +9,26 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.speed.base import Agreement, Benchmark, Contender, Prepared, Round, Target
+from benchmarks.speed.chopping import QUICK, RATE_HZ, SAMPLES
 from benchmarks.speed.commands import Commands
-from benchmarks.speed.full_bench import QUICK, RATE_HZ, SAMPLES
 
 KEPT, EMPTY = "mccd, a new process, kernels kept", "mccd, a new process, no kernel kept"
 
 PLAY = """
 import hashlib, json, sys, time
-from benchmarks.speed.full_bench import SEED, chopping
+from benchmarks.speed.chopping import SEED, chopping
 from sim_backend.model import load_model
 from sim_backend.simbench import SimBench
 segment, bench = chopping(int(sys.argv[1])), SimBench(load_model("as-built"), SEED)
+assert "llvmlite" not in sys.modules and "numba" not in sys.modules
 started_s = time.perf_counter()
 played = bench.play(segment).channels
 took_s = time.perf_counter() - started_s
 digest = hashlib.sha256(b"".join(played[name].tobytes() for name in sorted(played))).hexdigest()
 print(json.dumps({"seconds": took_s, "digest": digest}))
 """
-"""What is timed begins when the bench is there and ends when the record is: compiling and loading of kernels, too."""
+"""What is timed begins when the bench is there and ends when the record is: compiling and loading
+of kernels, and of LLVM, too."""
 
 
 def prepare(quick: bool, folder: Path) -> Prepared:
@@ -75,5 +77,8 @@ BENCHMARK = Benchmark(
         Target(f"{KEPT}: times real time", 500.0, "×", (KEPT,), real_time),
         Target(f"{EMPTY}: seconds longer", 5.0, "s", (KEPT, EMPTY), compiling_s, at_most=True),
     ),
-    missed={},
+    missed={
+        f"{KEPT}: times real time": "of 0.12 s that it may take, loading LLVM takes 0.04 to 0.06 s, and the loop alone, "
+        "which is as fast as the same in C (full-bench), 0.07 to 0.09 s; the rest are noise and first use of memory",
+    },
 )

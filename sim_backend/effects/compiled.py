@@ -92,8 +92,7 @@ class Step:
         if kept := read_entry(entry):
             text, name = json.loads(kept)
             return text, name
-        # numba forbids to inline what it wraps for callers in C
-        text, name = made.made.inspect_llvm().replace("noinline", "alwaysinline"), made.made.native_name
+        text, name = made.alone
         keep_entry(entry, json.dumps([text, name]).encode())
         return text, name
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim_backend import layout
+from sim_backend.kernel import machine
 from sim_backend.kernel.arguments import entries, fixed_entries
 from sim_backend.kernel.called import along
 from sim_backend.kernel.structure import NO_DELAY, Structure, structure_of
@@ -33,13 +34,10 @@ class Loop:
     """
 
     def __init__(self, parts: layout.Parts, *, lasting: bool = False) -> None:
-        from sim_backend.kernel import machine  # it brings LLVM, which nothing needs before something is played
-
-        self.machine = machine
         self.parts = parts  # the table holds the addresses of their arrays: they must live as long
         self.inlined = structure_of(parts, inlined=True) if lasting else None
         if self.inlined is not None:
-            self.machine.load(self.inlined)
+            machine.load(self.inlined)
         self._steps = np.array([parts.plant.dt_s, parts.plant.dt_s / parts.plant.substeps])
         self._tables: dict[bool, tuple[Structure, list[int], layout.Ints]] = {}
 
@@ -55,14 +53,14 @@ class Loop:
 
     def run(self, structure: Structure, table: layout.Ints) -> None:
         """Run the loop of a structure with its table, a row for each of its lanes."""
-        self.machine.loop_of(structure)(table.ctypes.data, self._steps.ctypes.data)
+        machine.loop_of(structure)(table.ctypes.data, self._steps.ctypes.data)
 
     def _table(self, inlined: bool) -> tuple[Structure, list[int], layout.Ints]:
         """Return a structure, the part of its table that stays, and the addresses in there, which it does not copy."""
         if inlined not in self._tables:
             # where they are inlined nobody calls the steps, so they need not be compiled for that
             addresses = np.array(
-                [0 if inlined else self.machine.address_of(step) for step in self.parts.fx.steps], dtype=np.int64
+                [0 if inlined else machine.address_of(step) for step in self.parts.fx.steps], dtype=np.int64
             )
             structure = self.inlined if inlined and self.inlined else structure_of(self.parts, inlined=inlined)
             self._tables[inlined] = structure, fixed_entries(self.parts, addresses), addresses
@@ -72,11 +70,11 @@ class Loop:
         """Tell whether the next `n` samples are played with the effects inlined; see to it that later ones are."""
         if self.inlined is None:
             return False
-        if self.machine.is_loaded(self.inlined):
+        if machine.is_loaded(self.inlined):
             return True
         played[self.inlined] += n
         if played[self.inlined] > LONG:
-            self.machine.make_aside(self.inlined)
+            machine.make_aside(self.inlined)
         return False
 
 
@@ -91,13 +89,11 @@ def contribution_along(
     out: layout.Array,
 ) -> None:
     """Fill `out` (n,) with what effect `e` adds along given signals, each (n,): its signature before the plant."""
-    from sim_backend.kernel.machine import address_of
-
     cell = fx.cells.ctypes.data
     own: list[Any] = [cell + 8 * i for i in range(5)]
     own += [fx.parameters.ctypes.data + 8 * fx.p0[e], fx.states.ctypes.data + 8 * fx.s0[e]]
     wires = np.array(own, dtype=np.int64)
-    along(address_of(fx.steps[e]), wires, fx.cells, signal, position, rate, aux, dt_s, out)
+    along(machine.address_of(fx.steps[e]), wires, fx.cells, signal, position, rate, aux, dt_s, out)
 
 
 __all__ = ["LONG", "NO_DELAY", "Loop", "contribution_along", "played"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim_backend import layout
 from sim_backend.kernel.called import gate, learn
+from sim_backend.machine_code import address_of
 
 BUS = ("source", "driven", "current", "torque", "head", "reading", "at", "speed", "middle", "force")
 """Signals of one sample that effects read and change."""
@@ -42,7 +43,7 @@ TABLE = (*_names(*layout.Parts._fields), *_FIXED_NUMBERS, *_names("wave", "out")
 def fixed_entries(parts: layout.Parts, steps: layout.Ints) -> list[int]:
     """Return the part of the table that stays with a bench; `steps` (n_e,) are the addresses of its effects' steps."""
     plant, _, _, ctl, mem, _ = parts
-    learns = learn.address if np.any(ctl.learning >= 0) else 0  # what nothing calls need not be compiled
+    learns = address_of(learn) if np.any(ctl.learning >= 0) else 0  # what nothing calls need not be compiled
     numbers = [steps.ctypes.data, learns, plant.substeps, mem.queue.shape[1]]
     numbers += [ctl.fb.shape[1], ctl.lb.shape[1], ctl.taps.shape[1], mem.ring.shape[1]]
     return [*_addresses(**parts._asdict()), *numbers]
@@ -50,7 +51,7 @@ def fixed_entries(parts: layout.Parts, steps: layout.Ints) -> list[int]:
 
 def entries(n: int, wave: layout.Waveform, mem: layout.Memory, out: layout.Output) -> list[int]:
     """Return the part of the table that a run of `n` samples brings."""
-    gates = gate.address if wave.events.shape[0] else 0
+    gates = address_of(gate) if wave.events.shape[0] else 0
     numbers = [n, gates, int(mem.samples[0]), out.first, wave.reference.shape[0], wave.events.shape[0]]
     numbers += [wave.exogenous.shape[1], *(getattr(out, name).shape[-1] for name in RECORDED)]
     return [*_addresses(wave=wave, out=out), *numbers]

@@ -18,7 +18,7 @@ def _signature(returned: str, *arguments: str) -> str:
     return f"{returned}({', '.join(arguments)})"
 
 
-@cfunc(_signature("intp", *[_WHOLE] * 4, _NUMBERS, _WHOLES, _NUMBERS, _NUMBERS, _WHOLES))
+@cfunc(_signature("intp", *[_WHOLE] * 4, _NUMBERS, _WHOLES, _NUMBERS, _NUMBERS, _WHOLES), error_model="numpy")
 def gate(k, event, n_events, n_blocks, events, integrator, c, x, closed):  # type: ignore[no-untyped-def]
     """Open and close the feedback at the events (n_events, 4) of sample `k`; return the row of the next event.
 
@@ -39,7 +39,7 @@ def gate(k, event, n_events, n_blocks, events, integrator, c, x, closed):  # typ
     return event
 
 
-@cfunc(_signature("void", *[_WHOLE] * 5, *[_WHOLES] * 3, *[_NUMBERS] * 11))
+@cfunc(_signature("void", *[_WHOLE] * 5, *[_WHOLES] * 3, *[_NUMBERS] * 11), error_model="numpy")
 def learn(  # type: ignore[no-untyped-def]
     i, now, length, n_taps, n_blocks, period, lead, active, taps, gain, a, b, c, d, x, ring, learned, error, command
 ):

@@ -28,8 +28,7 @@ from sim_backend.kernel.places import emit_effects
 from sim_backend.kernel.structure import ANY, Structure, whole
 from sim_backend.kernel.tables import Tables
 from sim_backend.linear import TAPS
-
-NAME = "play"
+from sim_backend.machine_code import NAME
 
 
 class Sample:

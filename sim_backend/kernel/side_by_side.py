@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_backend import layout
-from sim_backend.kernel import Loop, played
+from sim_backend.kernel import Loop, machine, played
 from sim_backend.kernel.arguments import TABLE
 from sim_backend.kernel.structure import LANES, Structure
 
@@ -64,11 +64,11 @@ def _played_together(
 
 def _is_there(loop: Loop, together: Structure, n: int) -> bool:
     """Tell whether the loop for several is ready; see to it that it will be where they are played for long."""
-    if loop.machine.load(together):
+    if machine.load(together):
         return True
     played[together] += LANES * n
     if played[together] > LONG_SIDE_BY_SIDE:
-        loop.machine.make_aside(together)
+        machine.make_aside(together)
     return False
 
 

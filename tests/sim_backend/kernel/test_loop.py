@@ -156,7 +156,7 @@ def test_code_is_read_from_disk(monkeypatch, tmp_path):
     empty(monkeypatch, tmp_path / "new")
     first = play(one_axis(), held_torque(200))["theta_x"]
     empty(monkeypatch, tmp_path / "new")
-    monkeypatch.setattr(machine, "_compiled", None)
+    monkeypatch.setattr(machine, "compiled", None)
     np.testing.assert_array_equal(play(one_axis(), held_torque(200))["theta_x"], first)
     assert len(list((tmp_path / "new").glob("loop-*"))) == 1
 
@@ -168,7 +168,7 @@ def test_a_process_that_compiles_nothing_plays_what_another_has_kept(tmp_path):
         "from sim_backend import kernel\n"
         "from sim_backend.kernel import machine\n"
         "kernel.Loop._is_inlined = lambda self, n: True\n"
-        "machine._compiled = None if sys.argv[1] == 'kept' else machine._compiled\n"
+        "machine.compiled = None if sys.argv[1] == 'kept' else machine.compiled\n"
         "print(play(one_axis(), held_torque(200))['theta_x'].tobytes().hex())"
     )
     environment = os.environ | {VARIABLE: str(tmp_path)}
@@ -212,9 +212,9 @@ def test_damaged_code_is_made_again(monkeypatch, tmp_path, damage):
 
 
 def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
-    made, compiled = [], machine._compiled  # noqa: SLF001
+    made, compiled = [], machine.compiled
     empty(monkeypatch, tmp_path)
-    monkeypatch.setattr(machine, "_compiled", lambda *what, **how: (made.append(what), compiled(*what, **how))[1])
+    monkeypatch.setattr(machine, "compiled", lambda *what, **how: (made.append(what), compiled(*what, **how))[1])
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(lambda _: play(one_axis(), held_torque(2000))["theta_x"], range(8)))
     assert len(made) == 1
@@ -236,3 +236,24 @@ def test_a_process_that_only_loads_code_plays_it(monkeypatch, tmp_path):
         for _ in range(2)
     ]
     assert printed[0] == printed[1] and len(printed[0]) == 2 * 8 * 200 + 1
+
+
+def test_kept_code_needs_no_numba(monkeypatch, tmp_path):
+    """With noise and with gates, which are compiled beside the loop."""
+    empty(monkeypatch, tmp_path)
+    script = (
+        "import sys\n"
+        "from benchmarks.speed.chopping import chopping\n"
+        "from sim_backend.model import load_model\n"
+        "from sim_backend.simbench import SimBench\n"
+        "played = SimBench(load_model('as-built'), 1).play(chopping(500)).channels\n"
+        "print(b''.join(played[name].tobytes() for name in sorted(played)).hex())\n"
+        "print('numba' in sys.modules)"
+    )
+    printed = [
+        subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+        for _ in range(2)
+    ]
+    (first, compiling), (second, loading) = (text.split() for text in printed)
+    assert first == second and len(first) > 2 * 8 * 500
+    assert (compiling, loading) == ("True", "False")
