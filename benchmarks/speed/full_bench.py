@@ -244,7 +244,12 @@ BENCHMARK = Benchmark(
     targets=(
         Target(REAL_TIME, 500.0, "×", (OURS,), real_time),
         times_the_time(LOOP, C, 1.3),
+        times_the_time(OURS, C, 1.3),
         Target(SEVERAL_REAL_TIME, 1200.0, "×", (SEVERAL,), real_time_of_several),
     ),
-    missed={},
+    missed={
+        f"{OURS}: times the time of {C}": "C is given its noise and memory that is in use already. Drawing nine normal "
+        "numbers a sample takes 0.3 of C's time, first use of 77 MB some 0.2, references and the check for numbers that "
+        "are not finite 0.1",
+    },
 )
