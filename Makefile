@@ -34,7 +34,8 @@ picture: report
 	sed '0,/<defs>/s//<rect width="100%" height="100%" fill="white"\/>&/' $(OUT)/figures/figure-6.15.svg > docs/images/settling.svg
 
 # A file or, where a file takes long, a test goes to the next free worker, the longest first (tests/order.py).
-TESTS := $(BIN)/python -m pytest -n auto --dist loadscope
+# Python and pytest keep what they have compiled: each of hundreds of processes would compile it all again.
+TESTS := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadscope
 
 test: $(STAMP)
 	$(TESTS) $(ARGS)

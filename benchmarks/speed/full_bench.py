@@ -248,8 +248,8 @@ BENCHMARK = Benchmark(
         Target(SEVERAL_REAL_TIME, 1200.0, "×", (SEVERAL,), real_time_of_several),
     ),
     missed={
-        f"{OURS}: times the time of {C}": "C is given its noise and memory that is in use already. Drawing nine normal "
-        "numbers a sample takes 0.3 of C's time, first use of 77 MB some 0.2, references and the check for numbers that "
-        "are not finite 0.1",
+        f"{OURS}: time ÷ that of {C}": "C is given its noise, and memory that is in use already. Drawing nine "
+        "normal numbers a sample takes 0.3 of C's time, first use of 77 MB some 0.2, references and the check for "
+        "numbers that are not finite 0.1",
     },
 )
