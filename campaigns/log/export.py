@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 CSV_ROWS = 20_000
 """Rows of text that are written before it is told how far that is: a second of work at most."""
 
+MATLAB_NAME = 63
+"""Letters of a name that MATLAB keeps."""
+
 MAT_BYTES = 2**31 - 2**20
 """The most that a structure in a MATLAB file of version 5 can hold, with room for its names and segments."""
 
@@ -59,8 +62,9 @@ def to_dataset(run: Run) -> xr.Dataset:
         import xarray as xr
     except ImportError:
         raise ConfigError("xarray is not installed; install it, or use pandas") from None
+    names = _stored_names(run.channels, ("time", "segment"))
     variables = {
-        name: ("time", run.read(name), {"units": c.unit, "role": c.role, "dof": c.dof})
+        names[name]: ("time", run.read(name), {"units": c.unit, "role": c.role, "dof": c.dof})
         for name, c in run.channels.items()
     }
     labels = np.zeros(run.rows, dtype=object)
@@ -77,11 +81,12 @@ def save_csv(run: Run, path: Path, report: Report = unheard) -> None:
     import pandas as pd
 
     first = next(iter(run.channels))
+    names = _stored_names(run.channels, ("time",))
     with path.open("x", encoding="utf-8", newline="") as file:
         for start, block in run.blocks(rows=CSV_ROWS):
             report(start, run.rows, f"writing {path.name}")
             stop = start + next(iter(block.values())).size
-            columns = {f"{name} ({run.channels[name].unit})": values for name, values in block.items()}
+            columns = {f"{names[name]} ({run.channels[name].unit})": values for name, values in block.items()}
             frame = pd.DataFrame(columns, index=pd.Index(run.time_s(first, start, stop), name="time (s)"))
             frame.to_csv(file, header=start == 0)
 
@@ -89,8 +94,9 @@ def save_csv(run: Run, path: Path, report: Report = unheard) -> None:
 def save_npz(run: Run, path: Path, report: Report = unheard) -> None:
     """Write an archive of numpy arrays: `time_s`, one per channel, and `about` as JSON text."""
     reader = _Reader(run, report)
+    names = _stored_names(run.channels, ("time_s", "about"))
     with zipfile.ZipFile(path, "x", zipfile.ZIP_STORED) as archive:
-        for name, blocks in {"time_s": _times(run), **{name: reader.values(name) for name in run.channels}}.items():
+        for name, blocks in {"time_s": _times(run), **{names[n]: reader.values(n) for n in run.channels}}.items():
             # its size is not asked for before it is written, so every entry may become larger than 4 GB
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 header = {"descr": "<f8", "fortran_order": False, "shape": (run.rows,)}
@@ -98,7 +104,7 @@ def save_npz(run: Run, path: Path, report: Report = unheard) -> None:
                 for _, values in blocks:
                     entry.write(values.astype("<f8").tobytes())
         with archive.open("about.npy", "w") as entry:
-            np.lib.format.write_array(entry, np.array(to_json(_about(run), "log")), allow_pickle=False)
+            np.lib.format.write_array(entry, np.array(to_json(_about(run, names), "log")), allow_pickle=False)
 
 
 def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
@@ -125,7 +131,7 @@ def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
             "last": _listed([s.stop for s in segments]),
             "settings": [to_json(s.settings, s.label) for s in segments],
         },
-        "about": to_json(_about(run), "log"),
+        "about": to_json(_about(run, names), "log"),
     }
     with path.open("xb") as file:
         write_structure(file, "run", content)
@@ -144,16 +150,17 @@ def save_nexus(run: Run, path: Path, report: Report = unheard) -> None:
         entry["entry_identifier"] = run.run_uid
         notes = entry.create_group("about")
         notes.attrs["NX_class"] = "NXnote"
-        notes["type"], notes["data"] = "application/json", to_json(_about(run), "log")
+        stored = _stored_names(run.channels, ("time",))
+        notes["type"], notes["data"] = "application/json", to_json(_about(run, stored), "log")
         for role in dict.fromkeys(channel.role for channel in run.channels.values()):
             names = run.names(role)
             data = entry.create_group(role)
-            data.attrs.update({"NX_class": "NXdata", "signal": names[0], "axes": ["time"], "time_indices": 0})
+            data.attrs.update({"NX_class": "NXdata", "signal": stored[names[0]], "axes": ["time"], "time_indices": 0})
             if len(names) > 1:
-                data.attrs["auxiliary_signals"] = list(names[1:])
+                data.attrs["auxiliary_signals"] = [stored[name] for name in names[1:]]
             _stored(data, "time", run.rows, _times(run)).attrs["units"] = "s"
             for name in names:
-                channel = _stored(data, name, run.rows, reader.values(name))
+                channel = _stored(data, stored[name], run.rows, reader.values(name))
                 channel.attrs["units"], channel.attrs["long_name"] = run.channels[name].unit, name
         entry.attrs["default"] = "output" if run.names("output") else next(iter(run.channels.values())).role
 
@@ -177,7 +184,11 @@ def save(run: Run, path: Path, report: Report = unheard) -> None:
         raise ConfigError(f"{path}: '{ending}' is no form; {did_you_mean(ending, FORMS)}there are {', '.join(FORMS)}")
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
-    FORMS[ending](run, path, report)
+    try:
+        FORMS[ending](run, path, report)
+    except BaseException:
+        path.unlink(missing_ok=True)  # half a file reads like a whole one
+        raise
 
 
 def _stored(group: h5py.Group, name: str, rows: int, blocks: Iterable[tuple[int, Array]]) -> h5py.Dataset:
@@ -221,7 +232,8 @@ def _time(run: Run) -> Array:
     return run.time_s(next(iter(run.channels)))
 
 
-def _about(run: Run) -> dict[str, Any]:
+def _about(run: Run, stored: Mapping[str, str]) -> dict[str, Any]:
+    """Return what is known of a run; `stored` says under which name each channel stands in the file."""
     header = run.header
     return {
         "run_uid": run.run_uid,
@@ -232,19 +244,39 @@ def _about(run: Run) -> dict[str, Any]:
         "seed": header.seed,
         "configuration": header.configuration,
         "sample_rate_hz": run.sample_rate_hz,
-        "channels": {n: {"unit": c.unit, "role": c.role, "dof": c.dof} for n, c in run.channels.items()},
+        "channels": {
+            n: {"unit": c.unit, "role": c.role, "dof": c.dof, "stored_as": stored[n]} for n, c in run.channels.items()
+        },
         "segments": [
             {"label": s.label, "start": s.start, "stop": s.stop, "settings": dict(s.settings)} for s in run.segments
         ],
     }
 
 
-def _matlab_names(names: Mapping[str, object]) -> dict[str, str]:
+def _stored_names(names: Iterable[str], reserved: Iterable[str] = (), longest: int = 1000) -> dict[str, str]:
+    """Return under which name each channel is stored: its own, with `_` or a number at the end where that is taken.
+
+    All of them differ within their first `longest` signs.
+    """
+    taken = {*reserved, *(name for name in names if len(name) <= longest and name not in reserved)}
     found: dict[str, str] = {}
     for name in names:
-        plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-        plain = plain if plain[0].isalpha() else f"x{plain}"
-        while plain in found.values():
-            plain += "_"
-        found[name] = plain[:63]
+        if len(name) <= longest and name not in reserved:
+            found[name] = name
+            continue
+        ends = ("", "_", *(f"_{k}" for k in range(2, 10_000)))
+        found[name] = next(new for end in ends if (new := name[: longest - len(end)] + end) not in taken)
+        taken.add(found[name])
     return found
+
+
+def _matlab_names(names: Iterable[str]) -> dict[str, str]:
+    plain: dict[str, str] = {}
+    for name in names:
+        new = re.sub(r"\W", "_", name, flags=re.ASCII)
+        new = new if new[0].isalpha() else f"x{new}"
+        while new in plain.values():
+            new += "_"
+        plain[name] = new
+    stored = _stored_names(plain.values(), longest=MATLAB_NAME)
+    return {name: stored[new] for name, new in plain.items()}

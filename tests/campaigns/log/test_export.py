@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from scipy.io import loadmat
 
-from campaigns.log import Channel, LogWriter, read_run
+from campaigns.log import Channel, LogWriter, export, read_run
 from campaigns.log.export import FORMS, save, to_dataset, to_frame
 from mccdcli.main import main
 from sim_backend.errors import ConfigError
@@ -141,3 +141,52 @@ def test_a_model_is_converted_both_ways(tmp_path, capsys):
     assert main(["model", "convert", "design", "-o", str(tmp_path / "d.json")]) == 2
     assert "--force" in capsys.readouterr().err
     assert main(["model", "convert", "design", "-o", str(tmp_path / "d.yaml")]) == 2
+
+
+@pytest.fixture
+def clashing(tmp_path: Path) -> Path:
+    """A log whose channels are named like entries of the files, and alike in their first 63 letters."""
+    long = "station_2_mirror_stage_tip_tilt_position_sensor_filtered_reading_"
+    names = ("time", "time_s", "about", "segment", "time_", f"{long}x", f"{long}y")
+    channels = [Channel(name, "s", "output", "a", 1e3) for name in names]
+    with LogWriter.create(tmp_path / "clash.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log:
+        log.append({name: np.arange(40.0) + 100.0 * i for i, name in enumerate(names)})
+    return tmp_path / "clash.h5"
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat", ".nxs", ".csv"])
+def test_every_channel_is_kept_whatever_its_name(clashing, tmp_path, ending):
+    target = tmp_path / f"out{ending}"
+    with read_run(clashing) as run:
+        save(run, target)
+        wanted = {name: run.read(name) for name in run.channels}
+    if ending == ".npz":
+        found = dict(np.load(target))
+        about = json.loads(str(found["about"]))
+        times = found["time_s"]
+    elif ending == ".mat":
+        whole = loadmat(target, simplify_cells=True)["run"]
+        found, about, times = whole["channels"], json.loads(whole["about"]), whole["time_s"]
+    elif ending == ".nxs":
+        with h5py.File(target) as file:
+            group = file["entry/output"]
+            found, times = {name: group[name][()] for name in group}, group["time"][()]
+            about = json.loads(file["entry/about/data"][()])
+    else:
+        frame = pd.read_csv(target, index_col=0)
+        found, times = {name.removesuffix(" (s)"): frame[name].to_numpy() for name in frame}, frame.index.to_numpy()
+        about = {"channels": {name: {"stored_as": name if name != "time" else "time_2"} for name in wanted}}
+    np.testing.assert_allclose(times, np.arange(40) * 1e-3, atol=1e-12)
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(found[about["channels"][name]["stored_as"]], values)
+
+
+def test_half_a_file_is_not_left_behind(clashing, tmp_path, monkeypatch):
+    def fails(*_arguments: object) -> None:
+        (tmp_path / "out.npz").write_bytes(b"half")
+        raise OSError("disk")
+
+    monkeypatch.setattr(export, "FORMS", {**export.FORMS, ".npz": fails})
+    with read_run(clashing) as run, pytest.raises(OSError, match="disk"):
+        save(run, tmp_path / "out.npz")
+    assert not (tmp_path / "out.npz").exists()
