@@ -13,7 +13,7 @@ from analysis.linear.simulate import periodic_response, simulate_linear
 from analysis.recorded.folded import windowed
 from campaigns.log import LogSegment, Run
 from sim_backend.intersample import steps_for
-from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise
+from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise
 from sim_backend.model import Intersample
 
 START_ROWS = 20_000
@@ -48,7 +48,10 @@ def tried(
             modelled = periodic_response(model.frequency_response(frequency, rate_hz), played)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
         else:
-            modelled = simulate_linear(discrete, played, _start_of(discrete, played, y - offset)) + offset
+            skip = _unknown_rows(discrete, y.shape[0])
+            start = _start_of(discrete, played, y - offset, skip)
+            modelled = simulate_linear(discrete, played, start)[skip:] + offset
+            y = y[skip:]
         error = relative_error(y, modelled)
         results.append(
             HeldOut(
@@ -61,14 +64,23 @@ def tried(
     return tuple(results)
 
 
-def _start_of(model: DiscreteModel, u: Array, y: Array) -> Array:
-    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by what is left from rest."""
+def _unknown_rows(model: DiscreteModel, rows: int) -> int:
+    """Return for how many rows a delayed input comes from before the segment, where nobody knows it."""
+    reach = max(delay_taps(float(late)).reach for late in model.delay_samples) if np.any(model.delay_samples) else 0
+    return reach if reach < rows // 2 else 0
+
+
+def _start_of(model: DiscreteModel, u: Array, y: Array, skip: int) -> Array:
+    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by what is left from rest.
+
+    The first `skip` rows are not looked at.
+    """
     m = model.a.shape[0]
     rows = min(u.shape[0], START_ROWS)
-    u, left = u[:rows], y[:rows] - simulate_linear(model, u[:rows])
+    u, left = u[:rows], (y[:rows] - simulate_linear(model, u[:rows]))[skip:]
     free = []
     for unit in np.eye(2 * m):
-        free.append(simulate_linear(model, np.zeros_like(u), unit.reshape(m, 2)).ravel())
+        free.append(simulate_linear(model, np.zeros_like(u), unit.reshape(m, 2))[skip:].ravel())
     columns = np.stack(free, axis=1)
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     return np.asarray(np.linalg.lstsq(columns / scale, left.ravel(), rcond=1e-9)[0] / scale).reshape(m, 2)

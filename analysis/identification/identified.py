@@ -35,7 +35,8 @@ class Identification:
 
     `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
     `distortion` are relative to the output (rms), where the excitation tells them. `held_out` may be empty.
-    `response` is what was measured by frequency, before any model; empty for a record that is fitted in time.
+    `response` is what was measured by frequency, before any model; empty for a record that is fitted in time. `remarks`
+    say what of the records was left out or is doubtful.
     """
 
     model: Model
@@ -46,6 +47,7 @@ class Identification:
     distortion: float | None
     held_out: tuple[HeldOut, ...]
     response: tuple[ResponseCurve, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

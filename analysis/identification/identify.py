@@ -17,8 +17,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.frequency.frf import frequency_response_periodic, response_to_steps
+from analysis.frequency.frf import frequency_response_periodic
 from analysis.identification.axes import Axes, fit_axes
+from analysis.identification.between_samples import fit_between_samples
 from analysis.identification.determined import SIGNIFICANT, without_undetermined
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
@@ -31,11 +32,12 @@ from analysis.identification.response_curves import curve_of_sweep, curves_of_pe
 from analysis.identification.response_fit import RationalFit
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
+from campaigns.facts import remarks_on, usable_segments
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel
-from sim_backend.model import EffectEntry, Intersample, Port, Quantity
+from sim_backend.model import EffectEntry, Port, Quantity
 
 Array = NDArray[np.float64]
 
@@ -74,7 +76,7 @@ def identify_runs(
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
         return _from_sweeps(runs, orders, name, report)
     _require_same_channels(runs)
-    parts = [(run, s) for run in runs for s in run.segments]
+    parts = [(run, s) for run in runs for s in usable_segments(run)]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
         raise DataError(
@@ -82,8 +84,10 @@ def identify_runs(
         )
     periodic = realisations_of(fitting)
     if periodic is not None:
-        return _from_periods(periodic, parts, orders, name, equal_weights, report)
-    return (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
+        found = _from_periods(periodic, parts, orders, name, equal_weights, report)
+    else:
+        found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
+    return replace(found, remarks=remarks_on(runs))
 
 
 def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int, ...]:
@@ -159,24 +163,18 @@ def _from_periods(
     bring_to_one_level(data)
     measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
     measured = replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
-    variance = None if equal_weights else pooled_variance(measured)
-    # behind the bench's own hold, or, from a recorder with filters, band-limited with a delay: the data decide
-    held, filtered = part_of(report, 0.0, 0.4), part_of(report, 0.4, 0.8)
-    fits = {
-        data.rate_hz: fit_lines(measured, variance, data.rate_hz, orders, report=held),
-        None: fit_lines(measured, variance, None, orders, report=filtered),
-    }
+    chosen = fit_between_samples(
+        measured, data.rate_hz, orders, equal_weights=equal_weights, report=part_of(report, 0.0, 0.8)
+    )
     report(0.8, 1.0, "giving up modes that are not there")
-    hold = min(fits, key=lambda key: fits[key].criterion)
-    fit, lines, late = fits[hold], measured, np.zeros(data.inputs.shape[1])
-    if hold is None:  # a simulation plays steps, so the model is made for the steps that stand for a smooth input
-        late = np.rint(fit.model.delay_s * data.rate_hz)
-        lines = response_to_steps(measured, data.rate_hz, late)
-        variance = None if equal_weights else pooled_variance(lines)
-        fit = fit_lines(lines, variance, data.rate_hz, (fit.model.n_blocks,))
-    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first))
-    fit = replace(fit, model=fit.model.with_(delay_s=late / data.rate_hz))
-    intersample: Intersample = "held" if hold else "band-limited"
+    fit, lines, variance, held = chosen.fit, chosen.lines, chosen.variance, chosen.intersample == "held"
+    fit = without_undetermined(
+        fit,
+        orders,
+        lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay),
+    )
+    if chosen.whole_s.any():
+        fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
     std = deviations(fit)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
@@ -184,11 +182,11 @@ def _from_periods(
         Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)),
         _runs_of(parts),
         *_ports(parts[0][0]),
-        method="periodic, zero-order hold" if hold else "periodic, band-limited",
+        method="periodic, zero-order hold" if held else "periodic, band-limited",
         name=name,
-        intersample=intersample,
+        intersample=chosen.intersample,
         levels=(ratios[0], ratios[1]),
-        held_out=tried(fit.model, parts, data.rate_hz, intersample=intersample),
+        held_out=tried(fit.model, parts, data.rate_hz, intersample=chosen.intersample),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
 

@@ -31,11 +31,16 @@ def fit_lines(
     orders: tuple[int, ...],
     start: ModalModel | None = None,
     report: Report = unheard,
+    *,
+    delay: bool | None = None,
 ) -> RationalFit:
-    """Fit all lines from `start`, or from starts searched on about a thousand of them, twice: one may be poor."""
+    """Fit all lines from `start`, or from starts searched on about a thousand of them, twice: one may be poor.
+
+    `delay` lets every input be late; by default where nothing is held (`hold` is None).
+    """
     f = measured.frequency_hz
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
-    structure = Structure(delay=hold is None)
+    structure = Structure(delay=hold is None if delay is None else delay)
 
     def fitted(every: int, choice: tuple[int, ...], start: ModalModel | None, told: Report = unheard) -> RationalFit:
         return fit_rational(

@@ -1,0 +1,80 @@
+"""What is known of a record before it is used: `FACTS` is the only list; adding one is a file beside this and a line.
+
+Facts are found when data are imported and kept in the log; identification and diagnosis ask them, never the raw rows.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from campaigns.facts import clipping, period, rest, size, slow_sensor, steps, wraps
+from campaigns.facts.base import Fact, Seen
+from campaigns.log.read import Run
+from campaigns.log.schema import LogSegment
+from sim_backend.errors import DataError
+
+FACTS: tuple[Callable[[Seen], list[Fact]], ...] = (
+    size.facts,
+    period.facts,
+    rest.facts,
+    slow_sensor.facts,
+    steps.facts,
+    clipping.facts,
+    wraps.facts,
+)
+"""Each finds what it knows how to find, in the order in which a person wants to read it."""
+
+
+MOST_NUMBERS = 50_000_000
+"""Numbers of a log that are looked at, the first ones: 400 MB of memory."""
+
+
+def found_in(seen: Seen) -> tuple[Fact, ...]:
+    """Return the facts of a record."""
+    return tuple(fact for find in FACTS for fact in find(seen))
+
+
+def facts_of(run: Run) -> tuple[Fact, ...]:
+    """Return the facts of a log, found once per open run; raises DataError where the log cannot be read."""
+    return run.once("facts", lambda own: found_in(seen_in(own)))
+
+
+def usable_segments(run: Run) -> list[LogSegment]:
+    """Return the segments of a log without those in which no output moves, cut where the record has ended.
+
+    Raises DataError for a log that a fact forbids to use.
+    """
+    facts = facts_of(run)
+    for fact in facts:
+        if fact.forbids:
+            raise DataError(f"{run.path}: {fact.finding} ({fact.segment or fact.channel}); {fact.means}")
+    end = min((int(fact.numbers["start"]) for fact in facts if fact.name == "ended"), default=run.rows)
+    still = Counter(fact.segment for fact in facts if fact.name == "at-rest")
+    outputs = len(run.names("output"))
+    kept = [s for s in run.segments if s.start < end and still[s.label] < max(outputs, 1)]
+    return [replace(s, stop=min(s.stop, end)) for s in kept]
+
+
+def remarks_on(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Return what somebody who uses these logs has to know of them, without being asked."""
+    told = (f"{run.path.name}: {fact.finding}; {fact.means}" for run in runs for fact in facts_of(run) if fact.remark)
+    return tuple(dict.fromkeys(told))
+
+
+def seen_in(run: Run) -> Seen:
+    """Return a log as the facts look at it: its inputs, outputs and references in memory, its segments."""
+    names = [name for name, channel in run.channels.items() if channel.role != "aux"]
+    rows = min(run.rows, MOST_NUMBERS // max(len(names), 1))
+    segments = [replace(s, stop=min(s.stop, rows)) for s in run.segments if s.start < rows] or whole(rows)
+    columns = {name: run.read(name, 0, rows) for name in names}
+    return Seen(columns, {name: run.channels[name] for name in names}, segments, run.sample_rate_hz)
+
+
+def whole(rows: int) -> Sequence[LogSegment]:
+    """Return a record without segments as one."""
+    return (LogSegment("record", 0, rows, {}),) if rows else ()
+
+
+__all__ = ["FACTS", "Fact", "Seen", "facts_of", "found_in", "remarks_on", "seen_in", "usable_segments", "whole"]

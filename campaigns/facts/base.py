@@ -1,0 +1,64 @@
+"""A fact about a record, and the record as facts look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.log.schema import ChannelLike, LogSegment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """What was found, where, and what it means for identification and diagnosis.
+
+    `name` says of which kind it is, `numbers` hold what programs need; `channel` and `segment` are empty where it is of
+    all. One that `forbids` makes wrong whatever is computed from the record as it is; one that is no `remark` is told
+    when asked for only.
+    """
+
+    name: str
+    finding: str
+    means: str = ""
+    channel: str = ""
+    segment: str = ""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    forbids: bool = False
+    remark: bool = True
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A record: its columns (n,) in SI by channel, what they are, its segments, its rate."""
+
+    columns: Mapping[str, Array]
+    channels: Mapping[str, ChannelLike]
+    segments: Sequence[LogSegment]
+    rate_hz: float
+
+    def of_role(self, *roles: str) -> dict[str, Array]:
+        """Return the columns of these roles."""
+        return {name: values for name, values in self.columns.items() if self.channels[name].role in roles}
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return next((values.size for values in self.columns.values()), 0)
+
+
+def runs_of(at: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return where the stretches begin and end (exclusive) in which `at` (n,) holds."""
+    edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def by_segment(seen: Seen, values: Array) -> Iterator[tuple[LogSegment, Array]]:
+    """Yield every segment with rows and its part of a column."""
+    for segment in seen.segments:
+        if segment.rows:
+            yield segment, values[segment.start : segment.stop]

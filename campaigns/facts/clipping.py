@@ -1,0 +1,65 @@
+"""Readings cut off at the end of a sensor's or a converter's range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from campaigns.facts.base import Array, Fact, Seen, by_segment, runs_of
+
+SATURATED_SHARE = 1e-3
+"""Share of the rows that may stand at an extreme before it counts as a limit of the sensor."""
+
+
+def facts(seen: Seen) -> list[Fact]:
+    """Return the outputs that are cut off, by segment."""
+    found = []
+    for name, values in seen.of_role("output").items():
+        unit = seen.channels[name].unit
+        for segment, part in by_segment(seen, values):
+            share, level = saturation(part)
+            if share > 0.0:
+                found.append(
+                    Fact(
+                        "clipping",
+                        f'{name} is cut off at {level:.6g} {unit} in {share:.2%} of the rows of "{segment.label}"',
+                        "the sensor is at its end there: such rows are no measurement and are left out of every fit",
+                        name,
+                        segment.label,
+                        {"share": share, "level": level},
+                    )
+                )
+    return found
+
+
+def saturation(values: Array) -> tuple[float, float]:
+    """Return (share of rows cut off at an extreme, that extreme) of a channel (n,); (0, 0) when none is.
+
+    A limited sensor stays exactly at its extreme for samples on end although the motion was heading beyond it; one
+    that rests or turns there arrives slowly. Inputs are not judged: a two-level signal is at its extremes always.
+    """
+    steps = np.abs(np.diff(values))
+    rms_step = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
+    worst = (0.0, 0.0)
+    if rms_step == 0.0:
+        return worst
+    for sign in (1.0, -1.0):
+        x = sign * values
+        top = float(x.max())
+        starts, stops = runs_of(x == top)
+        long = stops - starts >= 3
+        share = float((stops - starts)[long].sum()) / x.size
+        if share <= SATURATED_SHARE:
+            continue
+        beyond = [_overshoot(x, a, b) for a, b in zip(starts[long], stops[long], strict=True)]
+        # half a typical step: a clipped sine of 95 % crosses with 0.4 of it per sample, a start from rest with 0.05
+        if float(np.median(beyond)) > 0.5 * rms_step and share > worst[0]:
+            worst = (share, sign * top)
+    return worst
+
+
+def _overshoot(x: Array, start: int, stop: int) -> float:
+    """Return how far straight lines through the samples before and after a stay at the top lead beyond it."""
+    reach = min((stop - start) / 2.0, 3.0)
+    before = (x[start - 1] - x[start - 3]) / 2.0 * reach + x[start - 1] - x[start] if start >= 3 else 0.0
+    after = (x[stop] - x[stop + 2]) / 2.0 * reach + x[stop] - x[start] if stop + 2 < x.size else 0.0
+    return float(max(before, after))

@@ -1,0 +1,50 @@
+"""Rows in which nothing happens: a segment at rest decides nothing, and zeros after the end are no measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from campaigns.facts.base import Array, Fact, Seen, by_segment
+
+LEAST_ROWS = 20
+"""Rows at the end of a record in which nothing may change before it counts as having ended there."""
+
+
+def facts(seen: Seen) -> list[Fact]:
+    """Return segments in which an output is constant, and rows at the end in which all channels are."""
+    found = []
+    outputs = seen.of_role("output")
+    for name, values in outputs.items():
+        if np.ptp(values) == 0.0:
+            continue  # dead throughout, which the import refuses or the map allows
+        for segment, part in by_segment(seen, values):
+            if part.size > 1 and np.ptp(part) == 0.0:
+                found.append(
+                    Fact(
+                        "at-rest",
+                        f'{name} is {part[0]:.6g} in all of "{segment.label}", rows {segment.start} to {segment.stop}',
+                        "the segment is left out; nothing can be held out or fitted there",
+                        name,
+                        segment.label,
+                        {"start": segment.start, "stop": segment.stop},
+                    )
+                )
+    still = [_still_rows(values) for values in seen.of_role("input", "output").values()]
+    rows = min(still, default=0)
+    if LEAST_ROWS <= rows < seen.rows and outputs:
+        last = seen.rows - rows
+        found.append(
+            Fact(
+                "ended",
+                f"from row {last} on, {rows} rows to the end, no input or output changes",
+                "the recorder stopped or the bench was off: these rows are left out",
+                numbers={"start": last, "stop": seen.rows},
+            )
+        )
+    return found
+
+
+def _still_rows(values: Array) -> int:
+    """Return how many rows at the end hold the last value."""
+    other = np.flatnonzero(values != values[-1])
+    return int(values.size - 1 - other[-1]) if other.size else int(values.size)

@@ -1,0 +1,139 @@
+"""Each fact is found in a record that has it, with its numbers, and in none that has not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from campaigns.facts import Seen, facts_of, found_in, usable_segments
+from campaigns.log import Channel, LogSegment, LogWriter, read_run
+from sim_backend.errors import DataError
+
+RATE_HZ = 500.0
+
+
+def multisine(period: int, rows: int, highest: int = 30, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    phases = rng.uniform(0.0, 2.0 * np.pi, highest)
+    t = np.arange(rows) / period
+    return np.asarray(sum(np.cos(2 * np.pi * (k + 1) * t + p) for k, p in enumerate(phases)))
+
+
+def seen(u: np.ndarray, y: np.ndarray, *segments: LogSegment) -> Seen:
+    channels = {
+        "u": Channel("u", "N m", "input", "a", RATE_HZ),
+        "y": Channel("y", "rad", "output", "a", RATE_HZ),
+    }
+    return Seen({"u": u, "y": y}, channels, segments or (LogSegment("record", 0, u.size, {}),), RATE_HZ)
+
+
+def plain(rows: int = 3000) -> tuple[np.ndarray, np.ndarray]:
+    u = multisine(500, rows)
+    noise = np.random.default_rng(3).standard_normal(rows)
+    return u, 1e-3 * (np.convolve(u, np.exp(-np.arange(60) / 12.0))[:rows] + 0.01 * noise)
+
+
+def of(record: Seen, name: str) -> list:
+    return [fact for fact in found_in(record) if fact.name == name]
+
+
+def test_an_ordinary_record_is_told_nothing_about():
+    u, y = plain()
+    record = seen(u, y, LogSegment("record", 0, u.size, {"period_samples": 500}))
+    assert [fact.name for fact in found_in(record) if fact.remark or fact.forbids] == []
+    (size,) = [fact for fact in of(record, "size") if fact.channel == "y"]
+    assert size.numbers["largest"] == y.max() and size.numbers["rms"] == pytest.approx(y.std())
+
+
+@pytest.mark.parametrize(("claimed", "right"), [(499, 500), (501, 500), (450, 500), (260, 500)])
+def test_a_wrong_period_is_forbidden_and_the_right_one_proposed(claimed, right):
+    u, y = plain()
+    (fact,) = of(seen(u, y, LogSegment("record", 0, u.size, {"period_samples": claimed})), "period")
+    assert fact.forbids and fact.numbers["right"] == right and f"say period = {right}" in fact.finding
+
+
+def test_a_slow_input_on_a_fast_clock_is_off_by_one_as_well():
+    u = multisine(10_000, 40_000, highest=8)
+    (fact,) = of(seen(u, u, LogSegment("record", 0, u.size, {"period_samples": 9_999})), "period")
+    assert fact.forbids and fact.numbers["right"] == 10_000
+
+
+def test_a_measured_input_may_be_noisy_and_several_periods_are_one():
+    u, y = plain()
+    u = u + 0.02 * u.std() * np.random.default_rng(1).standard_normal(u.size)
+    for claimed in (500, 1000):
+        (fact,) = of(seen(u, y, LogSegment("record", 0, u.size, {"period_samples": claimed})), "period")
+        assert not fact.forbids
+
+
+def test_what_repeats_after_nothing_is_forbidden_without_a_proposal():
+    u = np.random.default_rng(1).standard_normal(3000)
+    (fact,) = of(seen(u, u, LogSegment("record", 0, u.size, {"period_samples": 500})), "period")
+    assert fact.forbids and fact.numbers["right"] == 0
+
+
+@pytest.mark.parametrize("every", [2, 4, 7])
+def test_a_slow_sensor_is_recognised_by_its_beat(every):
+    u, y = plain()
+    held = y[(np.arange(y.size) // every) * every]
+    (fact,) = of(seen(u, held), "slow-sensor")
+    assert fact.numbers["every"] == every and fact.remark
+
+
+def test_lost_samples_have_no_beat_and_counts_are_neither():
+    u, y = plain()
+    lost = np.random.default_rng(2).uniform(size=y.size) < 0.1
+    held = y[np.maximum.accumulate(np.where(lost, 0, np.arange(y.size)))]
+    (fact,) = of(seen(u, held), "repeated")
+    assert fact.numbers["share"] == pytest.approx(0.1, abs=0.03)
+    coarse = np.round(y / y.std(), 0) * y.std()
+    assert of(seen(u, coarse), "repeated") == [] == of(seen(u, coarse), "slow-sensor")
+    (steps,) = [fact for fact in of(seen(u, coarse), "steps") if fact.channel == "y"]
+    assert steps.numbers["step"] == pytest.approx(y.std()) and steps.remark
+
+
+def test_a_sensor_at_its_end():
+    u, y = plain()
+    level = 0.8 * y.max()
+    (fact,) = of(seen(u, np.minimum(y, level)), "clipping")
+    assert fact.numbers["level"] == level and fact.numbers["share"] > 1e-3
+
+
+def test_an_angle_that_wraps():
+    u, _ = plain()
+    turning = np.cumsum(0.01 + 0.001 * u / np.abs(u).max())
+    (fact,) = of(seen(u, turning % 1.0), "wraps")
+    assert fact.numbers["jump"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_degrees_on_microradians_are_remarked():
+    u, y = plain()
+    degrees = y / y.std() * np.pi
+    assert [fact.channel for fact in of(seen(u, degrees), "size") if fact.remark] == ["y"]
+
+
+def test_rows_at_rest_and_after_the_end_are_not_used(tmp_path):
+    u, y = plain()
+    u[2000:], y[2000:] = 0.0, 0.0
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    with LogWriter.create(tmp_path / "a.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log:
+        for label, start, stop in (("levels", 0, 2400), ("held-out levels", 2400, 3000)):
+            with log.segment(label, {}):
+                log.append({"u": u[start:stop], "y": y[start:stop]})
+    with read_run(tmp_path / "a.h5") as run:
+        facts = {fact.name: fact for fact in facts_of(run)}
+        assert '0 in all of "held-out levels", rows 2400 to 3000' in facts["at-rest"].finding
+        assert facts["ended"].numbers["start"] == 2000
+        assert [(s.label, s.start, s.stop) for s in usable_segments(run)] == [("levels", 0, 2000)]
+
+
+def test_a_forbidden_log_is_refused_with_its_reason(tmp_path):
+    u, y = plain()
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    with (
+        LogWriter.create(tmp_path / "a.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log,
+        log.segment("levels", {"period_samples": 499}),
+    ):
+        log.append({"u": u, "y": y})
+    with read_run(tmp_path / "a.h5") as run, pytest.raises(DataError, match="say period = 500"):
+        usable_segments(run)
