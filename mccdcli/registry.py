@@ -21,7 +21,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
-        "log": "Show, summarise, verify, export and recover logs.",
+        "log": "Show, check, summarise, verify, export and recover logs.",
         "model": "Convert models, and list the effects that they can hold.",
     }
 )
@@ -139,6 +139,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "import": Entry(
             "mccdcli.commands.import_data:import_data",
             "Import data of any bench into a log, as a map file describes them.",
+        ),
+        "log check": Entry(
+            "mccdcli.commands.log_check:check",
+            "Check what a log tells of itself: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps.",
         ),
         "log export": Entry(
             "mccdcli.commands.log_export:export",

@@ -6,16 +6,17 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts import Fact, Seen, found_in, whole
+from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
-from campaigns.importing.record import Layout, check_lengths, check_varies, clock_of, flatten, to_si
-from campaigns.importing.sources import Source, open_source, select
+from campaigns.importing.record import check_varies
 from campaigns.log import Channel, LogSegment, LogWriter, Unit, sha256_of, unit_named
 from campaigns.log.guard import one_line
 from campaigns.log.schema import check_label, check_name, to_json
@@ -30,13 +31,13 @@ RATE_AGREEMENT = 1e-4
 GATHERING = 0.7
 """Share of the time that reading and checking the sources takes; the log is written in the rest."""
 
-MOST_OPEN = 8
-"""Some sources are processes, and a map may name thousands of files."""
-
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What was written: the log, its run, its rows and rate, its channels in SI and its segments."""
+    """What was written: the log, its run, rows and rate, channels in SI and segments.
+
+    `clock` says how the time stamps were read, `remarks` what was noticed.
+    """
 
     path: Path
     run_uid: str
@@ -44,42 +45,8 @@ class ImportReport:
     sample_rate_hz: float
     channels: tuple[Channel, ...]
     segments: tuple[LogSegment, ...]
-
-
-@dataclass(frozen=True)
-class _Part:
-    label: str
-    settings: Mapping[str, Any]
-    columns: Mapping[str, Array]
-    layout: Layout
-    rate_hz: float
-    t0_s: float
-
-
-@dataclass(frozen=True)
-class _Files:
-    """The sources of one import, the last few of them open; `used` names them all."""
-
-    folder: Path
-    map: ImportMap
-    closing: ExitStack
-    opened: dict[str, Source] = field(default_factory=dict)
-    used: dict[str, Path] = field(default_factory=dict)
-
-    def source(self, wanted: str | None, part: PartMap | None, what: str) -> Source:
-        """Return the file that `wanted` names or is, by default the part's, by default the log's."""
-        given = wanted or (part.source if part else None) or self.map.log.source
-        if given is None:
-            raise ConfigError(f"{what} has no source: name one there, in its part or in [log]")
-        named = self.map.sources | (part.sources if part else {})
-        name = named.get(given, given)
-        if name not in self.opened:
-            if len(self.opened) == MOST_OPEN:
-                self.closing.close()
-                self.opened.clear()
-            log, self.used[name] = self.map.log, self.folder / name
-            self.opened[name] = open_source(self.folder / name, self.closing, log.delimiter, log.decimal)
-        return self.opened[name]
+    clock: str
+    remarks: tuple[str, ...]
 
 
 def import_run(
@@ -98,10 +65,10 @@ def import_run(
         units = {name: _unit(name, channel.unit) for name, channel in found.channels.items()}
         wanted: Sequence[PartMap | None] = found.parts or (None,)
         with ExitStack() as closing:
-            files = _Files(path.parent, found, closing)
+            files = Files(path.parent, found, closing)
             shares = np.linspace(0.0, GATHERING, len(wanted) + 1)
             parts = [
-                _gather(files, part, units, part_of(report, start, stop))
+                gather(files, part, units, part_of(report, start, stop))
                 for part, start, stop in zip(wanted, shares[:-1], shares[1:], strict=True)
             ]
         for name, channel in found.channels.items():
@@ -110,15 +77,25 @@ def import_run(
         segments = _segments(found, parts)
         _check_labels(segments)
         channels = [
-            Channel(name, units[name].si, channel.role, channel.dof, rate_hz, parts[0].t0_s)
+            Channel(name, units[name].si, channel.role, channel.dof, rate_hz, parts[0].clock.t0_s)
             for name, channel in found.channels.items()
         ]
+        columns = _joined(found, parts)
+        rows = sum(part.layout.rows for part in parts)
+        facts = found_in(Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz))
+        for fact in facts:
+            # what repeats after nothing at all is refused where it is used: import and log keep what was measured
+            if fact.forbids and fact.numbers.get("right", 1):
+                raise DataError(f"{fact.finding} ({fact.segment or fact.channel}); {fact.means}")
     except MccdError as error:
-        raise type(error)(one_line(f"{path}: {error}")) from None
+        kind = next(kind for kind in (DataError, ConfigError, type(error)) if isinstance(error, kind))
+        raise kind(one_line(f"{path}: {error}")) from None
     told = part_of(report, GATHERING, 1.0)
-    run_uid = _write(Path(target), found, _configuration(text, files), channels, parts, segments, told)
-    rows = sum(part.layout.rows for part in parts)
-    return ImportReport(Path(target), run_uid, rows, rate_hz, tuple(channels), tuple(segments))
+    run_uid = _write(Path(target), found, _configuration(text, files, facts), channels, columns, segments, told)
+    remarks = [remark for part in parts for remark in part.remarks]
+    remarks += [f"{fact.finding}; {fact.means}" for fact in facts if fact.remark]
+    read_as = parts[0].clock.read_as
+    return ImportReport(Path(target), run_uid, rows, rate_hz, tuple(channels), tuple(segments), read_as, tuple(remarks))
 
 
 def _unit(name: str, symbol: str) -> Unit:
@@ -129,55 +106,18 @@ def _unit(name: str, symbol: str) -> Unit:
         raise ConfigError(f"[channels.{name}]: {error}") from None
 
 
-def _gather(files: _Files, part: PartMap | None, units: Mapping[str, Unit], report: Report) -> _Part:
-    where = f"part '{part.label}': " if part else ""
-    log = files.map.log
-    columns: dict[str, Array] = {}
-    layouts: dict[str, Layout] = {}
-    for i, (name, channel) in enumerate(files.map.channels.items()):
-        what = f"{where}channel '{name}'"
-        report(i, len(files.map.channels), f"reading {what}")
-        values = select(files.source(channel.source, part, what), channel.select)
-        rows, layouts[name] = flatten(values, log.axes, what)
-        columns[name] = to_si(rows, channel, units[name], what)
-    layout = check_lengths(layouts, where)
-    _check_period(files.map, layout, where)
-    rate_hz, t0_s = log.sample_rate_hz, 0.0
-    if log.time is not None:
-        what = f"{where}time '{log.time}'"
-        stamps, clock = flatten(select(files.source(None, part, what), log.time), ("sample",), what)
-        if clock.rows not in (layout.samples, layout.rows):
-            raise DataError(f"{what} has {clock.rows} stamps for {layout.rows} samples: select equal lengths")
-        rate_hz, t0_s = clock_of(stamps, what)
-    assert rate_hz is not None  # the map was checked to hold a rate or a time
-    label, settings = (part.label, part.settings) if part else ("", {})
-    return _Part(label, settings, columns, layout, rate_hz, t0_s)
-
-
-def _check_period(found: ImportMap, layout: Layout, where: str) -> None:
-    period = found.log.period
-    if period is None:
-        return
-    if "period" in found.log.axes and period != layout.samples:
-        raise DataError(
-            f"{where}period is {period} in [log] but the axis 'sample' has {layout.samples}: make them equal"
-        )
-    if period > layout.samples:
-        raise DataError(f"{where}period is {period} samples of only {layout.samples}: correct it in [log]")
-
-
-def _common_rate(parts: list[_Part]) -> float:
-    first = parts[0].rate_hz
+def _common_rate(parts: list[Part]) -> float:
+    first = parts[0].clock.rate_hz
     for part in parts[1:]:
-        if abs(part.rate_hz / first - 1.0) > RATE_AGREEMENT:
+        if abs(part.clock.rate_hz / first - 1.0) > RATE_AGREEMENT:
             raise DataError(
-                f"part '{part.label}' runs at {part.rate_hz:.9g} Hz, the first at {first:.9g} Hz: "
+                f"part '{part.label}' runs at {part.clock.rate_hz:.9g} Hz, the first at {first:.9g} Hz: "
                 "a log has one rate, import them apart"
             )
     return first
 
 
-def _segments(found: ImportMap, parts: list[_Part]) -> list[LogSegment]:
+def _segments(found: ImportMap, parts: list[Part]) -> list[LogSegment]:
     period = {} if found.log.period is None else {"period_samples": found.log.period}
     if found.segments:
         return _explicit(found, parts[0].layout.rows, period)
@@ -224,9 +164,17 @@ def _explicit(found: ImportMap, rows: int, period: Mapping[str, int]) -> list[Lo
     return segments
 
 
-def _configuration(text: str, files: _Files) -> str:
+def _joined(found: ImportMap, parts: list[Part]) -> dict[str, Array]:
+    """Return every channel of the whole record."""
+    if len(parts) == 1:
+        return dict(parts[0].columns)
+    return {name: np.concatenate([part.columns[name] for part in parts]) for name in found.channels}
+
+
+def _configuration(text: str, files: Files, facts: Sequence[Fact]) -> str:
     sources = [{"file": name, "sha256": sha256_of(path)} for name, path in sorted(files.used.items())]
-    return json.dumps({"map": text, "sources": sources}, ensure_ascii=False)
+    told = [msgspec.to_builtins(fact) for fact in facts]
+    return json.dumps({"map": text, "sources": sources, "facts": told}, ensure_ascii=False)
 
 
 def _write(
@@ -234,16 +182,10 @@ def _write(
     found: ImportMap,
     configuration: str,
     channels: list[Channel],
-    parts: list[_Part],
+    columns: Mapping[str, Array],
     segments: list[LogSegment],
     report: Report,
 ) -> str:
-    columns = {
-        channel.name: np.concatenate([part.columns[channel.name] for part in parts])
-        if len(parts) > 1
-        else parts[0].columns[channel.name]
-        for channel in channels
-    }
     widest = max((len(to_json(segment.settings, segment.label).encode()) for segment in segments), default=0)
     with LogWriter.create(
         target,

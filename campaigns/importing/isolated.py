@@ -19,19 +19,21 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.log.child import start_python, time_limit_s
+from campaigns.log.child import await_ready, start_python, time_limit_s
 from sim_backend.errors import DataError
 
 CHILD = "from campaigns.importing.foreign import child; child()"
 
 
 class IsolatedSource:
-    """An HDF5 or MATLAB file at `path`; close it or use it as a context manager."""
+    """A file of one of the kinds in `foreign` at `path`; close it or use it as a context manager."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._limit_s = time_limit_s(path)
         self._child = start_python(CHILD, str(path.absolute()), talk=True)
+        self._ready = False
+        self._told: dict[str, dict[str, Any]] = {}
 
     def names(self) -> list[str]:
         """Return the names at the top of the file; raises DataError when it is damaged."""
@@ -42,7 +44,16 @@ class IsolatedSource:
         said, values = self._ask(name)
         if "type" in said:
             raise DataError(f"{self.path}: '{name}' holds values of type {said['type']}: select real numbers")
+        self._told[name] = said
         return values
+
+    def unit(self, name: str) -> str | None:
+        """Return the unit that the file names for an array that was read, None where it names none."""
+        return cast("str | None", self._told.get(name, {}).get("unit"))
+
+    def dated(self, name: str) -> bool:
+        """Tell whether an array that was read holds dates, as nanoseconds since 1970."""
+        return bool(self._told.get(name, {}).get("dated"))
 
     def close(self) -> None:
         """End the child."""
@@ -67,6 +78,9 @@ class IsolatedSource:
         return names
 
     def _ask(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
+        if not self._ready:
+            await_ready(self._child, self.path)
+            self._ready = True
         timer = threading.Timer(self._limit_s, self._child.kill)
         timer.start()
         try:

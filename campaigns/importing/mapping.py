@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct, field
 
+from campaigns.importing.clock import Method, TimeUnit
 from campaigns.log.guard import one_line
 from campaigns.log.schema import check_time
 from sim_backend.errors import ConfigError
@@ -20,6 +21,7 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 Count = Annotated[int, Meta(ge=2, le=2**40)]
 Row = Annotated[int, Meta(ge=0, le=2**48)]
 Text = Annotated[str, Meta(min_length=1, max_length=1000)]
+Factor = Annotated[float, Meta(ge=-1e30, le=1e30)]
 _MAX_BYTES = 4 * 2**20
 _UNKNOWN_FIELD = re.compile(r"unknown field `(?P<field>.*?)`(?: - at `\$(?P<place>.*)`)?")
 
@@ -31,31 +33,52 @@ class LogMap(Struct, frozen=True, forbid_unknown_fields=True):
     source: Text | None = None
     sample_rate_hz: Positive | None = None
     time: Text | None = None
+    time_unit: TimeUnit | None = None
+    resample: Method | None = None
     period: Count | None = None
     axes: tuple[Axis, ...] = ("sample",)
     bench: Text = "imported"
     started_utc: Text | None = None
     delimiter: Annotated[str, Meta(min_length=1, max_length=1)] | None = None
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] | None = None
+    header: bool | None = None
 
 
 class ChannelMap(Struct, frozen=True, forbid_unknown_fields=True):
-    """A table `[channels.NAME]`: what to select, its unit in the source, and what it is in the experiment."""
+    """A table `[channels.NAME]`: what to select, its unit in the source, and what it is in the experiment.
 
-    select: Text
+    It has either `select` or `combine`, the sum of several selections with their factors. A channel with a clock of its
+    own has `time` or `sample_rate_hz`.
+    """
+
     unit: Text
     role: Literal["input", "output", "reference", "aux"]
+    select: Text | None = None
+    combine: dict[Text, Factor] = field(default_factory=dict)
     dof: str = ""
-    scale: Annotated[float, Meta(ge=-1e30, le=1e30)] = 1.0
+    scale: Factor = 1.0
+    unwrap: Positive | None = None
     source: Text | None = None
+    time: Text | None = None
+    sample_rate_hz: Positive | None = None
     allow_constant: bool = False
+    ignore_file_unit: bool = False
+
+    @property
+    def selections(self) -> dict[str, float]:
+        """What is selected, each with its factor."""
+        return {self.select: 1.0} if self.select is not None else self.combine
 
 
 class PartMap(Struct, frozen=True, forbid_unknown_fields=True):
-    """A table `[[parts]]`: a stretch of the record with sources of its own; parts follow one another in the log."""
+    """A table `[[parts]]`: a stretch of the record with sources of its own; parts follow one another in the log.
+
+    `select` says by channel what to select in this part instead of what the channel says.
+    """
 
     label: Text
     source: Text | None = None
+    select: dict[str, Text] = field(default_factory=dict)
     sources: dict[str, Text] = field(default_factory=dict)
     settings: dict[str, bool | int | float | str] = field(default_factory=dict)
 
@@ -118,6 +141,8 @@ def _check(found: ImportMap, path: Path) -> None:
         raise ConfigError(f"{path} names no channel: add a table [channels.NAME]")
     if (log.sample_rate_hz is None) == (log.time is None):
         raise ConfigError(f"{path} needs either sample_rate_hz or time in [log]: give exactly one of them")
+    if log.time_unit is not None and log.time is None:
+        raise ConfigError(f"{path} has time_unit in [log] but no time: select the stamps with time, or take it out")
     if log.started_utc is not None:
         check_time(log.started_utc, f"{path}: started_utc")
     if len(set(log.axes)) != len(log.axes) or "sample" not in log.axes:
@@ -127,5 +152,25 @@ def _check(found: ImportMap, path: Path) -> None:
             f"{path} has [segments] beside parts or realisations, which are segments already: remove one of them"
         )
     for name, channel in found.channels.items():
+        _check_channel(name, channel, log, path)
         if channel.scale == 0.0:
             raise ConfigError(f"{path}: [channels.{name}] has scale 0.0, which makes it constant: give another factor")
+    for part in found.parts:
+        for name in part.select:
+            if name not in found.channels:
+                raise ConfigError(
+                    f"{path}: part '{part.label}' selects '{name}', which is no channel: channels are "
+                    f"{', '.join(found.channels)}"
+                )
+
+
+def _check_channel(name: str, channel: ChannelMap, log: LogMap, path: Path) -> None:
+    if (channel.select is None) == (not channel.combine):
+        raise ConfigError(f"{path}: [channels.{name}] needs either select or combine: give exactly one of them")
+    if channel.time is not None and channel.sample_rate_hz is not None:
+        raise ConfigError(f"{path}: [channels.{name}] has time and sample_rate_hz: give one of them")
+    if (channel.time or channel.sample_rate_hz) and log.resample is None:
+        raise ConfigError(
+            f"{path}: [channels.{name}] has a clock of its own: say in [log] how it is brought to that of the log, "
+            'resample = "linear", "cubic" or "hold"'
+        )

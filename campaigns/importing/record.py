@@ -13,9 +13,6 @@ from campaigns.log.units import Unit
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
-# Stamps printed with two digits below the sample period are off by half of the last digit, 0.5 % of a period, and so
-# are the two stamps at the ends that the uniform grid is drawn through. A lost sample is off by 100 %.
-GRID_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -68,6 +65,14 @@ def to_si(values: Array, channel: ChannelMap, unit: Unit, what: str) -> Array:
     return si
 
 
+def unwrapped(values: Array, jump: float) -> Array:
+    """Return readings (n,) of a counter or an angle that begins anew after `jump`, without those jumps.
+
+    Two readings must lie less than half a `jump` apart.
+    """
+    return np.unwrap(values, period=jump)
+
+
 def check_lengths(layouts: Mapping[str, Layout], where: str) -> Layout:
     """Return the layout that all channels share; raises DataError naming two that differ."""
     (first, layout), *others = layouts.items()
@@ -88,23 +93,3 @@ def check_varies(parts: Sequence[Array], name: str, channel: ChannelMap) -> None
             f"channel '{name}' is constant at {low:g} (SI) in all samples: select another variable, "
             f"or set allow_constant = true in [channels.{name}]"
         )
-
-
-def clock_of(time_s: Array, what: str) -> tuple[float, float]:
-    """Return (sample rate in Hz, time of the first sample in s) of uniform time stamps (n,).
-
-    Raises DataError with the worst step when a stamp leaves the uniform grid by more than 1 % of a sample period.
-    """
-    if time_s.size < 2 or not np.all(np.isfinite(time_s)):
-        raise DataError(f"{what} has {time_s.size} stamps or some that are not finite: give at least two numbers")
-    steps = np.diff(time_s)
-    period_s = (time_s[-1] - time_s[0]) / steps.size
-    grid = time_s[0] + period_s * np.arange(time_s.size)
-    rounding_s = 4.0 * np.finfo(float).eps * float(np.abs(time_s).max())
-    worst = int(np.argmax(np.abs(steps - period_s)))
-    if not period_s > 0.0 or np.abs(time_s - grid).max() > GRID_TOLERANCE * period_s + rounding_s:
-        raise DataError(
-            f"{what} is not uniform: the step after sample {worst} is {steps[worst]:.6g} s, the mean {period_s:.6g} s "
-            f"(limit: {GRID_TOLERANCE:.0%} of a step off the grid); resample the data or give sample_rate_hz"
-        )
-    return 1.0 / period_s, float(time_s[0])

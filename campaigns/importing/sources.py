@@ -1,7 +1,7 @@
 """Files that data can be imported from: one class per kind, all asked for arrays by name.
 
-The parsers of text and of numpy's files are Python's own and cannot crash; HDF5 and MATLAB files are read by a
-process of its own, see `isolated`.
+The parsers of text and of numpy's files are Python's own and cannot crash; all others are used by a process of its
+own, see `isolated`.
 """
 
 from __future__ import annotations
@@ -42,6 +42,9 @@ class Source(Protocol):
     def array(self, name: str) -> AnyArray | None:
         """Return the array of that name, None when there is none; raises DataError when it cannot be read."""
 
+    def unit(self, name: str) -> str | None:
+        """Return the unit that the file itself names for an array that was read, None where it names none."""
+
 
 @dataclass(frozen=True)
 class NpySource:
@@ -59,6 +62,10 @@ class NpySource:
             return np.load(self.path, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, TypeError, EOFError, SyntaxError, OverflowError, MemoryError) as error:
             raise unreadable(self.path, error) from None
+
+    def unit(self, name: str) -> str | None:
+        """Return None: numpy's files name no units."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -110,25 +117,39 @@ class NpzSource:
         ) as error:
             raise unreadable(self.path, error) from None
 
+    def unit(self, name: str) -> str | None:
+        """Return None: numpy's files name no units."""
+        return None
 
-SUFFIXES = (".csv", ".tsv", ".npy", ".npz", ".mat", ".h5", ".hdf5")
+
+TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
+APART = (".mat", ".h5", ".hdf5", ".nc", ".tdms", ".parquet")
+SUFFIXES = (*TEXT, ".npy", ".npz", *APART)
 
 
-def open_source(path: Path, closing: ExitStack, delimiter: str | None = None, decimal: str = ".") -> Source:
+def open_source(
+    path: Path,
+    closing: ExitStack,
+    separator: str | None = None,
+    decimal: str | None = None,
+    header: bool | None = None,
+) -> Source:
     """Return the source for the file at `path` by its suffix; what it holds open is let go with `closing`.
+
+    `separator`, `decimal` and `header` (whether the first line holds names) are found in the file where they are None.
 
     Raises DataError when the suffix is none of `SUFFIXES`.
     """
     if not path.is_file():
         raise DataError(f"source {path} is no file: check the path, which counts from the map's folder")
     kind = path.suffix.lower()
-    if kind in (".csv", ".tsv"):
-        return TextSource(path, delimiter or ("," if kind == ".csv" else "\t"), decimal)
+    if kind in TEXT:
+        return TextSource(path, separator, decimal, header)
     if kind == ".npy":
         return NpySource(path)
     if kind == ".npz":
         return NpzSource(path)
-    if kind in (".mat", ".h5", ".hdf5"):
+    if kind in APART:
         return closing.enter_context(IsolatedSource(path))
     raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join(SUFFIXES)}")
 

@@ -1,101 +1,219 @@
-"""Tables in text files: comma- or tab-separated, with or without a line of names."""
+"""Tables in text files: one row of cells a line, with or without names; how they are written is found (`dialect`)."""
 
 from __future__ import annotations
 
+import io
+import math
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.importing.dialect import Dialect, cells_of, dialect_of, read_number, without_remark
 from campaigns.log.guard import first_line
 from sim_backend.errors import DataError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_MAX_LINE_CHARS = 2**20
+
+class CellError(DataError):
+    """A cell of a table is no finite number; `line` counts from 1, `column` is its name or number."""
+
+    def __init__(self, message: str, line: int, column: str, cell: str) -> None:
+        super().__init__(message)
+        self.line, self.column, self.cell = line, column, cell
+
+
+_IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 
 
 @dataclass(frozen=True)
 class TextSource:
-    """Columns of a text table by their names; `[:, k]` selects by number. Lines after `#` are comments."""
+    """Columns of a text table by their names; `[:, k]` selects by number. What is None is found in the file.
+
+    Lines that begin with `#`, and what follows a blank and `#` behind the last cell, are remarks.
+    """
 
     path: Path
-    delimiter: str = ","
-    decimal: str = "."
+    separator: str | None = None
+    decimal: str | None = None
+    header: bool | None = None
 
     def names(self) -> list[str]:
-        """Return the names in the first line; none when that line holds numbers alone."""
-        return list(self._table.columns) if self._has_names else []
+        """Return the names of the columns; none when the table has none."""
+        return list(self.dialect.names)
+
+    def unit(self, name: str) -> str | None:
+        """Return the unit below a column's name or in brackets at its end, None where there is neither."""
+        names, units = self.dialect.names, self.dialect.units
+        below = units[names.index(name)] if units and name in names else ""
+        found = _IN_BRACKETS.search(name)
+        return below.strip("[](){}<> ") or (found[1].strip() if found else None) or None
 
     def array(self, name: str) -> NDArray[Any] | None:
         """Return a column as (n,), the whole table (n, columns) for the empty name, None without such a column.
 
-        Raises DataError for a cell that is no number.
+        Raises DataError naming line and column for a cell that is no finite number, for a line with more or fewer cells
+        than the others, and for a name that two columns have.
         """
-        if name == "":
-            return np.column_stack([self._numbers(index) for index in range(self._table.shape[1])])
-        if not self._has_names or name not in self._table.columns:
+        columns = self._columns(name)
+        if columns is None:
             return None
-        return self._numbers(list(self._table.columns).index(name))
+        return np.column_stack([self._numbers(i) for i in columns]) if name == "" else self._numbers(columns[0])
+
+    def cells(self, name: str) -> list[str] | None:
+        """Return the text of a column's cells, None without such a column; raises DataError as `array` does."""
+        columns = self._columns(name)
+        if columns is None or len(columns) != 1:
+            return None
+        return [str(cell).strip() for cell in self._table.iloc[:, columns[0]]]
+
+    def _columns(self, name: str) -> list[int] | None:
+        names = self.dialect.names
+        if name == "":
+            return list(range(self.dialect.columns))
+        found = [i for i, own in enumerate(names) if own == name]
+        if len(found) > 1:
+            raise DataError(
+                f"{self.path} has {len(found)} columns '{name}', columns {', '.join(str(i + 1) for i in found)}: "
+                f'select one by its number, as in "[:, {found[0]}]" for column {found[0] + 1}'
+            )
+        return found or None
 
     @cached_property
-    def _first_line(self) -> str:
+    def dialect(self) -> Dialect:
+        """How the table is written; raises DataError where that is not clear."""
+        return dialect_of(self.path, self.separator, self.decimal, self.header)
+
+    def _rows(self) -> Iterator[tuple[int, str, str | None]]:
+        """Give the number of every line of the data, the line, and what of it is data: None for a remark.
+
+        Raises DataError for the first line that has another number of cells.
+        """
+        blank: int | None = None
+        for number, line in self._lines():
+            if not line.strip():
+                blank = number if blank is None else blank
+                continue
+            data = without_remark(line, self.dialect.separator, self._width) if "#" in line else line
+            if self._count(data) != self._width:
+                if line.lstrip().startswith("#"):
+                    yield number, line, None
+                    continue
+                self._refuse_width(number, data)
+            if blank is not None:
+                raise DataError(
+                    f"{self.path}, line {blank + 1} is empty and data follow: take it out if no row is lost there; "
+                    "otherwise import the stretches between such lines as [[parts]]"
+                )
+            yield number, line, data
+
+    @cached_property
+    def _checked(self) -> tuple[int, bool]:
+        """Return how many rows there are, and whether remarks stand among them."""
+        count, remarks = 0, False
+        for _, line, data in self._rows():
+            remarks = remarks or data is not line
+            count += data is not None
+        return count, remarks
+
+    @property
+    def _width(self) -> int:
+        return self.dialect.columns + self.dialect.trailing
+
+    def _count(self, line: str) -> int:
+        if '"' not in line and self.dialect.separator != " ":
+            return line.count(self.dialect.separator) + 1
+        return len(cells_of(line, self.dialect.separator))
+
+    def _refuse_width(self, number: int, line: str) -> NoReturn:
+        raise DataError(
+            f"{self.path}, line {number + 1} has {self._count(line)} cells, the others have {self._width} "
+            f"('{line[:60]}'): complete it, or take it out and import the stretches around it as [[parts]]"
+        )
+
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Give the number, from 0, and the text of every line from the first of the data on."""
         try:
-            with self.path.open(encoding="utf-8-sig", errors="strict") as stream:
-                while line := stream.readline(_MAX_LINE_CHARS):
-                    if content := line.split("#", 1)[0].strip():
-                        return content
-        except (OSError, UnicodeDecodeError) as error:
+            with self.path.open(encoding=self.dialect.encoding) as stream:
+                for number, line in enumerate(stream):
+                    if number >= self.dialect.first_line:
+                        yield number, line.rstrip("\n")
+        except (OSError, UnicodeError) as error:
             raise DataError(f"cannot read {self.path}: {first_line(error)}; save it as UTF-8 text") from None
-        raise DataError(f"{self.path} holds no line of data: check that it is the right file")
-
-    @cached_property
-    def _has_names(self) -> bool:
-        for cell in self._first_line.split(self.delimiter):
-            try:
-                float(cell.replace(self.decimal, "."))
-            except ValueError:
-                if cell.strip():
-                    return True
-        return False
 
     @cached_property
     def _table(self) -> pd.DataFrame:
         import pandas as pd
 
+        dialect = self.dialect
+        if dialect.doubt:
+            raise DataError(dialect.doubt)
+        count, remarks = self._checked
         try:
-            table = pd.read_csv(
-                self.path,
-                sep=self.delimiter,
-                decimal=self.decimal,
-                comment="#",
-                header=0 if self._has_names else None,
-                skipinitialspace=True,
-                index_col=False,
-                low_memory=False,
-                encoding="utf-8-sig",
-                on_bad_lines="error",
-            )
-        except (OSError, ValueError, UnicodeDecodeError, MemoryError, OverflowError, pd.errors.ParserWarning) as error:
+            with self.path.open(encoding=dialect.encoding) as stream:
+                for _ in range(dialect.first_line):
+                    stream.readline()
+                text = io.StringIO("\n".join(data for _, _, data in self._rows() if data)) if remarks else stream
+                return pd.read_csv(
+                    text,
+                    sep=r"\s+" if dialect.separator == " " else dialect.separator,
+                    decimal=dialect.decimal,
+                    header=None,
+                    names=list(range(self._width)),
+                    nrows=count,
+                    skipinitialspace=True,
+                    index_col=False,
+                    low_memory=False,
+                    na_filter=False,  # an empty cell is told with its place, below
+                )
+        except (OSError, ValueError, UnicodeError, MemoryError, OverflowError) as error:
             raise DataError(f"cannot read {self.path}: {first_line(error)}; correct the table") from None
-        return table.rename(columns=lambda column: str(column).strip())
 
     def _numbers(self, index: int) -> NDArray[Any]:
         column = self._table.iloc[:, index]
-        if column.dtype.kind in "fiu":
+        if column.dtype.kind in "iub":
             return column.to_numpy()
-        import pandas as pd
-
-        numbers = pd.to_numeric(column, errors="coerce")
-        bad = np.flatnonzero(numbers.isna() & column.notna())
+        if column.dtype.kind == "f":
+            values = column.to_numpy()
+            bad = np.flatnonzero(~np.isfinite(values))
+            if bad.size:
+                self._refuse_cell(index, int(bad[0]), str(values[bad[0]]), bad.size)
+            return values
+        decimal = self.dialect.decimal
+        numbers = np.array([_number(cell, decimal) for cell in column], dtype=np.float64)
+        bad = np.flatnonzero(np.isnan(numbers))
         if bad.size:
-            cell = str(column.iloc[bad[0]])[:40]
-            raise DataError(
-                f"{self.path}: column '{column.name}' holds {cell!r} in data row {bad[0] + 1}, which is no number "
-                f"({bad.size} such cells): correct the cells or the delimiter"
-            )
-        return numbers.to_numpy(dtype=np.float64)
+            self._refuse_cell(index, int(bad[0]), str(column.iloc[bad[0]]), bad.size)
+        return numbers
+
+    def _refuse_cell(self, index: int, row: int, cell: str, count: int) -> NoReturn:
+        line = next(islice((number for number, _, data in self._rows() if data is not None), row, None))
+        names = self.dialect.names
+        what = f"column '{names[index]}'" if index < len(names) else f"column {index + 1}"
+        holds = f"holds '{cell[:40]}', which is no finite number" if cell.strip() else "has an empty cell"
+        comma = "," in cell and self.dialect.decimal == "." and read_number(cell, ",") is not None
+        fix = 'say decimal = "," in [log] or correct the cells' if comma else "correct the cells or the delimiter"
+        raise CellError(
+            f"{self.path}, line {line + 1}: {what} {holds} ({count} such cells; the first in row {row + 1} of the "
+            f"data): {fix}, or import the stretches between them",
+            line + 1,
+            names[index] if index < len(names) else str(index + 1),
+            cell,
+        )
+
+
+def _number(cell: object, decimal: str) -> float:
+    """Return the number in a cell, not-a-number where it is none."""
+    if not isinstance(cell, str):
+        found: float | None = float(cell)  # type: ignore[arg-type]
+    else:
+        found = read_number(cell.strip().strip('"'), decimal)
+    return math.nan if found is None or not math.isfinite(found) else found

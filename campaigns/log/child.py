@@ -5,9 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
-START_S = 10.0
+from sim_backend.errors import DataError
+
+START_S = 120.0
+"""A cold disk or a busy machine needs long to start Python and import a library; that is no fault of the file."""
+
+LEAST_S = 10.0
 SLOWEST_BYTES_S = 5e6
 MEMORY_BYTES = 2**30
 
@@ -25,9 +31,33 @@ def start_python(code: str, *arguments: str, talk: bool = False) -> subprocess.P
     )
 
 
+def tell_ready() -> None:
+    """Say in a child, as its first line, that it has started: from then on the time that its file takes counts."""
+    sys.stdout.buffer.write(b"ready\n")
+    sys.stdout.buffer.flush()
+
+
+def await_ready(process: subprocess.Popen[bytes], path: Path) -> None:
+    """Wait until a child has started that reads the file at `path`; raises DataError when it does not in time."""
+    assert process.stdout is not None  # start_python makes it a pipe
+    timer = threading.Timer(START_S, process.kill)
+    timer.start()
+    try:
+        if process.stdout.readline() == b"ready\n":
+            return
+    finally:
+        timer.cancel()
+    process.wait()
+    why = f"within {START_S:.0f} s" if timer.finished.is_set() and process.returncode < 0 else "as it should"
+    raise DataError(
+        f"the process that reads {path} did not start {why} (exit {process.returncode}); the file is not at fault: "
+        "try again when the machine is less busy"
+    )
+
+
 def time_limit_s(path: Path) -> float:
-    """Return how long a child may take to read the file at `path`; raises OSError when there is none."""
-    return START_S + path.stat().st_size / SLOWEST_BYTES_S
+    """Return how long a child that has started may take to read the file at `path`; raises OSError without one."""
+    return LEAST_S + path.stat().st_size / SLOWEST_BYTES_S
 
 
 def bound_memory(more_bytes: int = 0) -> None:

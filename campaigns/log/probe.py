@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.log.checksum import read_sidecar, sha256_of
-from campaigns.log.child import bound_memory, start_python, time_limit_s
+from campaigns.log.child import await_ready, bound_memory, start_python, tell_ready, time_limit_s
 from campaigns.log.read import BLOCK_ROWS, Run, has_writer, open_run
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
@@ -72,6 +72,7 @@ def examine(path: Path, report: Report = unheard) -> Examination:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
     late = threading.Event()
     with start_python("from campaigns.log.probe import child; child()", str(path)) as process:
+        await_ready(process, path)
         watchdog = threading.Timer(limit_s, _end, (process, late))
         watchdog.start()
         try:
@@ -123,6 +124,7 @@ def _judged(path: Path, output: str, end: str) -> Examination:
 def child() -> None:
     """Read the log named on the command line and tell, line by line, how far that went."""
     bound_memory()
+    tell_ready()
     try:
         with open_run(Path(sys.argv[1])) as run:
             _tell(rows=0, of=run.rows)

@@ -131,7 +131,7 @@ class Header:
 
     def __post_init__(self) -> None:
         check_name(self.run_uid, "run_uid")
-        check_name(self.test, "test")
+        check_label(self.test, "test")
         check_status(self.status)
         if self.seed is not None and not 0 <= self.seed < 2**63:
             raise ConfigError(f"seed {self.seed} is outside 0 to 2^63 - 1: choose a number within")
@@ -168,9 +168,9 @@ def check_name(name: str, what: str) -> None:
         )
 
 
-def check_label(label: str) -> None:
-    """Raise ConfigError unless `label` can name a segment: as `check_name`, with `/` allowed."""
-    check_name(label.replace("/", " "), "segment label")
+def check_label(label: str, what: str = "segment label") -> None:
+    """Raise ConfigError unless `label` can name a segment or a test: as `check_name`, with `/` allowed."""
+    check_name(label.replace("/", " "), what)
 
 
 def check_status(status: str) -> None:

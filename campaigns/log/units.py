@@ -63,14 +63,23 @@ def _table() -> dict[str, Unit]:
 UNITS = MappingProxyType(_table())
 
 
+def is_unit(text: str) -> bool:
+    """Tell whether a text is the symbol of an accepted unit."""
+    return _plain(text) in UNITS
+
+
 def unit_named(symbol: str) -> Unit:
     """Return the accepted unit with this symbol; the micro sign is read as `u`, a middle dot as a space.
 
     Raises ConfigError naming the nearest accepted units and all of them.
     """
-    plain = symbol.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("°C", "degC")
+    plain = _plain(symbol)
     if plain in UNITS:
         return UNITS[plain]
     near = difflib.get_close_matches(plain, UNITS, n=1)
     hint = f"did you mean '{near[0]}'? " if near else ""
     raise ConfigError(f"unknown unit '{symbol}': {hint}accepted are {', '.join(sorted(UNITS))}")
+
+
+def _plain(symbol: str) -> str:
+    return symbol.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("°C", "degC")

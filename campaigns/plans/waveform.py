@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.importing.text import CellError, TextSource
 from campaigns.plans.base import SEGMENT_S, Plan, axis_of, channels_of, open_loop, rate_of, samples_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import DataError
@@ -58,20 +58,21 @@ def read_waveform(path: Path) -> tuple[tuple[str, ...], Array]:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise DataError(f"{path}: {path.stat().st_size} bytes; a waveform takes at most {MAX_BYTES}")
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            names = tuple(name.strip() for name in next(csv.reader(file), []))
-            values = np.loadtxt(file, delimiter=",", ndmin=2)
-    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
-        what = " ".join(str(error).split())
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    table = TextSource(path, separator=",", decimal=".")
+    try:
+        names = tuple(table.names())
+        if not names or len(set(names)) < len(names):
+            raise DataError(f"columns {', '.join(names) or 'without names'}; name every column once, by its axis")
+        values = np.array(table.array(""), dtype=np.float64)
+    except CellError as error:
         raise DataError(
-            f"{path}: cannot be read as CSV of numbers ({what}); write a head of axes, then numbers"
+            f"{path}: row {error.line}, column {error.column} is not finite: it holds '{error.cell}'; mend the waveform"
         ) from None
-    if not values.size or values.shape[1] != len(names) or len(set(names)) < len(names):
+    except DataError as error:
         raise DataError(
-            f"{path}: columns {', '.join(names)} over rows of {values.shape[1] if values.size else 0} numbers; "
-            "name every column once, and give one row at least"
-        )
-    bad = np.argwhere(~np.isfinite(values))
-    if bad.size:
-        raise DataError(f"{path}: row {bad[0][0] + 2}, column {names[bad[0][1]]} is not finite; mend the waveform")
+            f"{path}: cannot be read as CSV of numbers ({error}); write a head of axes, name every column once, then "
+            "numbers, one row at least"
+        ) from None
     return names, values

@@ -121,7 +121,8 @@ def _text(found: Identification) -> str:
     facts += [(name, f"{value:.3%} of the output") for name, value in _levels(found) if value is not None]
     facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
     facts += [(f"error on {one.segment}", f"{one.total:.2%}") for one in found.held_out]
-    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s'))}\n\n{table(facts)}"
+    remarks = "".join(f"\nremark: {remark}" for remark in found.remarks)
+    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s'))}\n\n{table(facts)}{remarks}"
 
 
 def _uncertainty(curve: ResponseCurve) -> str:

@@ -30,5 +30,9 @@ def import_data(map: Path, out: Path | None, as_json: bool) -> None:
     with progress("importing") as report:
         made = import_run(map, out or Path(f"{map.stem}.h5"), report)
     summary = f"{made.path}: {length_text(made.rows, made.sample_rate_hz)}"
-    text = "\n\n".join([summary, channels_text(made.channels), segments_text(made.segments)])
+    clock = [f"clock: {made.clock}"] if made.clock else []
+    remarks = [f"remark: {remark}" for remark in made.remarks]
+    text = "\n\n".join(
+        ["\n".join([summary, *clock, *remarks]), channels_text(made.channels), segments_text(made.segments)]
+    )
     emit(made, as_json=as_json, text=text)

@@ -66,6 +66,7 @@ REFUSED = {
         "--model design --rounds 0",
         "--model design --dry-run --bench sim:nonsense --first rest",
     ],
+    "log check": ["nonsense.h5"],
     "log export": ["run.h5", "nonsense.h5 --out a.csv"],
     "log recover": ["nonsense.h5"],
     "log show": ["nonsense.h5"],

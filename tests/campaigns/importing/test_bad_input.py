@@ -119,9 +119,9 @@ def test_parts_with_equal_labels_or_beside_segments(tmp_path, run_map, plain, da
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("tx,ax\n1,2\n3,oops\n5,6\n", "'oops' in data row 2"),
-        ("tx,ax\n1,2\n3\n5,6\n", "nan at sample 1"),
-        ("tx,ax\n1,2\n3,4,5\n", "cannot read"),
+        ("tx,ax\n1,2\n3,oops\n5,6\n", "line 3: column 'ax' holds 'oops'"),
+        ("tx,ax\n1,2\n3\n5,6\n", "line 3 has 1 cells, the others have 2"),
+        ("tx,ax\n1,2\n3,4,5\n", "line 3 has 3 cells, the others have 2"),
         ("", "no line of data"),
         ("# only a comment\n", "no line of data"),
         ("tx,ax\n", "is empty"),

@@ -102,7 +102,7 @@ def test_axes_in_any_order_become_samples_within_periods_within_realisations(tmp
             [channels.{variable}]
             select = "{selection}"
             unit = "V"
-            role = "input"
+            role = "aux"
             """
         )
         assert [part.label for part in report.segments] == ["realisation 0", "realisation 1", "realisation 2"]

@@ -121,7 +121,7 @@ def test_a_matlab_structure_that_unpacks_to_gibibytes_stays_within_the_bound(tmp
 )
 def test_a_reader_that_does_not_survive_is_a_clear_error(tmp_path, imported, monkeypatch, code, said):
     (tmp_path / "a.h5").write_bytes(b"x")
-    monkeypatch.setattr(isolated, "CHILD", code)
+    monkeypatch.setattr(isolated, "CHILD", f"print('ready', flush=True); {code}")
     monkeypatch.setattr(isolated, "time_limit_s", lambda _path: 1.0)
     started_s = time.monotonic()
     exit_code, told = imported("a.h5")

@@ -156,7 +156,7 @@ def test_misuse_is_refused_and_harms_nothing(tmp_path, channels, misuse, message
         ({"bench": {"model": "x" * 300}}, "no parameters"),
         ({"seed": -1}, "seed -1"),
         ({"started_utc": "2026-03-01T12:00:00"}, "zone"),
-        ({"test": "a/b"}, "cannot be a name"),
+        ({"test": "a\nb"}, "cannot be a name"),
         ({"chunk_rows": 0}, "chunk_rows 0"),
     ],
 )

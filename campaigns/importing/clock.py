@@ -1,0 +1,213 @@
+"""The clock of an import: stamps of any unit, numbers or dates, to the rate of a uniform grid."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+TimeUnit = Literal["s", "ms", "us", "µs", "ns", "min", "h", "d", "date"]
+Method = Literal["hold", "linear", "cubic"]
+
+SECONDS = MappingProxyType({"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0})
+"""Seconds in a unit of time."""
+
+GRID_TOLERANCE = 0.01
+"""Largest distance of a stamp from the uniform grid, in sample periods.
+
+Stamps printed with two digits below the sample period are off by half of the last digit, 0.5 % of a period, and so are
+the two stamps at the ends that the grid is drawn through. A lost sample is off by 100 %.
+"""
+
+LATEST_S = 4e9
+"""No clock of seconds stands there before the year 2096."""
+
+_SPELLED = MappingProxyType(
+    {"sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms"}
+    | {"millis": "ms", "usec": "us", "micros": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns"}
+    | {"nanosecond": "ns", "nanoseconds": "ns", "nanos": "ns", "minute": "min", "minutes": "min", "hr": "h"}
+    | {"hour": "h", "hours": "h", "day": "d", "days": "d"}
+    | {unit: unit for unit in SECONDS}
+)
+_IN_NAME = re.compile(r"[\[(<{]\s*([^\W\d_]+)\s*[\])>}]\s*$|[_/ ,;:.-]\s*(?:in\s+)?([^\W\d_]+)\s*$", re.IGNORECASE)
+_DAYS_FIRST = re.compile(r"\s*(\d{1,2})[./-](\d{1,2})[./-](\d{4}|\d{2})\b")
+_ONLY_TIME = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*")
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A uniform grid: rate, time of the first sample, and in words how the stamps were read."""
+
+    rate_hz: float
+    t0_s: float
+    read_as: str
+
+
+def unit_in(text: str) -> str | None:
+    """Return the unit of time at the end of a column's name, or that a cell below it is: `t (ms)`, `t_us`, `time/s`."""
+    plain = text.strip().replace("µ", "u").replace("μ", "u")
+    bare = plain.strip("[](){}<>").strip().lower()
+    if bare in _SPELLED:
+        return _SPELLED[bare]
+    found = _IN_NAME.search(plain)
+    written = next((part for part in found.groups() if part), "").lower() if found else ""
+    return _SPELLED.get(written)
+
+
+def seconds(stamps: NDArray[Any], unit: str) -> Array:
+    """Return numbers (n,) in a unit of time as seconds; whole numbers lose nothing, for those from the first are taken.
+
+    The first stays what it is, to the precision of a double.
+    """
+    factor = SECONDS[unit.replace("µ", "u")]
+    if stamps.dtype.kind in "iu" and stamps.size:
+        return (stamps - stamps[0]).astype(np.float64) * factor + 0.0
+    return np.asarray(stamps, dtype=np.float64) * factor
+
+
+def dates(cells: Sequence[str], what: str) -> Array:
+    """Return dates or times of day (n,) as seconds from the first.
+
+    Raises DataError for a cell that is none, and where day and month cannot be told apart.
+    """
+    import pandas as pd
+
+    clean = [cell.strip().strip('"').replace(",", ".") for cell in cells]
+    if all(_ONLY_TIME.fullmatch(cell) for cell in clean[:1]):
+        found = pd.to_timedelta(pd.Series(clean), errors="coerce")
+        days = pd.to_timedelta((found.diff() < pd.Timedelta(0)).cumsum(), unit="D")  # past midnight
+        found = found + days
+    else:
+        format_ = _format(clean, what)
+        found = pd.to_datetime(pd.Series(clean), format=format_, errors="coerce", utc=True)
+    bad = np.flatnonzero(found.isna())
+    if bad.size:
+        raise DataError(
+            f"{what} holds '{clean[bad[0]][:40]}' in row {bad[0] + 1} of the data, which is no date: correct it"
+        )
+    return np.asarray((found - found.iloc[0]).dt.total_seconds(), dtype=np.float64)
+
+
+def _format(cells: Sequence[str], what: str) -> str:
+    """Return pandas' name for the form of dates; ISO 8601, or days, months and years in the order the cells show."""
+    first = _DAYS_FIRST.match(cells[0])
+    if not first:
+        return "ISO8601"
+    pairs = [(int(m[1]), int(m[2])) for m in map(_DAYS_FIRST.match, cells) if m]
+    days_first, months_first = any(a > 12 for a, _ in pairs), any(b > 12 for _, b in pairs)
+    sign = cells[0][len(first[1]) + len(cells[0]) - len(cells[0].lstrip())]
+    if days_first == months_first and sign != ".":
+        raise DataError(f"{what}: '{cells[0]}' may be day or month first: write the dates as 2026-11-25 12:00:00.000")
+    order = ("%m", "%d") if months_first and not days_first else ("%d", "%m")
+    year = "%Y" if len(first[3]) == 4 else "%y"
+    rest = cells[0][first.end() :]
+    time = "" if not rest.strip() else (rest[0] + "%H:%M" + ("" if rest.count(":") < 2 else ":%S"))
+    return sign.join([*order, year]) + time + (".%f" if "." in rest else "")
+
+
+def clock_of(time_s: Array, what: str, read_as: str) -> Clock:
+    """Return the grid of uniform time stamps (n,) in s.
+
+    Raises DataError with the worst step when a stamp leaves the uniform grid by more than 1 % of a sample period, and
+    for stamps that no clock of seconds shows.
+    """
+    _check_stamps(time_s, what)
+    period_s = _period_s(time_s)
+    if not _is_uniform(time_s):
+        raise DataError(f"{what} is not uniform: {_unevenness(time_s)}")
+    return Clock(1.0 / period_s, float(time_s[0]), read_as)
+
+
+def grid_of(time_s: Array, what: str, read_as: str) -> tuple[Clock, Array]:
+    """Return the clock and the stamps of the uniform grid that lies best among uneven ones (n,), which must ascend.
+
+    Its period is the middle one of the steps; where rows are lost it goes on over the gap.
+    """
+    _check_stamps(time_s, what)
+    steps = np.diff(time_s)
+    if not np.all(steps > 0.0):
+        worst = int(np.argmin(steps))
+        raise DataError(
+            f"{what} does not ascend: the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order"
+        )
+    typical = float(np.median(steps))
+    counts = np.maximum(np.round(steps / typical), 1.0)
+    period_s = float((time_s[-1] - time_s[0]) / counts.sum())
+    grid = time_s[0] + period_s * np.arange(int(counts.sum()) + 1)
+    return Clock(1.0 / period_s, float(time_s[0]), read_as), grid
+
+
+def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tuple[Array, float]:
+    """Return values (n,) on another grid (m,), and what that may cost, as a share of the values' rms about their mean.
+
+    The cost is measured: every other row is left out and drawn again from the others. Rows then lie twice as far apart,
+    so this is more than what the grid itself costs.
+    """
+    drawn = _drawn(time_s, values, grid_s, method)
+    spread = float(np.std(values))
+    if time_s.size < 5 or spread == 0.0:
+        return drawn, 0.0
+    again = _drawn(time_s[::2], values[::2], time_s[1:-1:2], method)
+    return drawn, float(np.sqrt(np.mean((again - values[1:-1:2]) ** 2))) / spread
+
+
+def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
+    if method == "linear":
+        return np.interp(at_s, time_s, values)
+    if method == "cubic" and time_s.size >= 4:
+        return np.asarray(scipy.interpolate.CubicSpline(time_s, values)(np.clip(at_s, time_s[0], time_s[-1])))
+    # a stamp that lies a rounding before the row it belongs to still means that row
+    slack = 1e-6 * float(np.median(np.diff(time_s)))
+    return values[np.maximum(np.searchsorted(time_s, at_s + slack, side="right") - 1, 0)]
+
+
+def _check_stamps(time_s: Array, what: str) -> None:
+    if time_s.size < 2 or not np.all(np.isfinite(time_s)):
+        raise DataError(f"{what} has {time_s.size} stamps or some that are not finite: give at least two numbers")
+    if abs(time_s[0]) > LATEST_S:
+        raise DataError(
+            f"{what} begins at {time_s[0]:.6g} s, later than any clock of seconds: say time_unit "
+            f"({', '.join(SECONDS)} or date) in [log]"
+        )
+
+
+def _period_s(time_s: Array) -> float:
+    return float((time_s[-1] - time_s[0]) / (time_s.size - 1))
+
+
+def _is_uniform(time_s: Array) -> bool:
+    period_s = _period_s(time_s)
+    grid = time_s[0] + period_s * np.arange(time_s.size)
+    rounding_s = 4.0 * np.finfo(float).eps * float(np.abs(time_s).max())
+    return period_s > 0.0 and bool(np.abs(time_s - grid).max() <= GRID_TOLERANCE * period_s + rounding_s)
+
+
+def _unevenness(time_s: Array) -> str:
+    """Return in words how stamps leave the uniform grid, and what can be done."""
+    steps = np.diff(time_s)
+    typical = float(np.median(steps))
+    if typical <= 0.0 or not np.all(steps > 0.0):
+        worst = int(np.argmin(steps))
+        return f"the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order, each stamp once"
+    lost = np.maximum(np.round(steps / typical) - 1.0, 0.0)
+    gaps = np.flatnonzero(lost)
+    jitter = float(np.abs(steps - typical * (1.0 + lost)).max() / typical)
+    told = f"steps differ by up to {jitter:.1%} of {typical:.6g} s (limit: {GRID_TOLERANCE:.0%} of a step off the grid)"
+    if gaps.size and jitter < 0.5:
+        told = (
+            f"{int(lost.sum())} rows are lost in {gaps.size} place(s): the step after sample {gaps[0]} is "
+            f"{steps[gaps[0]]:.6g} s, others are {typical:.6g} s"
+        )
+    return (
+        f'{told}; say resample = "cubic" ("linear", "hold") in [log], which tells its error, or import the stretches '
+        "between gaps as [[parts]]"
+    )

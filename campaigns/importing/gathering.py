@@ -1,0 +1,228 @@
+"""One part of a record, read from its sources: every channel in SI on one clock, and what was noticed on the way."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.importing.clock import Clock, clock_of, dates, grid_of, resampled, seconds, unit_in
+from campaigns.importing.dialect import read_number
+from campaigns.importing.isolated import IsolatedSource
+from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
+from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped
+from campaigns.importing.sources import Source, open_source, select
+from campaigns.importing.text import TextSource
+from campaigns.log import Unit
+from campaigns.log.units import is_unit, unit_named
+from campaigns.progress import Report
+from sim_backend.errors import ConfigError, DataError
+
+Array = NDArray[np.float64]
+
+MOST_OPEN = 8
+"""Some sources are processes, and a map may name thousands of files."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A stretch of the record: its channels (n,) in SI, how they lay in the source, their clock, and remarks."""
+
+    label: str
+    settings: Mapping[str, Any]
+    columns: Mapping[str, Array]
+    layout: Layout
+    clock: Clock
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Files:
+    """The sources of one import, the last few of them open; `used` names them all."""
+
+    folder: Path
+    map: ImportMap
+    closing: ExitStack
+    opened: dict[str, Source] = field(default_factory=dict)
+    used: dict[str, Path] = field(default_factory=dict)
+
+    def source(self, wanted: str | None, part: PartMap | None, what: str) -> Source:
+        """Return the file that `wanted` names or is, by default the part's, by default the log's."""
+        given = wanted or (part.source if part else None) or self.map.log.source
+        if given is None:
+            raise ConfigError(f"{what} has no source: name one there, in its part or in [log]")
+        named = self.map.sources | (part.sources if part else {})
+        name = named.get(given, given)
+        if name not in self.opened:
+            if len(self.opened) == MOST_OPEN:
+                self.closing.close()
+                self.opened.clear()
+            log, self.used[name] = self.map.log, self.folder / name
+            self.opened[name] = open_source(self.folder / name, self.closing, log.delimiter, log.decimal, log.header)
+        return self.opened[name]
+
+
+def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report: Report) -> Part:
+    """Return a part of the record, all of it where there are no parts.
+
+    Raises DataError for sources that do not hold what the map says, ConfigError for a map that fits none.
+    """
+    where = f"part '{part.label}': " if part else ""
+    log, channels = files.map.log, files.map.channels
+    columns: dict[str, Array] = {}
+    layouts: dict[str, Layout] = {}
+    remarks: list[str] = []
+    for i, (name, channel) in enumerate(channels.items()):
+        what = f"{where}channel '{name}'"
+        report(i, len(channels), f"reading {what}")
+        columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
+    apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}
+    layout = check_lengths({n: found for n, found in layouts.items() if n not in apart} or layouts, where)
+    _check_period(files.map, layout, where)
+    if log.time is None:
+        assert log.sample_rate_hz is not None  # the map was checked to hold a rate or a time
+        clock = Clock(log.sample_rate_hz, 0.0, "")
+    else:
+        what = f"{where}time '{log.time}'"
+        stamps, read_as = _stamps(files.source(None, part, what), log.time, log.time_unit, what)
+        if stamps.size not in (layout.samples, layout.rows):
+            raise DataError(f"{what} has {stamps.size} stamps for {layout.rows} samples: select equal lengths")
+        if log.resample is None:
+            clock = clock_of(stamps, what, read_as)
+        else:
+            clock, grid = grid_of(stamps, what, read_as)
+            ours = {name: column for name, column in columns.items() if name not in apart}
+            layout = _on_grid(log, stamps, grid, ours, columns, layout, what, remarks)
+    rows_s = clock.t0_s + np.arange(layout.rows) / clock.rate_hz
+    for name in sorted(apart):
+        what = f"{where}channel '{name}'"
+        _join(files, part, channels[name], name, rows_s, columns, what, remarks)
+    label, settings = (part.label, part.settings) if part else ("", {})
+    return Part(label, settings, columns, layout, clock, tuple(remarks))
+
+
+def _column(
+    files: Files, part: PartMap | None, name: str, channel: ChannelMap, unit: Unit, what: str
+) -> tuple[Array, Layout]:
+    source = files.source(channel.source, part, what)
+    given = {part.select[name]: 1.0} if part and name in part.select else channel.selections
+    summed: Array | None = None
+    for selection, factor in given.items():
+        values, layout = flatten(select(source, selection), files.map.log.axes, what)
+        _check_unit(source, selection, channel, what)
+        if channel.unwrap is not None:
+            values = unwrapped(values, channel.unwrap)
+        values = values if factor == 1.0 else factor * values
+        if summed is not None and summed.size != values.size:
+            raise DataError(f"{what} combines {summed.size} and {values.size} samples: select equal lengths")
+        summed = values if summed is None else summed + values
+    assert summed is not None  # the map was checked to select something
+    return to_si(summed, channel, unit, what), layout
+
+
+def _check_unit(source: Source, selection: str, channel: ChannelMap, what: str) -> None:
+    """Raise DataError where the file itself names another unit than the map."""
+    told = source.unit(selection)
+    if told is None or channel.ignore_file_unit or not is_unit(told):
+        return
+    theirs, ours = unit_named(told), unit_named(channel.unit)
+    if (theirs.si, theirs.factor, theirs.offset) != (ours.si, ours.factor, ours.offset):
+        raise DataError(
+            f"{what}: {source.path} says that '{selection}' is in {told}, the map says {channel.unit}: correct the "
+            "map, or say ignore_file_unit = true in the channel if the file is wrong"
+        )
+
+
+def _stamps(source: Source, name: str, unit: str | None, what: str) -> tuple[Array, str]:
+    """Return time stamps (n,) in s, and how they were read."""
+    if isinstance(source, TextSource) and unit in (None, "date"):
+        cells = source.cells(name)
+        if cells and (unit == "date" or _are_dates(cells[0])):
+            return dates(cells, what), "dates"
+    values = select(source, name)
+    if isinstance(source, IsolatedSource) and source.dated(name):
+        unit = "ns"
+    rows, _ = flatten(values, ("sample",), what)
+    told = unit or unit_in(source.unit(name) or "") or unit_in(name)
+    if unit == "date":
+        raise ConfigError(f"{what} holds no dates but numbers: say the unit that they have")
+    kept = values.reshape(-1) if values.dtype.kind in "iu" else rows
+    return seconds(kept, told or "s"), f"'{name}' in {told}" if told else f"'{name}' in s, as nothing says another unit"
+
+
+def _are_dates(cell: str) -> bool:
+    return read_number(cell, ".") is None and bool(re.match(r"\d{1,4}[-/.:]\d{1,2}[-/.:]\d", cell))
+
+
+def _on_grid(
+    log: LogMap,
+    stamps: Array,
+    grid: Array,
+    ours: Mapping[str, Array],
+    columns: dict[str, Array],
+    layout: Layout,
+    what: str,
+    remarks: list[str],
+) -> Layout:
+    """Put the columns on the uniform grid and return their layout; says what that costs."""
+    assert log.resample is not None
+    if layout.rows != stamps.size or layout.samples != layout.rows:
+        raise ConfigError(f"{what}: resample takes one stamp for every row; import realisations and periods as parts")
+    costs = {}
+    for name, column in ours.items():
+        columns[name], costs[name] = resampled(stamps, column, grid, log.resample)
+    worst = max(costs, key=lambda name: costs[name])
+    added = grid.size - stamps.size
+    remarks.append(
+        f"{what}: {added} rows were absent and are drawn, all others moved to a grid of {grid.size} rows "
+        f"({log.resample}); that costs at most {costs[worst]:.2%} of the rms of '{worst}', measured on every other row"
+    )
+    return Layout(grid.size, 1, 1)
+
+
+def _join(
+    files: Files,
+    part: PartMap | None,
+    channel: ChannelMap,
+    name: str,
+    rows_s: Array,
+    columns: dict[str, Array],
+    what: str,
+    remarks: list[str],
+) -> None:
+    """Bring a channel with a clock of its own to the rows of the log."""
+    log, own = files.map.log, columns[name]
+    assert log.resample is not None  # the map was checked to say it
+    if channel.time is not None:
+        stamps, _ = _stamps(files.source(channel.source, part, what), channel.time, log.time_unit, what)
+    else:
+        assert channel.sample_rate_hz is not None
+        stamps = rows_s[0] + np.arange(own.size) / channel.sample_rate_hz
+    if stamps.size != own.size:
+        raise DataError(f"{what} has {stamps.size} stamps for {own.size} samples: select equal lengths")
+    slack = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
+    if stamps[0] > rows_s[0] + slack or stamps[-1] < rows_s[-1] - slack:
+        raise DataError(
+            f"{what} lasts from {stamps[0]:.6g} to {stamps[-1]:.6g} s, the log from {rows_s[0]:.6g} to "
+            f"{rows_s[-1]:.6g} s: select the stretch that all channels have"
+        )
+    columns[name], cost = resampled(stamps, own, rows_s, log.resample)
+    remarks.append(f"{what}: brought to the clock of the log ({log.resample}), at most {cost:.2%} of its rms off")
+
+
+def _check_period(found: ImportMap, layout: Layout, where: str) -> None:
+    period = found.log.period
+    if period is None:
+        return
+    if "period" in found.log.axes and period != layout.samples:
+        raise DataError(
+            f"{where}period is {period} in [log] but the axis 'sample' has {layout.samples}: make them equal"
+        )
+    if period > layout.samples:
+        raise DataError(f"{where}period is {period} samples of only {layout.samples}: correct it in [log]")

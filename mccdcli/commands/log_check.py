@@ -1,0 +1,35 @@
+"""`mccd log check`: what is known of a record before it is used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mccdcli.options import common_options, existing_file
+from mccdcli.output import emit, table
+
+
+@click.command()
+@existing_file("run")
+@common_options("json")
+def check(run: Path, as_json: bool) -> int:
+    """Check what a log tells of itself: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps.
+
+    Exit code 1 when something forbids its use by identify and diagnose.
+
+    \b
+    Examples:
+      mccd log check RUN.h5
+      mccd log check RUN.h5 --json
+    """
+    from campaigns.facts import facts_of
+    from campaigns.log import read_run
+
+    with read_run(run) as log:
+        facts, uid = facts_of(log), log.run_uid
+    forbidden = any(fact.forbids for fact in facts)
+    rows = [(fact.name, fact.finding, ("FORBIDS: " if fact.forbids else "") + fact.means) for fact in facts]
+    text = table(rows, heads=("fact", "finding", "what it means"))
+    emit({"file": run, "run_uid": uid, "usable": not forbidden, "facts": list(facts)}, as_json=as_json, text=text)
+    return 1 if forbidden else 0
