@@ -21,7 +21,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
-        "log": "Show, check, summarise, verify, export and recover logs.",
+        "log": "Show, draw, check, summarise, verify, export and recover logs.",
         "model": "Convert models, and list the effects that they can hold.",
     }
 )
@@ -154,6 +154,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "model effects": Entry(
             "mccdcli.commands.model_effects:effects",
             "List the effects that a diagnosis can name and a model can hold, or describe one with its parameters.",
+        ),
+        "log plot": Entry(
+            "mccdcli.commands.log_plot:plot",
+            "Draw every channel of a log over time: into a picture with --out, else in the terminal.",
         ),
         "log recover": Entry(
             "mccdcli.commands.log_recover:recover",

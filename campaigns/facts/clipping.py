@@ -16,32 +16,31 @@ def facts(seen: Seen) -> list[Fact]:
     for name, values in seen.of_role("output").items():
         unit = seen.channels[name].unit
         for segment, part in by_segment(seen, values):
-            share, level = saturation(part)
-            if share > 0.0:
-                found.append(
-                    Fact(
-                        "clipping",
-                        f'{name} is cut off at {level:.6g} {unit} in {share:.2%} of the rows of "{segment.label}"',
-                        "the sensor is at its end there: such rows are no measurement and are left out of every fit",
-                        name,
-                        segment.label,
-                        {"share": share, "level": level},
-                    )
+            found += [
+                Fact(
+                    "clipping",
+                    f'{name} is cut off at {level:.6g} {unit} in {share:.2%} of the rows of "{segment.label}"',
+                    "the sensor is at its end there: such rows are no measurement and are left out of every fit",
+                    name,
+                    segment.label,
+                    {"share": share, "level": level},
                 )
+                for share, level in saturation(part)
+            ]
     return found
 
 
-def saturation(values: Array) -> tuple[float, float]:
-    """Return (share of rows cut off at an extreme, that extreme) of a channel (n,); (0, 0) when none is.
+def saturation(values: Array) -> list[tuple[float, float]]:
+    """Return (share of rows cut off there, extreme) for each end at which a channel (n,) is cut off, at most two.
 
     A limited sensor stays exactly at its extreme for samples on end although the motion was heading beyond it; one
     that rests or turns there arrives slowly. Inputs are not judged: a two-level signal is at its extremes always.
     """
     steps = np.abs(np.diff(values))
     rms_step = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
-    worst = (0.0, 0.0)
+    ends: list[tuple[float, float]] = []
     if rms_step == 0.0:
-        return worst
+        return ends
     for sign in (1.0, -1.0):
         x = sign * values
         top = float(x.max())
@@ -52,9 +51,9 @@ def saturation(values: Array) -> tuple[float, float]:
             continue
         beyond = [_overshoot(x, a, b) for a, b in zip(starts[long], stops[long], strict=True)]
         # half a typical step: a clipped sine of 95 % crosses with 0.4 of it per sample, a start from rest with 0.05
-        if float(np.median(beyond)) > 0.5 * rms_step and share > worst[0]:
-            worst = (share, sign * top)
-    return worst
+        if float(np.median(beyond)) > 0.5 * rms_step:
+            ends.append((share, sign * top))
+    return ends
 
 
 def _overshoot(x: Array, start: int, stop: int) -> float:

@@ -17,6 +17,9 @@ like itself a few samples later."""
 BETTER = 1.0 / 3.0
 """A period that leaves so much less of the input is the right one."""
 
+REPEATS = 0.02
+"""What two parts of an input may differ by, against its size, where nobody has said that it repeats."""
+
 DIFFERENT = 0.9
 """What two parts of an input differ by, against its size, from which on it does not repeat at all. The input of a loop
 follows the noise as well."""
@@ -60,6 +63,16 @@ def facts(seen: Seen) -> list[Fact]:
     return found
 
 
+def period_of(inputs: dict[str, Array]) -> int:
+    """Return the number of rows after which the inputs (n,) repeat nearly exactly, 0 where they do not."""
+    moving = _moving(inputs)
+    if not moving:
+        return 0
+    parts = np.stack([values / values.std() for values in moving.values()], axis=1)
+    best, least = _best(parts, 0)
+    return best if best and least < REPEATS else 0
+
+
 def _claimed(segment: LogSegment) -> int:
     value = segment.settings.get("period_samples")
     return int(value) if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else 0
@@ -91,7 +104,7 @@ def _best(parts: Array, claimed: int) -> tuple[int, float]:
     share = np.sqrt(np.maximum(apart / (2.0 * parts.shape[1]), 0.0))
     foreign = np.flatnonzero(share > FOREIGN)
     if foreign.size == 0 or foreign[0] == share.size - 1:
-        return claimed, difference(parts, claimed)
+        return claimed, difference(parts, claimed) if claimed else 1.0
     later = share[foreign[0] :]
     near = int(periods[foreign[0] :][np.argmax(later <= 1.5 * later.min() + 1e-6)])
     # rounding may exchange neighbours

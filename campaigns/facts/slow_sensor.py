@@ -39,7 +39,10 @@ def facts(seen: Seen) -> list[Fact]:
                 )
             )
             continue
-        share = 1.0 - changed.size / changed[-1]  # what stands still to the end has a fact of its own
+        # what stands still to the end, or at the end of the sensor's range, has a fact of its own
+        repeated = np.diff(values[: changed[-1] + 1]) == 0.0
+        at_end = np.isin(values[1 : changed[-1] + 1], (values.min(), values.max()))
+        share = float(np.mean(repeated & ~at_end))
         coarse = step_of(values) > 0.2 * float(np.sqrt(np.mean(np.diff(values) ** 2)))
         if share > REPEATED and not coarse:
             found.append(

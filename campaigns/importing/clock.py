@@ -201,7 +201,11 @@ def _unevenness(time_s: Array) -> str:
     lost = np.maximum(np.round(steps / typical) - 1.0, 0.0)
     gaps = np.flatnonzero(lost)
     jitter = float(np.abs(steps - typical * (1.0 + lost)).max() / typical)
-    told = f"steps differ by up to {jitter:.1%} of {typical:.6g} s (limit: {GRID_TOLERANCE:.0%} of a step off the grid)"
+    worst = int(np.argmax(np.abs(steps - typical)))
+    told = (
+        f"the step after sample {worst} is {steps[worst]:.6g} s, others are {typical:.6g} s (limit: "
+        f"{GRID_TOLERANCE:.0%} of a step off the grid)"
+    )
     if gaps.size and jitter < 0.5:
         told = (
             f"{int(lost.sum())} rows are lost in {gaps.size} place(s): the step after sample {gaps[0]} is "

@@ -173,7 +173,7 @@ def _joined(found: ImportMap, parts: list[Part]) -> dict[str, Array]:
 
 def _configuration(text: str, files: Files, facts: Sequence[Fact]) -> str:
     sources = [{"file": name, "sha256": sha256_of(path)} for name, path in sorted(files.used.items())]
-    told = [msgspec.to_builtins(fact) for fact in facts]
+    told = [msgspec.to_builtins(fact, enc_hook=lambda number: number.item()) for fact in facts]
     return json.dumps({"map": text, "sources": sources, "facts": told}, ensure_ascii=False)
 
 

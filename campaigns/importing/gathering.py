@@ -18,7 +18,7 @@ from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
 from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped
 from campaigns.importing.sources import Source, open_source, select
-from campaigns.importing.text import TextSource
+from campaigns.importing.text import CellError, TextSource
 from campaigns.log import Unit
 from campaigns.log.units import is_unit, unit_named
 from campaigns.progress import Report
@@ -81,7 +81,10 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
     for i, (name, channel) in enumerate(channels.items()):
         what = f"{where}channel '{name}'"
         report(i, len(channels), f"reading {what}")
-        columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
+        try:
+            columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
+        except CellError as error:
+            raise DataError(f"{what}: {error}") from None
     apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}
     layout = check_lengths({n: found for n, found in layouts.items() if n not in apart} or layouts, where)
     _check_period(files.map, layout, where)
@@ -143,7 +146,7 @@ def _stamps(source: Source, name: str, unit: str | None, what: str) -> tuple[Arr
     """Return time stamps (n,) in s, and how they were read."""
     if isinstance(source, TextSource) and unit in (None, "date"):
         cells = source.cells(name)
-        if cells and (unit == "date" or _are_dates(cells[0])):
+        if cells and (unit == "date" or are_dates(cells[0])):
             return dates(cells, what), "dates"
     values = select(source, name)
     if isinstance(source, IsolatedSource) and source.dated(name):
@@ -156,7 +159,8 @@ def _stamps(source: Source, name: str, unit: str | None, what: str) -> tuple[Arr
     return seconds(kept, told or "s"), f"'{name}' in {told}" if told else f"'{name}' in s, as nothing says another unit"
 
 
-def _are_dates(cell: str) -> bool:
+def are_dates(cell: str) -> bool:
+    """Tell whether a cell is a date or a time of day."""
     return read_number(cell, ".") is None and bool(re.match(r"\d{1,4}[-/.:]\d{1,2}[-/.:]\d", cell))
 
 

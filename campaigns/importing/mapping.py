@@ -44,16 +44,16 @@ class LogMap(Struct, frozen=True, forbid_unknown_fields=True):
     header: bool | None = None
 
 
-class ChannelMap(Struct, frozen=True, forbid_unknown_fields=True):
+class ChannelMap(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table `[channels.NAME]`: what to select, its unit in the source, and what it is in the experiment.
 
     It has either `select` or `combine`, the sum of several selections with their factors. A channel with a clock of its
     own has `time` or `sample_rate_hz`.
     """
 
+    select: Text | None = None
     unit: Text
     role: Literal["input", "output", "reference", "aux"]
-    select: Text | None = None
     combine: dict[Text, Factor] = field(default_factory=dict)
     dof: str = ""
     scale: Factor = 1.0

@@ -200,10 +200,10 @@ class TextSource:
         what = f"column '{names[index]}'" if index < len(names) else f"column {index + 1}"
         holds = f"holds '{cell[:40]}', which is no finite number" if cell.strip() else "has an empty cell"
         comma = "," in cell and self.dialect.decimal == "." and read_number(cell, ",") is not None
-        fix = 'say decimal = "," in [log] or correct the cells' if comma else "correct the cells or the delimiter"
+        fix = 'say decimal = "," in [log], or repair them' if comma else "repair them, correct the delimiter"
         raise CellError(
-            f"{self.path}, line {line + 1}: {what} {holds} ({count} such cells; the first in row {row + 1} of the "
-            f"data): {fix}, or import the stretches between them",
+            f"{self.path}, line {line + 1}: {what} {holds}: nan at sample {row} and {count} such cell(s) in "
+            f"all; {fix} or import the stretches between them",
             line + 1,
             names[index] if index < len(names) else str(index + 1),
             cell,

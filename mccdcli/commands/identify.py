@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,13 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Also write the measured frequency response: .csv with its uncertainty, or .sNp (Touchstone-like).",
 )
+@click.option(
+    "--plot",
+    "picture",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Also draw the Bode picture of data and model: .png, .svg or .pdf.",
+)
 @click.option("--force", is_flag=True, help="Replace an existing model file.")
 @settings_option
 @common_options()
@@ -59,6 +67,7 @@ def identify(
     only: str,
     equal_weights: bool,
     response: Path | None,
+    picture: Path | None,
     force: bool,
 ) -> int:
     """Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.
@@ -71,6 +80,7 @@ def identify(
       mccd identify --log RUN.h5 --log OTHER.h5 --modes 3 -o nominal.toml
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
       mccd identify --log RUN.h5 --response response.csv -o nominal.toml
+      mccd identify --log RUN.h5 --plot bode.png -o nominal.toml
     """
     from mccdcli.models import refuse_existing, save_model
 
@@ -99,6 +109,10 @@ def identify(
         runs, name = [stack.enter_context(read_run(log)) for log in logs], target.stem
         report = stack.enter_context(progress("identifying"))
         found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=name, report=report)
+        if picture is not None:
+            from analysis.identification.bode import save_bode
+
+            save_bode(found, runs, picture, force=force)
     if response is not None:
         save_response(found.response, response)
     save_model(found.model, target, force=force)
@@ -112,17 +126,18 @@ def _text(found: Identification) -> str:
         (
             f"{mode['frequency_hz']:.4f} ± {mode['frequency_std_hz']:.2g}",
             f"{mode['decay_rate_1_s']:.4g} ± {mode['decay_rate_std_1_s']:.2g}",
+            _damping(mode),
         )
         for mode in found.modes
     ]
-    facts = [("method", found.method)]
+    facts = [("method", found.method), *_gains(found), *_delays(found)]
     if found.chi2_per_dof is not None:
         facts.append(("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)"))
     facts += [(name, f"{value:.3%} of the output") for name, value in _levels(found) if value is not None]
     facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
     facts += [(f"error on {one.segment}", f"{one.total:.2%}") for one in found.held_out]
     remarks = "".join(f"\nremark: {remark}" for remark in found.remarks)
-    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s'))}\n\n{table(facts)}{remarks}"
+    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
 
 
 def _uncertainty(curve: ResponseCurve) -> str:
@@ -137,3 +152,41 @@ def _uncertainty(curve: ResponseCurve) -> str:
 
 def _levels(found: Identification) -> list[tuple[str, float | None]]:
     return [("noise", found.noise), ("nonlinear distortion", found.distortion)]
+
+
+def _damping(mode: dict[str, float]) -> str:
+    """Return ζ = σ / ω of a mode with its standard deviation; a rigid body has none."""
+    omega = 2.0 * math.pi * mode["frequency_hz"]
+    if omega == 0.0:
+        return ""
+    zeta = mode["decay_rate_1_s"] / omega
+    relative = math.hypot(
+        mode["decay_rate_std_1_s"] / max(mode["decay_rate_1_s"], 1e-300),
+        mode["frequency_std_hz"] / mode["frequency_hz"],
+    )
+    return f"{zeta:.4g} ± {zeta * relative:.2g}"
+
+
+def _gains(found: Identification) -> list[tuple[str, str]]:
+    """Return the static gain of every entry with its unit, where nothing is a rigid body."""
+    import numpy as np
+
+    linear = found.model.linear()
+    if any(omega == 0.0 for omega in linear.omega_rad_s.tolist()):
+        return []
+    static = linear.with_(delay_s=0.0 * linear.delay_s).frequency_response(np.zeros(1))[0].real.tolist()
+    return [
+        (f"static gain {i.name} → {o.name}", f"{static[k][j]:.4g} {o.unit} per {i.unit}")
+        for k, o in enumerate(found.model.outputs)
+        for j, i in enumerate(found.model.inputs)
+    ]
+
+
+def _delays(found: Identification) -> list[tuple[str, str]]:
+    told = []
+    for port in found.model.inputs:
+        delay = found.model.delay_s.get(port.name, 0.0)
+        value, std = (delay, 0.0) if isinstance(delay, float | int) else (delay.value, delay.std or 0.0)
+        if value:
+            told.append((f"delay of {port.name}", f"{1e3 * value:.4g} ms" + (f" ± {1e3 * std:.2g} ms" if std else "")))
+    return told

@@ -7,24 +7,35 @@ from pathlib import Path
 import click
 
 from mccdcli.logtext import channels_text, length_text, segments_text
-from mccdcli.options import common_options, existing_file
-from mccdcli.output import emit
+from mccdcli.options import common_options
+from mccdcli.output import emit, say
 from mccdcli.progress import progress
 
 
 @click.command("import")
-@existing_file("map", metavar="MAP.toml")
+@click.argument(
+    "files", nargs=-1, required=True, metavar="MAP.toml", type=click.Path(exists=True, dir_okay=False, path_type=Path)
+)
+@click.option("--guess", is_flag=True, help="Propose a map for data files instead: printed, or written with --out.")
 @common_options("out", "json")
-def import_data(map: Path, out: Path | None, as_json: bool) -> None:
+def import_data(files: tuple[Path, ...], guess: bool, out: Path | None, as_json: bool) -> None:
     """Import data of any bench into a log, as a map file describes them.
 
     The log is MAP.h5 in the current folder unless --out names another; an existing file is never overwritten.
+    With --guess the files are data, and a commented map is proposed for them.
 
     \b
     Examples:
+      mccd import --guess data.csv -o map.toml
       mccd import MAP.toml
       mccd import MAP.toml --out RUN.h5 --json
     """
+    if guess:
+        _guess(files, out, as_json)
+        return
+    if len(files) != 1:
+        raise click.UsageError("give one map, or --guess with data files")
+    (map,) = files
     from campaigns.importing import import_run
 
     with progress("importing") as report:
@@ -32,7 +43,27 @@ def import_data(map: Path, out: Path | None, as_json: bool) -> None:
     summary = f"{made.path}: {length_text(made.rows, made.sample_rate_hz)}"
     clock = [f"clock: {made.clock}"] if made.clock else []
     remarks = [f"remark: {remark}" for remark in made.remarks]
-    text = "\n\n".join(
-        ["\n".join([summary, *clock, *remarks]), channels_text(made.channels), segments_text(made.segments)]
-    )
+    head = "\n".join([summary, *clock, *remarks])
+    text = "\n\n".join([head, channels_text(made.channels), segments_text(made.segments)])
     emit(made, as_json=as_json, text=text)
+
+
+def _guess(files: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
+    from campaigns.importing.guess import guess
+    from sim_backend.errors import ConfigError
+
+    if out is not None and out.exists():
+        raise ConfigError(f"{out} exists and is not overwritten: choose another path with --out")
+    # sources of a map count from its folder
+    folder = (out.parent if out else Path()).resolve()
+    found = guess(files, folder)
+    for line in found.said:
+        say(f"guess: {line}")
+    if out is not None:
+        out.write_text(found.text, encoding="utf-8")
+    result = {"map": out, "text": found.text, "said": list(found.said)}
+    emit(
+        result,
+        as_json=as_json,
+        text=found.text.rstrip() if out is None else f"{out}: look at it, then `mccd import {out}`",
+    )

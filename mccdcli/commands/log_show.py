@@ -56,4 +56,7 @@ def _text(log: Run) -> str:
         ("seed", "none" if header.seed is None else str(header.seed)),
         ("length", length_text(log.rows, log.sample_rate_hz)),
     ]
-    return "\n\n".join([table(facts), channels_text(log.channels.values()), segments_text(log.segments)])
+    from campaigns.facts import stored_facts
+
+    sizes = {fact.channel: fact.numbers for fact in stored_facts(log) if fact.name == "size"}
+    return "\n\n".join([table(facts), channels_text(log.channels.values(), sizes), segments_text(log.segments)])

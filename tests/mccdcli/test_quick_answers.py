@@ -68,6 +68,7 @@ REFUSED = {
     ],
     "log check": ["nonsense.h5"],
     "log export": ["run.h5", "nonsense.h5 --out a.csv"],
+    "log plot": ["nonsense.h5"],
     "log recover": ["nonsense.h5"],
     "log show": ["nonsense.h5"],
     "log summary": ["nonsense.h5"],

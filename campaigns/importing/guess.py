@@ -1,0 +1,219 @@
+"""A map proposed for files that nobody has described: what is certain, what is guessed, and what is doubtful."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.facts.period import period_of
+from campaigns.importing.clock import clock_of, dates, seconds, unit_in
+from campaigns.importing.gathering import are_dates
+from campaigns.importing.sources import Source, open_source
+from campaigns.importing.text import TextSource
+from campaigns.log.units import is_unit
+from sim_backend.errors import DataError
+
+Array = NDArray[np.float64]
+
+TIME = re.compile(r"(?i)^(t|time|timestamp|zeit|temps|date|datetime|elapsed|clock)\b|time|stamp")
+INPUT = re.compile(
+    r"(?i)^(u\d*|in(put)?\d*)$|^u[_ ]|^u(est|val)$|command|cmd|drive|torque|force|voltage|current|excit|pump|actuat|^f$"
+)
+REFERENCE = re.compile(r"(?i)ref|setpoint|set_point|demand|target")
+AUX = re.compile(r"(?i)temp|humid|pressure|index|^n$|^i$|flag|status|^#$")
+AXIS = re.compile(r"(?i)(?:^|[_ \[(])(theta_?[xyz]|[xyz]|\d+)(?:[\])]|$)|(?<=[a-z])(\d+)$")
+
+
+@dataclass
+class Column:
+    """One column of numbers: how it is selected, its values (n,), its unit as far as the file says it."""
+
+    select: str
+    values: Array
+    unit: str | None
+    role: str = ""
+    doubts: list[str] = field(default_factory=list)
+
+    @property
+    def plain(self) -> str:
+        """The name without its unit."""
+        return re.sub(r"\s*[\[(].*$", "", self.select).strip() or self.select
+
+
+@dataclass(frozen=True)
+class Guess:
+    """The text of the map, and in sentences what was guessed and what is doubtful."""
+
+    text: str
+    said: tuple[str, ...]
+
+
+def guess(paths: Sequence[Path], folder: Path) -> Guess:
+    """Return a commented map for files of equal columns, the first of which is looked at; several become parts.
+
+    The map is meant for `folder`: files in there or below are named from it. Raises DataError for a file that cannot
+    be read or holds no two columns of numbers.
+    """
+    with ExitStack() as closing:
+        source = open_source(paths[0], closing)
+        left: list[str] = []
+        columns = _columns(source, left)
+        if not columns:
+            raise DataError(f"{paths[0]} holds no column of numbers that can be selected: write the map by hand")
+        clock, clock_said = _clock(source, columns)
+    others = [column for column in columns if column.role != "time"]
+    if len(others) < 2:
+        raise DataError(f"{paths[0]} holds {len(others)} column(s) beside its clock; an input and an output are needed")
+    said = [*clock_said, *left, *_roles(others)]
+    period = period_of({c.select: c.values for c in others if c.role == "input"})
+    if period:
+        said.append(f"the inputs repeat after {period} rows")
+    text = _text([_from(path, folder) for path in paths], source, others, clock, period)
+    return Guess(text, tuple(said))
+
+
+def _from(path: Path, folder: Path) -> Path:
+    """Return a path as a map in `folder` names it."""
+    whole = path.resolve()
+    return whole.relative_to(folder) if whole.is_relative_to(folder) else whole
+
+
+def _columns(source: Source, left: list[str]) -> list[Column]:
+    """Return every one-dimensional run of numbers of the commonest length; tells of those that cannot be read."""
+    found: list[Column] = []
+    names = source.names() or [""]
+    for name in names:
+        try:
+            values = source.array(name)
+        except DataError as error:
+            if isinstance(source, TextSource) and (cells := source.cells(name)) and are_dates(cells[0]):
+                found.append(Column(name, dates(cells, name), "date", "time"))
+            else:
+                left.append(f"'{name}' is left out: {error}")
+            continue
+        if values is None or values.dtype.kind not in "fiub" or values.ndim > 2:
+            continue
+        values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
+        if values.ndim == 1:
+            found.append(Column(name, np.asarray(values, dtype=np.float64), source.unit(name)))
+        elif values.ndim == 2:
+            found += [
+                Column(f"{name}[:, {k}]", np.array(values[:, k], dtype=np.float64), None)
+                for k in range(values.shape[1])
+            ]
+    if not found:
+        return []
+    sizes = [column.values.size for column in found]
+    usual = max(set(sizes), key=lambda size: (sizes.count(size), size))
+    return [column for column in found if column.values.size == usual]
+
+
+def _clock(source: Source, columns: list[Column]) -> tuple[str, list[str]]:
+    """Return the lines of the map on the clock, and what is to be said about it."""
+    for column in columns:
+        if column.role != "time" and not TIME.search(column.plain):
+            continue
+        rising = bool(np.all(np.diff(column.values) > 0.0))
+        if not rising:
+            continue
+        column.role = "time"
+        unit = "date" if column.unit == "date" else unit_in(column.unit or "") or unit_in(column.select)
+        stamps = column.values if unit == "date" else seconds(column.values, unit or "s")
+        line = f'time = "{_quoted(column.select)}"\ntime_unit = "{unit or "s"}"'
+        doubt = "" if unit else "   # DOUBTFUL: nothing says the unit of time"
+        try:
+            clock = clock_of(stamps, column.select, "")
+        except DataError as error:
+            return f'{line}{doubt}\nresample = "cubic"   # the clock is uneven', [
+                f"'{column.select}' is the clock and is not uniform: {error}"
+            ]
+        said = f"'{column.select}' is the clock, in {unit or 's (nothing says the unit)'}: {clock.rate_hz:g} Hz"
+        return f"{line}{doubt}", [said]
+    return (
+        "sample_rate_hz = 1000.0   # DOUBTFUL: no column is a clock; say the true rate",
+        ["no column is a clock: correct sample_rate_hz"],
+    )
+
+
+def _roles(columns: list[Column]) -> list[str]:
+    said = []
+    for column in columns:
+        if np.ptp(column.values) == 0.0:
+            column.role, note = "aux", "it never changes"
+        elif REFERENCE.search(column.plain):
+            column.role, note = "reference", "by its name"
+        elif AUX.search(column.plain):
+            column.role, note = "aux", "by its name"
+        elif INPUT.search(column.plain):
+            column.role, note = "input", "by its name"
+        else:
+            column.role, note = "output", "no name of an input"
+        said.append(f"'{column.select}' is taken for {column.role}: {note}")
+    if not any(column.role == "input" for column in columns):
+        first = next(column for column in columns if column.role == "output")
+        first.role = "input"
+        first.doubts.append("nothing says which column is the input; the first is taken")
+        said.append(f"DOUBTFUL: nothing says which column is the input, '{first.select}' is taken")
+    if not any(column.role == "output" for column in columns):
+        last = [column for column in columns if column.role == "input"][-1]
+        last.role = "output"
+        last.doubts.append("nothing says which column is the output; the last is taken")
+        said.append(f"DOUBTFUL: nothing says which column is the output, '{last.select}' is taken")
+    return said
+
+
+def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], clock: str, period: int) -> str:
+    lines = [
+        "# A proposal: look at every line, above all at those marked DOUBTFUL, then `mccd import` this map.",
+        "[log]",
+        'test = "measured"',
+    ]
+    if len(paths) == 1:
+        lines.append(f'source = "{_quoted(str(paths[0]))}"')
+    lines += clock.splitlines()
+    if isinstance(source, TextSource):
+        dialect = source.dialect
+        if dialect.separator != " ":
+            lines.append(f'delimiter = "{_quoted(dialect.separator)}"')
+        lines.append(f'decimal = "{dialect.decimal}"')
+    if period:
+        lines.append(f"period = {period}   # found on the inputs")
+    taken: set[str] = set()
+    single = all(sum(column.role == role for column in columns) <= 1 for role in ("input", "output"))
+    for column in columns:
+        name = re.sub(r"[^\w .-]", "_", column.plain).strip(" ._") or "channel"
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        unit, doubt = (column.unit, "") if column.unit and is_unit(column.unit) else ("1", "   # DOUBTFUL: which unit?")
+        lines += ["", f'[channels."{_quoted(name)}"]', f'select = "{_quoted(column.select)}"']
+        lines += [f'unit = "{_quoted(unit)}"{doubt}', f'role = "{column.role}"' + _doubtful(column)]
+        if column.role != "aux":
+            lines.append(f'dof = "{"x" if single else _dof(column)}"')
+        low, high = float(column.values.min()), float(column.values.max())
+        lines.append(f"# {column.values.size} values from {low:.6g} to {high:.6g}")
+        if column.role in ("input", "output") and low == high:
+            lines.append("allow_constant = true")
+    for path in paths if len(paths) > 1 else ():
+        lines += ["", "[[parts]]", f'label = "{_quoted(path.stem)}"', f'source = "{_quoted(str(path))}"']
+    return "\n".join(lines) + "\n"
+
+
+def _doubtful(column: Column) -> str:
+    return "".join(f"   # DOUBTFUL: {doubt}" for doubt in column.doubts)
+
+
+def _dof(column: Column) -> str:
+    """Return the degree of freedom that a name ends with, `x` where it ends with none."""
+    found = AXIS.search(column.plain) if len(column.plain) > 1 else None
+    return next((part.lower() for part in found.groups() if part), "x") if found else "x"
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\t", "\\t")

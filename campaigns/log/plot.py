@@ -1,0 +1,85 @@
+"""A log as a picture: every channel over time, drawn from the smallest and largest value of each column of dots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.log.read import Run
+from sim_backend.errors import ConfigError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+FORMS = (".png", ".svg", ".pdf")
+COLUMNS = 1200
+"""Columns of dots; more are no wider than a line."""
+
+BLOCKS = " ▁▂▃▄▅▆▇█"
+
+
+def envelope(values: Array, columns: int) -> tuple[Array, Array]:
+    """Return the smallest and the largest value (columns,) in equal pieces of a channel (n,)."""
+    edges = np.linspace(0, values.size, min(columns, values.size) + 1).astype(np.intp)[:-1]
+    return np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+
+
+def picture(run: Run) -> Figure:
+    """Return a figure with a panel per channel over time, segments shaded, those held out in another shade."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    names = list(run.channels)
+    figure = Figure(figsize=(9.0, 1.0 + 1.3 * len(names)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, name in zip(axes, names, strict=True):
+        low, high = envelope(run.read(name), COLUMNS)
+        time_s = run.time_s(name)[np.linspace(0, run.rows - 1, low.size).astype(np.intp)]
+        ax.fill_between(time_s, low, high, step="mid", linewidth=0.6, edgecolor="C0", facecolor="C0")
+        ax.set_ylabel(f"{name}\n({run.channels[name].unit})", fontsize=8)
+        ax.margins(x=0.0)
+        for segment in run.segments:
+            start, stop = (
+                segment.start / run.sample_rate_hz + time_s[0],
+                segment.stop / run.sample_rate_hz + time_s[0],
+            )
+            ax.axvspan(start, stop, color="C1" if segment.held_out else "C7", alpha=0.12, linewidth=0.0)
+    for segment in run.segments if len(run.segments) <= 12 else ():
+        axes[0].annotate(
+            segment.label,
+            (segment.start / run.sample_rate_hz + run.time_s(names[0], 0, 1)[0], 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(2, 2),
+            textcoords="offset points",
+            fontsize=7,
+        )
+    axes[-1].set_xlabel("time (s)")
+    return figure
+
+
+def save_picture(run: Run, path: Path) -> None:
+    """Write the picture of a log; raises ConfigError for another ending than FORMS and for a file that exists."""
+    if path.suffix.lower() not in FORMS:
+        raise ConfigError(f"{path}: '{path.suffix}' is no picture; there are {', '.join(FORMS)}")
+    if path.exists():
+        raise ConfigError(f"{path} exists and is not overwritten; choose another path")
+    picture(run).savefig(path, dpi=150)
+
+
+def drawn(run: Run, width: int = 60) -> list[tuple[str, str, str]]:
+    """Return name, a line of blocks as high as the largest values, and range of every channel, `width` signs wide."""
+    rows = []
+    for name, channel in run.channels.items():
+        values = run.read(name)
+        _, high = envelope(values, width)
+        span = float(np.ptp(values)) or 1.0
+        levels = np.rint((high - values.min()) / span * (len(BLOCKS) - 2)).astype(np.intp) + 1
+        line = "".join(BLOCKS[level] for level in levels)
+        rows.append((name, line, f"{values.min():.4g} to {values.max():.4g} {channel.unit}"))
+    return rows
