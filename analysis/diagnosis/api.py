@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.diagnosis.pipeline import Options
 from analysis.diagnosis.pipeline import diagnose as _diagnose
-from analysis.diagnosis.records.checks import check_enough, check_inputs, check_outputs, without_copies
+from analysis.diagnosis.records.checks import check_enough, check_inputs, check_outputs, without_copies, without_cut_off
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.result import Diagnosis
@@ -57,7 +57,8 @@ def diagnose(
         for i, (u, y, t) in enumerate(zip(us, ys, warm, strict=True))
     ]
     check_outputs(records, [p.name for p in model.outputs], "outputs")
-    notes = check_inputs(records, [p.name for p in model.inputs])
+    records, cut = without_cut_off(records, [p.name for p in model.outputs])
+    notes = cut + check_inputs(records, [p.name for p in model.inputs])
     different, copies = without_copies(records, [p.name for p in model.outputs])
     held, note = with_held_out(different)
     check_enough(held, "the records")

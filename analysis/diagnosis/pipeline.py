@@ -32,7 +32,7 @@ from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
-from analysis.diagnosis.verdict.barely import doubted, follows_play
+from analysis.diagnosis.verdict.barely import beside_doubts, doubted, follows_play
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, objection, shortfall
@@ -101,7 +101,7 @@ def search_causes(
     own = fitted_here(model, data)
     knobs = own_knobs_of(linear, fitted_delays(model, data)) if own else knobs_of(linear, options.tolerance)
     discrete = discretise(linear, data.rate_hz)
-    residuals = [r.y - simulate(discrete, r.u) for r in data.records]
+    residuals = [r.left_by(simulate(discrete, r.u)) for r in data.records]
     rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
     whitener = louder(whitener_from(data, list(rest)), added)
     starts = starts_of(data, linear, whitener)
@@ -229,6 +229,7 @@ def diagnose(
     shown = evidence(data, begun, floor, model, workers=options.workers)
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady, played)
+    judgement = beside_doubts(judgement, data.doubts)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""

@@ -17,6 +17,11 @@ SIGNIFICANT = 3.0
 """Standard deviations by which a mode must differ from one that is not there."""
 
 
+LEAVES = 2.0
+"""By how much the power of what is left may grow where a mode is given up: what a nonlinear bench makes of noise-like
+errors is never explained to a half by one mode."""
+
+
 def determinedness(fit: TimeFit | RationalFit) -> Array:
     """Return by how many standard deviations each block differs from one that is not there, (m,).
 
@@ -76,10 +81,28 @@ def without_undetermined(
     """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time.
 
     A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
-    number had found, because its method puts a pole where nothing was played. The better of both counts. `measure`
-    returns by how many standard deviations each block is known (m,).
+    number had found, because its method puts a pole where nothing was played. The one with fewer undetermined modes
+    counts, of equal ones the better: a mode that is none may gain more than one that is there, and would be the next to
+    go. `measure` returns by how many standard deviations each block is known (m,).
     """
+
+    def worth(one: _AnyFit) -> tuple[int, float]:
+        return int(np.sum(measure(one) < SIGNIFICANT)), one.criterion
+
     while fit.model.n_blocks > orders[0] and np.min(known := measure(fit)) < SIGNIFICANT:
         rest = fit.model.only(np.arange(known.size) != int(np.argmin(known)))
-        fit = min((again(rest.n_blocks, None), again(rest.n_blocks, rest)), key=lambda one: one.criterion)
+        fewer = min((again(rest.n_blocks, None), again(rest.n_blocks, rest)), key=worth)
+        if _needed(fit, fewer):
+            break
+        fit = fewer
     return fit
+
+
+def _needed(fit: _AnyFit, fewer: _AnyFit) -> bool:
+    """Tell whether a mode that `fewer` has not explains more than half of what that leaves.
+
+    Its numbers may be poorly known, as those of a pole that stands for what lies above the band; it is there.
+    """
+    if isinstance(fit, TimeFit):  # the criterion is twice a logarithm of likelihood, of so many rows
+        return bool(fewer.criterion - fit.criterion > np.log(LEAVES) * fit.dof)
+    return fewer.chi2 > LEAVES * max(fit.chi2, fit.dof)

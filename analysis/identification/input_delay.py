@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.determined import SIGNIFICANT
+from analysis.identification.determined import SIGNIFICANT, determinedness
 from analysis.identification.timefit import TimeFit, fit_records
 from sim_backend.linear import Array
 
@@ -27,7 +27,9 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     delayed = replace(fit.structure, delay=True)
     late = fit_records(inputs, outputs, rate_hz, fit.model.n_blocks, structure=delayed, rigid_bodies=None, start=start)
     clearly = late.criterion + _CLEARLY < fit.criterion
-    return late if clearly and bool(np.all(_known(late))) else fit
+    # a mode that nobody knows is no price for a delay
+    doubtful = [int(np.sum(determinedness(one) < SIGNIFICANT)) for one in (late, fit)]
+    return late if clearly and bool(np.all(_known(late))) and doubtful[0] <= doubtful[1] else fit
 
 
 def _known(fit: TimeFit) -> NDArray[np.bool_]:

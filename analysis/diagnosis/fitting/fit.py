@@ -159,7 +159,7 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
 
 def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Array, ...]:
     """Return what simulated motions leave of the readings of their records, (n, n_y) each."""
-    return tuple(record.y - m.reading for record, m in zip(records, moved, strict=True))
+    return tuple(record.left_by(m.reading) for record, m in zip(records, moved, strict=True))
 
 
 def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:

@@ -14,9 +14,6 @@ from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
 
-SATURATED_SHARE = 1e-3
-"""Share of the rows that may stand at an extreme before it counts as a limit of the sensor."""
-
 
 @dataclass(frozen=True)
 class Match:
@@ -77,42 +74,3 @@ def check_finite(values: Array, names: Sequence[str], file: str, first_row: int)
             f"{file}: channel '{names[column]}' holds {values[row, column]} in row {first_row + row}, and "
             f"{len(bad)} value(s) in all are not finite; repair them or import the stretches between them"
         )
-
-
-def saturation(values: Array) -> tuple[float, float]:
-    """Return (share of rows cut off at an extreme, that extreme) of a channel (n,); (0, 0) when none is.
-
-    A limited sensor stays exactly at its extreme for samples on end although the motion was heading beyond it; one
-    that rests or turns there arrives slowly. Inputs are not judged: a two-level signal is at its extremes always.
-    """
-    steps = np.abs(np.diff(values))
-    rms_step = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
-    worst = (0.0, 0.0)
-    if rms_step == 0.0:
-        return worst
-    for sign in (1.0, -1.0):
-        x = sign * values
-        top = float(x.max())
-        starts, stops = _runs(x == top)
-        long = stops - starts >= 3
-        share = float((stops - starts)[long].sum()) / x.size
-        if share <= SATURATED_SHARE:
-            continue
-        beyond = [_overshoot(x, a, b) for a, b in zip(starts[long], stops[long], strict=True)]
-        # half a typical step: a clipped sine of 95 % crosses with 0.4 of it per sample, a start from rest with 0.05
-        if float(np.median(beyond)) > 0.5 * rms_step and share > worst[0]:
-            worst = (share, sign * top)
-    return worst
-
-
-def _runs(at: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-
-
-def _overshoot(x: Array, start: int, stop: int) -> float:
-    """Return how far straight lines through the samples before and after a stay at the top lead beyond it."""
-    reach = min((stop - start) / 2.0, 3.0)
-    before = (x[start - 1] - x[start - 3]) / 2.0 * reach + x[start - 1] - x[start] if start >= 3 else 0.0
-    after = (x[stop] - x[stop + 2]) / 2.0 * reach + x[stop] - x[start] if stop + 2 < x.size else 0.0
-    return float(max(before, after))

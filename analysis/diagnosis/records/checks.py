@@ -7,16 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.records.channels import saturation
-from analysis.diagnosis.records.dataset import Record
+from analysis.diagnosis.records.dataset import Mask, Record, Window
+from campaigns.facts.base import runs_of
+from campaigns.facts.clipping import saturation
 from sim_backend.errors import DataError
 
 MIN_ROWS = 60
 """Fewest rows that a fit may use: three per output would fit a noise model alone."""
 
+SHORTEST = 8
+"""Rows between two cut-off stretches that are worth a window."""
+
 
 def check_outputs(records: Sequence[Record], names: Sequence[str], where: str) -> None:
-    """Raise DataError when an output (its `names` in order) of the `records` of the log `where` is dead or cut off."""
+    """Raise DataError when an output (its `names` in order) of the `records` of the log `where` is dead."""
     for o, name in enumerate(names):
         low = min(float(r.y[:, o].min()) for r in records)
         high = max(float(r.y[:, o].max()) for r in records)
@@ -25,13 +29,38 @@ def check_outputs(records: Sequence[Record], names: Sequence[str], where: str) -
                 f"{where}: output '{name}' is constant at {low:g} in all rows; a dead channel decides nothing: "
                 "leave this run out or mend the channel"
             )
-        for record in records:
-            share, level = saturation(record.y[:, o])
-            if share > 0.0:
-                raise DataError(
-                    f"{where}: output '{name}' is cut off at {level:.6g} in {100.0 * share:.2g} % of the rows of "
-                    f"'{record.windows[0].label}' (limit 0.1 %), as a saturated sensor is; leave those segments out"
+
+
+def without_cut_off(records: Sequence[Record], names: Sequence[str]) -> tuple[list[Record], list[str]]:
+    """Return the records without windows where an output is cut off, as a saturated sensor's is, and notes.
+
+    Such rows are simulated like all others, but neither fitted nor judged.
+    """
+    kept, notes = [], []
+    for record in records:
+        cut = np.zeros(record.n, dtype=bool)
+        for o, name in enumerate(names):
+            for share, level in saturation(record.y[:, o]):
+                cut |= record.y[:, o] == level
+                notes.append(
+                    f"{name} is cut off at {level:.6g} in {share:.2%} of the rows of '{record.windows[0].label}', as a "
+                    "saturated sensor is; those rows are left out"
                 )
+        kept.append(replace(record, windows=_around(record.windows, cut), missing=cut) if cut.any() else record)
+    return kept, notes
+
+
+def _around(windows: Sequence[Window], cut: Mask) -> tuple[Window, ...]:
+    """Return the pieces of windows in which nothing is `cut` (n,); what is left of periods repeats no more."""
+    pieces = []
+    for w in windows:
+        starts, stops = runs_of(~cut[w.start : w.stop])
+        pieces += [
+            replace(w, start=w.start + int(a), stop=w.start + int(b), period=0)
+            for a, b in zip(starts, stops, strict=True)
+            if b - a >= SHORTEST
+        ]
+    return tuple(pieces)
 
 
 def check_inputs(records: Sequence[Record], names: Sequence[str]) -> list[str]:

@@ -30,7 +30,8 @@ class Window:
 class Record:
     """One unbroken stretch of measurement: `u` (n, n_u), `y` (n, n_y), `temperature_k` (n,) or None.
 
-    A fit counts its rows `weight` times as far from the model as they are.
+    A fit counts its rows `weight` times as far from the model as they are. In `missing` rows (n,) the readings are no
+    measurement, as at the end of a sensor's range.
 
     Raises DataError when lengths differ or a number is not finite.
     """
@@ -41,6 +42,7 @@ class Record:
     windows: tuple[Window, ...]
     temperature_k: Array | None = None
     weight: float = 1.0
+    missing: Mask | None = None
 
     def __post_init__(self) -> None:
         if self.u.shape[0] != self.y.shape[0]:
@@ -62,6 +64,18 @@ class Record:
     def period(self) -> int:
         """Samples after which a record that is one window repeats; 0 where it does not, or has several windows."""
         return self.windows[0].period if len(self.windows) == 1 else 0
+
+    def left_by(self, reading: Array) -> Array:
+        """Return what a simulated reading (n, n_y) leaves of the measured one, drawn straight over missing rows.
+
+        There nothing is known; a residual of its own would pass through every filter into the rows around.
+        """
+        left = self.y - reading
+        if self.missing is not None:
+            rows, known = np.flatnonzero(self.missing), np.flatnonzero(~self.missing)
+            for column in left.T:
+                column[rows] = np.interp(rows, known, column[known])
+        return left
 
     def led_in(self) -> Record:
         """Return a record of whole periods with one more before it, of which no row is fitted; any other as it is."""
@@ -94,10 +108,14 @@ class Record:
 
 @dataclass(frozen=True)
 class Dataset:
-    """All records of a diagnosis, at one sample rate, with the same inputs and outputs."""
+    """All records of a diagnosis, at one sample rate, with the same inputs and outputs.
+
+    `doubts` say why no cause can be named from them, whatever fits; none as a rule.
+    """
 
     rate_hz: float
     records: tuple[Record, ...]
+    doubts: tuple[str, ...] = ()
 
     @property
     def n_outputs(self) -> int:

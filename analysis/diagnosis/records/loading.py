@@ -16,9 +16,17 @@ import numpy as np
 
 from analysis.diagnosis.nominal.tuning import knobs_of
 from analysis.diagnosis.records.channels import Match, check_finite, match_channels
-from analysis.diagnosis.records.checks import MIN_ROWS, check_enough, check_inputs, check_outputs, without_copies
+from analysis.diagnosis.records.checks import (
+    MIN_ROWS,
+    check_enough,
+    check_inputs,
+    check_outputs,
+    without_copies,
+    without_cut_off,
+)
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
+from campaigns.facts import facts_of, remarks_on, usable_segments
 from campaigns.log import Run, read_run, sha256_of
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model
@@ -117,6 +125,8 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     for run, match, per_run in zip(runs, matches, stretches, strict=True):
         found = [_read(run, match, s, warm) for s in per_run]
         check_outputs(found, match.outputs, str(run.path))
+        found, cut = without_cut_off(found, match.outputs)
+        notes += cut
         records += found
         sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, sum(r.n for r in found)))
     notes += check_inputs(records, [p.name for p in model.inputs])
@@ -124,7 +134,20 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     held, note = with_held_out(different)
     check_enough(held, ", ".join(str(run.path) for run in runs))
     notes += copies
-    return Loaded(Dataset(rate_hz, held).seen_by(model), tuple(sources), (*notes, *([note] if note else [])))
+    data = replace(Dataset(rate_hz, held).seen_by(model), doubts=_doubts(runs, matches))
+    notes += [remark for remark in remarks_on(runs) if "cut off" not in remark]  # told above, with the rows used
+    return Loaded(data, tuple(sources), (*notes, *([note] if note else [])))
+
+
+def _doubts(runs: Sequence[Run], matches: Sequence[Match]) -> tuple[str, ...]:
+    """Return why no cause can be named from these logs, whatever fits them."""
+    told = [
+        f"{run.path.name}: {fact.finding}; what a staircase adds above half its rate looks like resonances and noise"
+        for run, match in zip(runs, matches, strict=True)
+        for fact in facts_of(run)
+        if fact.name == "slow-sensor" and fact.channel in match.outputs
+    ]
+    return tuple(dict.fromkeys(told))
 
 
 def _common_rate(runs: Sequence[Run]) -> float:
@@ -145,7 +168,7 @@ def _common_rate(runs: Sequence[Run]) -> float:
 def _stretches(run: Run) -> list[_Stretch]:
     windows = [
         Window(s.label, s.start, s.stop, s.held_out, _period(s.settings.get("period_samples"), s.stop - s.start))
-        for s in run.segments
+        for s in usable_segments(run)
         if s.rows
     ]
     if not windows:

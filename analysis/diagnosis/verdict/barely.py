@@ -51,8 +51,8 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
 
     `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is no steady noise;
     nothing where it is, and `played` whether it follows what is played. A *consistent* model must not leave most of the
-    output in what is no steady noise, and beside a known noise nothing that follows what is played; causes that are
-    *named* must gain something, or leave little beside noise.
+    output in what is no steady noise, nor anything that follows what is played; causes that are *named* must gain
+    something, or leave little beside noise.
     """
     against = ""
     if repeats:
@@ -61,9 +61,18 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
         return judgement
     elif judgement.verdict == "consistent" and unsteady and barely_explained(gain):
         against = "the model leaves most of the held-out output, and what it leaves is no steady noise"
+    elif judgement.verdict == "consistent" and unsteady and played:
+        against = unsteady
     elif judgement.verdict == "named" and not gain.measurable and gain.rms_after > _ABOVE * gain.noise_floor:
         against = (
             "the best explanation follows the rows that it was fitted to and no others: it gains nothing on the "
             "held-out ones, and leaves more than noise of them"
         )
     return replace(judgement, verdict="unknown", named=(), tied=(), objection=against) if against else judgement
+
+
+def beside_doubts(judgement: Judgement, doubts: Sequence[str]) -> Judgement:
+    """Return `judgement`, or *unknown* where it names something and the records have `doubts` that forbid a name."""
+    if not doubts or judgement.verdict == "consistent":
+        return judgement
+    return replace(judgement, verdict="unknown", named=(), tied=(), objection="; ".join(doubts))
