@@ -157,7 +157,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "log plot": Entry(
             "mccdcli.commands.log_plot:plot",
-            "Draw every channel of a log over time: into a picture with --out, else in the terminal.",
+            "Draw every channel of a log over time: a picture with --out (.png, .svg, .pdf), else in the terminal.",
         ),
         "log recover": Entry(
             "mccdcli.commands.log_recover:recover",

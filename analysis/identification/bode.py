@@ -93,10 +93,14 @@ def bode(found: Identification, curves: Sequence[ResponseCurve]) -> Figure:
     return figure
 
 
-def save_bode(found: Identification, runs: Sequence[Run], path: Path, *, force: bool = False) -> None:
-    """Write the Bode picture; raises ConfigError for another ending than FORMS and for a file that exists."""
+def require_picture(path: Path, *, force: bool = False) -> None:
+    """Raise ConfigError for another ending than FORMS, and for a file that exists unless it may be replaced."""
     if path.suffix.lower() not in FORMS:
         raise ConfigError(f"{path}: '{path.suffix}' is no picture; there are {', '.join(FORMS)}")
     if path.exists() and not force:
         raise ConfigError(f"{path} exists and is not overwritten; choose another path, or --force")
+
+
+def save_bode(found: Identification, runs: Sequence[Run], path: Path) -> None:
+    """Write the Bode picture; `require_picture` tells beforehand whether it can be."""
     bode(found, measured_curves(found, runs)).savefig(path, dpi=150)

@@ -109,15 +109,20 @@ def identification(
     levels: tuple[float | None, float | None] = (None, None),
     held_out: tuple[HeldOut, ...] = (),
     response: tuple[ResponseCurve, ...] = (),
+    rate_hz: float | None = None,
+    source: str | None = None,
 ) -> Identification:
-    """Return the identification that a fit to `runs` amounts to; `levels` are noise and distortion over the output."""
+    """Return the identification that a fit to `runs` amounts to; `levels` are noise and distortion over the output.
+
+    What was fitted to no run has a `rate_hz` and a `source` of its own.
+    """
     linear, std = fitted.linear, fitted.std
-    source = f"{method} fit to run {', '.join(run.run_uid for run in runs)}"
+    source = source or f"{method} fit to run {', '.join(run.run_uid for run in runs)}"
     model = from_linear(
         linear,
         name=name,
-        title=f"identified from {len(runs)} run{'s' if len(runs) > 1 else ''} ({method})",
-        sample_rate_hz=runs[0].sample_rate_hz,
+        title=f"identified from {len(runs)} run{'s' if len(runs) > 1 else ''} ({method})" if runs else source,
+        sample_rate_hz=rate_hz or runs[0].sample_rate_hz,
         inputs=inputs,
         outputs=outputs,
         origin="fitted",

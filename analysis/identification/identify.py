@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.frequency.frf import frequency_response_periodic
+from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
 from analysis.identification.axes import Axes, fit_axes
 from analysis.identification.between_samples import fit_between_samples
 from analysis.identification.determined import SIGNIFICANT, without_undetermined
@@ -30,6 +30,7 @@ from analysis.identification.rational import fit_rational
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
 from analysis.identification.response_fit import RationalFit
+from analysis.identification.swing import without_swing
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
 from campaigns.facts import remarks_on, usable_segments
@@ -161,11 +162,16 @@ def _from_periods(
 ) -> Identification:
     means = [x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs)]
     bring_to_one_level(data)
-    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
-    measured = replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
+    measured = _measured(data)
     chosen = fit_between_samples(
-        measured, data.rate_hz, orders, equal_weights=equal_weights, report=part_of(report, 0.0, 0.8)
+        measured, data.rate_hz, orders, equal_weights=equal_weights, report=part_of(report, 0.0, 0.5)
     )
+    settled = without_swing(data, chosen.fit.model)
+    if settled is not None:
+        measured = _measured(settled)
+        chosen = fit_between_samples(
+            measured, data.rate_hz, orders, equal_weights=equal_weights, report=part_of(report, 0.5, 0.8)
+        )
     report(0.8, 1.0, "giving up modes that are not there")
     fit, lines, variance, held = chosen.fit, chosen.lines, chosen.variance, chosen.intersample == "held"
     fit = without_undetermined(
@@ -189,6 +195,11 @@ def _from_periods(
         held_out=tried(fit.model, parts, data.rate_hz, intersample=chosen.intersample),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
+
+
+def _measured(data: Realisations) -> FrequencyResponse:
+    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
+    return replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
 
 
 def _relative(level: Array, power: float) -> float | None:

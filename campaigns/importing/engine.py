@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.facts import Fact, Seen, found_in, whole
+from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
 from campaigns.importing.record import check_varies
@@ -68,7 +69,7 @@ def import_run(
             files = Files(path.parent, found, closing)
             shares = np.linspace(0.0, GATHERING, len(wanted) + 1)
             parts = [
-                gather(files, part, units, part_of(report, start, stop))
+                (gather_archive if found.log.archive else gather)(files, part, units, part_of(report, start, stop))
                 for part, start, stop in zip(wanted, shares[:-1], shares[1:], strict=True)
             ]
         for name, channel in found.channels.items():

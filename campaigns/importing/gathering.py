@@ -93,7 +93,7 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
         clock = Clock(log.sample_rate_hz, 0.0, "")
     else:
         what = f"{where}time '{log.time}'"
-        stamps, read_as = _stamps(files.source(None, part, what), log.time, log.time_unit, what)
+        stamps, read_as = stamps_of(files.source(None, part, what), log.time, log.time_unit, what)
         if stamps.size not in (layout.samples, layout.rows):
             raise DataError(f"{what} has {stamps.size} stamps for {layout.rows} samples: select equal lengths")
         if log.resample is None:
@@ -142,7 +142,7 @@ def _check_unit(source: Source, selection: str, channel: ChannelMap, what: str) 
         )
 
 
-def _stamps(source: Source, name: str, unit: str | None, what: str) -> tuple[Array, str]:
+def stamps_of(source: Source, name: str, unit: str | None, what: str) -> tuple[Array, str]:
     """Return time stamps (n,) in s, and how they were read."""
     if isinstance(source, TextSource) and unit in (None, "date"):
         cells = source.cells(name)
@@ -204,7 +204,7 @@ def _join(
     log, own = files.map.log, columns[name]
     assert log.resample is not None  # the map was checked to say it
     if channel.time is not None:
-        stamps, _ = _stamps(files.source(channel.source, part, what), channel.time, log.time_unit, what)
+        stamps, _ = stamps_of(files.source(channel.source, part, what), channel.time, log.time_unit, what)
     else:
         assert channel.sample_rate_hz is not None
         stamps = rows_s[0] + np.arange(own.size) / channel.sample_rate_hz

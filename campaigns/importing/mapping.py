@@ -26,6 +26,14 @@ _MAX_BYTES = 4 * 2**20
 _UNKNOWN_FIELD = re.compile(r"unknown field `(?P<field>.*?)`(?: - at `\$(?P<place>.*)`)?")
 
 
+class ArchiveMap(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[log.archive]`: the columns of a text table that has one line per reading."""
+
+    time: Text
+    name: Text
+    value: Text
+
+
 class LogMap(Struct, frozen=True, forbid_unknown_fields=True):
     """The table `[log]`: the test, the default source, the clock and the layout of the arrays."""
 
@@ -35,6 +43,7 @@ class LogMap(Struct, frozen=True, forbid_unknown_fields=True):
     time: Text | None = None
     time_unit: TimeUnit | None = None
     resample: Method | None = None
+    archive: ArchiveMap | None = None
     period: Count | None = None
     axes: tuple[Axis, ...] = ("sample",)
     bench: Text = "imported"
@@ -128,7 +137,7 @@ def _explain(error: msgspec.ValidationError) -> str:
 
 
 def _fields_at(place: str) -> tuple[str, ...]:
-    structs: dict[str, Any] = {".log": LogMap, ".channels": ChannelMap, ".parts": PartMap}
+    structs: dict[str, Any] = {".log.archive": ArchiveMap, ".log": LogMap, ".channels": ChannelMap, ".parts": PartMap}
     for start, struct in structs.items():
         if place.startswith(start):
             return tuple(struct.__struct_fields__)
@@ -141,7 +150,11 @@ def _check(found: ImportMap, path: Path) -> None:
         raise ConfigError(f"{path} names no channel: add a table [channels.NAME]")
     if (log.sample_rate_hz is None) == (log.time is None):
         raise ConfigError(f"{path} needs either sample_rate_hz or time in [log]: give exactly one of them")
-    if log.time_unit is not None and log.time is None:
+    if log.archive is not None and (log.resample is None or log.sample_rate_hz is None or log.axes != ("sample",)):
+        raise ConfigError(
+            f"{path}: an archive has readings on clocks of their own: say sample_rate_hz and resample in [log], no axes"
+        )
+    if log.time_unit is not None and log.time is None and log.archive is None:
         raise ConfigError(f"{path} has time_unit in [log] but no time: select the stamps with time, or take it out")
     if log.started_utc is not None:
         check_time(log.started_utc, f"{path}: started_utc")

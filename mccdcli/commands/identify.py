@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from mccdcli.trials import play_campaign, settings_option, show_estimates
 if TYPE_CHECKING:
     from analysis.identification.identified import Identification
     from analysis.identification.response_curves import ResponseCurve
+    from campaigns.log import Run
 
 
 @click.command()
@@ -44,6 +46,17 @@ if TYPE_CHECKING:
     help="Also write the measured frequency response: .csv with its uncertainty, or .sNp (Touchstone-like).",
 )
 @click.option(
+    "--frf",
+    "table_file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Fit a table of frequency response (frequency, magnitude, phase; levels) instead of logs.",
+)
+@click.option(
+    "--rate", "rate_hz", type=click.FloatRange(0.0, min_open=True), metavar="HZ", help="With --frf: rate of the model."
+)
+@click.option("--level", type=float, help="With --frf: level of excitation to fit.  [default: the lowest]")
+@click.option(
     "--plot",
     "picture",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -67,6 +80,9 @@ def identify(
     only: str,
     equal_weights: bool,
     response: Path | None,
+    table_file: Path | None,
+    rate_hz: float | None,
+    level: float | None,
     picture: Path | None,
     force: bool,
 ) -> int:
@@ -81,43 +97,90 @@ def identify(
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
       mccd identify --log RUN.h5 --response response.csv -o nominal.toml
       mccd identify --log RUN.h5 --plot bode.png -o nominal.toml
+      mccd identify --frf response.csv --rate 5000 -o nominal.toml
     """
-    from mccdcli.models import refuse_existing, save_model
+    from mccdcli.models import refuse_existing
 
     target = out or Path("nominal.toml")
     refuse_existing(target, force=force)
-    logs = list(given)
-    if not logs:
+    if picture is not None:
+        from analysis.identification.bode import require_picture
+
+        require_picture(picture, force=force)
+    if table_file is not None:
+        if given:
+            raise click.UsageError("give logs or a table of frequency response, not both")
+        fitted = _from_table(table_file, picture, modes=modes, rate_hz=rate_hz, level=level, name=target.stem)
+        return _done(fitted, target, (table_file,), response, as_json, force=force)
+    if not given and dry_run:
+        from campaigns.playing.campaign_run import estimate_campaign
         from campaigns.playing.sweep_campaign import sweep_campaign
 
-        campaign = sweep_campaign(bench, axes, settings)
-        if dry_run:
-            from campaigns.playing.campaign_run import estimate_campaign
+        show_estimates(estimate_campaign(sweep_campaign(bench, axes, settings), bench, seed), as_json=as_json)
+        return 0
+    logs = given or _swept(bench, axes, settings, folder or target.with_suffix(".runs"), seed)
+    if isinstance(logs, int):
+        return logs
+    found = _from_logs(logs, picture, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
+    return _done(found, target, logs, response, as_json, force=force)
 
-            show_estimates(estimate_campaign(campaign, bench, seed), as_json=as_json)
-            return 0
-        played = play_campaign(campaign, folder or target.with_suffix(".runs"), bench, seed, resume=True)
-        if played.exit_code:
-            return played.exit_code
-        logs = list(played.logs.values())
 
+def _from_table(file: Path, picture: Path | None, **settings: Any) -> Identification:
+    from analysis.identification.from_table import identify_table
+
+    with progress("identifying") as report:
+        found = identify_table(file, **settings, report=report)
+    if picture is not None:
+        _draw(found, (), picture)
+    return found
+
+
+def _from_logs(logs: tuple[Path, ...], picture: Path | None, **settings: Any) -> Identification:
     from analysis.identification.identify import identify_runs
-    from analysis.identification.response_files import save_response
     from campaigns.log import read_run
 
     with ExitStack() as stack:
-        runs, name = [stack.enter_context(read_run(log)) for log in logs], target.stem
-        report = stack.enter_context(progress("identifying"))
-        found = identify_runs(runs, modes=modes, only=only, equal_weights=equal_weights, name=name, report=report)
+        runs = [stack.enter_context(read_run(log)) for log in logs]
+        found = identify_runs(runs, **settings, report=stack.enter_context(progress("identifying")))
         if picture is not None:
-            from analysis.identification.bode import save_bode
+            _draw(found, runs, picture)
+    return found
 
-            save_bode(found, runs, picture, force=force)
+
+def _swept(
+    bench: str, axes: tuple[str, ...], settings: dict[str, Any], folder: Path, seed: int
+) -> tuple[Path, ...] | int:
+    """Return the logs of the sweeps, played now or found in the folder; the exit code where they were stopped."""
+    from campaigns.playing.sweep_campaign import sweep_campaign
+
+    played = play_campaign(sweep_campaign(bench, axes, settings), folder, bench, seed, resume=True)
+    return played.exit_code or tuple(played.logs.values())
+
+
+def _draw(found: Identification, runs: Sequence[Run], picture: Path) -> None:
+    from analysis.identification.bode import save_bode
+
+    save_bode(found, runs, picture)
+
+
+def _done(
+    found: Identification,
+    target: Path,
+    sources: tuple[Path, ...],
+    response: Path | None,
+    as_json: bool,
+    *,
+    force: bool,
+) -> int:
+    """Write the model, and the response where it is wanted, and show both."""
+    from analysis.identification.response_files import save_response
+    from mccdcli.models import save_model
+
     if response is not None:
         save_response(found.response, response)
     save_model(found.model, target, force=force)
-    text = f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, logs))}"
-    emit({"model": target, "logs": logs, "identification": found}, as_json=as_json, text=text)
+    text = f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, sources))}"
+    emit({"model": target, "logs": list(sources), "identification": found}, as_json=as_json, text=text)
     return 0
 
 

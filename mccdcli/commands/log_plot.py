@@ -14,7 +14,7 @@ from mccdcli.output import emit, table
 @existing_file("run")
 @common_options("out", "json")
 def plot(run: Path, out: Path | None, as_json: bool) -> None:
-    """Draw every channel of a log over time: into a picture with --out (.png, .svg, .pdf), else in the terminal.
+    """Draw every channel of a log over time: a picture with --out (.png, .svg, .pdf), else in the terminal.
 
     \b
     Examples:

@@ -165,20 +165,27 @@ def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Ar
 def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
-    One that no fit has seen is simulated from rest, and where it repeats, as if it had been played before: what hangs
-    on the level of the motion is then as it is in the steady state.
+    One that no fit has seen is simulated from rest, and where it repeats, also as if it had been played before: what
+    hangs on the level of the motion is then as it is in the steady state. Which of both it was tells its first period.
     """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
     others = [r for r in data.records if id(r.y) not in known]
     if others:
-        led = [r.led_in() for r in others]
-        rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in others)
-        there = replace(setting, data=replace(data, records=tuple(led)), states=rest)
-        unseen = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
-        moved = simulated(there, turned(setting.nominal, setting.knobs, fit.change), unseen)
-        left = residuals_of(led, moved)
-        known |= {id(r.y): np.ascontiguousarray(e[-r.n :]) for r, e in zip(others, left, strict=True)}
+        played = _left_on([r.led_in() for r in others], data, setting, fit)
+        begun = _left_on(others, data, setting, fit) if any(r.led_in() is not r for r in others) else played
+        for r, steady, rest in zip(others, played, begun, strict=True):
+            steady = np.ascontiguousarray(steady[-r.n :])
+            first = slice(0, r.period or r.n)
+            known[id(r.y)] = rest if np.sum(rest[first] ** 2) < np.sum(steady[first] ** 2) else steady
     return tuple(known[id(r.y)] for r in data.records)
+
+
+def _left_on(records: Sequence[Record], data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
+    """Return what a fit leaves of records that no fit has seen, each simulated from rest."""
+    rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in records)
+    there = replace(setting, data=replace(data, records=tuple(records)), states=rest)
+    unseen = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
+    return residuals_of(records, simulated(there, turned(setting.nominal, setting.knobs, fit.change), unseen))
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.identification.bode import bode, measured_curves, save_bode
+from analysis.identification.bode import bode, measured_curves, require_picture, save_bode
 from analysis.identification.identify import identify_runs
 from analysis.linear.simulate import simulate_linear
 from campaigns.log import Channel, LogWriter, read_run
@@ -39,10 +39,11 @@ def test_dots_lie_on_the_line_where_the_model_is_right(log, tmp_path):
         found = identify_runs([run], modes=1)
         (curve,) = measured_curves(found, [run])
         save_bode(found, [run], tmp_path / "bode.png")
-        with pytest.raises(ConfigError, match="not overwritten"):
-            save_bode(found, [run], tmp_path / "bode.png")
-        with pytest.raises(ConfigError, match="no picture"):
-            save_bode(found, [run], tmp_path / "bode.txt")
+    with pytest.raises(ConfigError, match="not overwritten"):
+        require_picture(tmp_path / "bode.png")
+    require_picture(tmp_path / "bode.png", force=True)
+    with pytest.raises(ConfigError, match="no picture"):
+        require_picture(tmp_path / "bode.txt")
     assert (tmp_path / "bode.png").read_bytes().startswith(b"\x89PNG")
     size, phase = bode(found, [curve]).axes
     frequency, magnitude = (np.asarray(part) for part in size.lines[1].get_data())

@@ -1,0 +1,167 @@
+"""A linear model from a table of frequency response, the form in which vibration labs keep their data."""
+
+from __future__ import annotations
+
+import re
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.identification.determined import without_undetermined
+from analysis.identification.identified import Fitted, Identification, deviations, identification
+from analysis.identification.modal_parameters import Structure
+from analysis.identification.rational import fit_rational
+from analysis.identification.response_curves import ResponseCurve
+from analysis.identification.response_fit import RationalFit
+from campaigns.importing.sources import Source, open_source
+from campaigns.log.units import is_unit, unit_named
+from campaigns.progress import Report, unheard
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.model import Port
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+RELATIVE_START = 1e-3
+"""Relative error that the first fit assumes: only what it finds is used, as with swept sines."""
+
+OVER = 10.0
+"""Rate of the model over the highest frequency of the table, where none is given: its hold then costs 5 % there."""
+
+_COLUMNS = {
+    "frequency": re.compile(r"(?i)^f\b|freq|omega|^w$|hz\b"),
+    "level": re.compile(r"(?i)level|amplitude|drive|excitation"),
+    "magnitude": re.compile(r"(?i)mag|gain|abs|\|.*\|"),
+    "phase": re.compile(r"(?i)phase|phi|arg|angle"),
+    "real": re.compile(r"(?i)^re(al)?\b"),
+    "imaginary": re.compile(r"(?i)^im(ag)?"),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A response (n,) by rising frequency at each level of excitation, with the units of output and input, if told."""
+
+    frequency_hz: Array
+    response: ComplexArray
+    level: Array | None
+    units: tuple[str, str]
+
+
+def read_table(path: Path) -> Table:
+    """Return the table at `path`; its columns are found by name, units in names or below them.
+
+    Raises DataError for a table without frequency, or without magnitude and phase or real and imaginary part.
+    """
+    with ExitStack() as closing:
+        source = open_source(path, closing)
+        names = {role: name for name in source.names() for role in [_role(name)] if role}
+        if "frequency" not in names:
+            raise DataError(
+                f"{path} has no column of frequency: name it as in 'frequency (Hz)'; it has {source.names()}"
+            )
+        values = {role: _numbers(source, name) for role, name in names.items()}
+        units = {role: source.unit(name) or "" for role, name in names.items()}
+    f = values["frequency"] * {"": 1.0, "Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}.get(units["frequency"], np.nan)
+    if not np.all(np.isfinite(f)) or np.any(f < 0.0):
+        raise DataError(f"{path}: frequency is in '{units['frequency']}'; give Hz, kHz or rad/s, none below zero")
+    if {"real", "imaginary"} <= set(values):
+        response = values["real"] + 1j * values["imaginary"]
+        unit = units["real"]
+    elif {"magnitude", "phase"} <= set(values):
+        unit = units["magnitude"]
+        size = 10.0 ** (values["magnitude"] / 20.0) if unit.lower().startswith("db") else values["magnitude"]
+        response = size * np.exp(1j * _radians(values["phase"], units["phase"], path))
+    else:
+        raise DataError(f"{path} needs columns of magnitude and phase, or of real and imaginary part; it has {names}")
+    order = np.lexsort((f, values.get("level", np.zeros(f.size))))
+    level = values["level"][order] if "level" in values else None
+    return Table(f[order], response[order], level, _units(unit))
+
+
+def _role(name: str) -> str | None:
+    return next((role for role, pattern in _COLUMNS.items() if pattern.search(name)), None)
+
+
+def _numbers(source: Source, name: str) -> Array:
+    values = source.array(name)
+    assert values is not None  # the source has just named it
+    return np.asarray(values, dtype=np.float64)
+
+
+def _radians(phase: Array, unit: str, path: Path) -> Array:
+    if unit in ("deg", "°", "degree", "degrees"):
+        return np.radians(phase)
+    if unit == "rad":
+        return phase
+    if unit:
+        raise DataError(f"{path}: phase is in '{unit}'; give deg or rad")
+    if np.abs(phase).max(initial=0.0) > 4.0 * np.pi:
+        return np.radians(phase)
+    raise DataError(f"{path}: nothing says whether the phase is in degrees or rad: name it as in 'phase (deg)'")
+
+
+def _units(text: str) -> tuple[str, str]:
+    """Return the SI units of output and input in `m/N` or `rad per N m`, both 1 where the text says nothing known."""
+    over, _, under = text.partition(" per ") if " per " in text else text.partition("/")
+    known = is_unit(over) and is_unit(under)
+    return (unit_named(over).si, unit_named(under).si) if known else ("1", "1")
+
+
+def identify_table(
+    path: Path,
+    *,
+    modes: int | None = None,
+    rate_hz: float | None = None,
+    level: float | None = None,
+    name: str = "identified",
+    report: Report = unheard,
+) -> Identification:
+    """Return the linear model of a table of frequency response, at its lowest level or at `level`.
+
+    Every line is weighed by its size, and what the model misses of it is its uncertainty. Raises ConfigError for a
+    level that the table does not have, DataError as `read_table`.
+    """
+    table = read_table(path)
+    keep = np.ones(table.frequency_hz.size, dtype=bool)
+    if table.level is not None:
+        wanted = float(np.min(table.level)) if level is None else level
+        keep = np.isclose(table.level, wanted, rtol=1e-6)
+        if not keep.any():
+            there = ", ".join(f"{one:g}" for one in np.unique(table.level)[:10])
+            raise ConfigError(f"{path} has no level {level:g}: it has {there}")
+    f, first = np.unique(table.frequency_hz[keep], return_index=True)
+    response = table.response[keep][first]
+    fit = _fitted(f, response, (modes,) if modes else ORDERS, report)
+    output, input_ = table.units
+    found = identification(
+        Fitted(fit.model, deviations(fit), None, fit.dof),
+        (),
+        [Port(name="input", unit=input_, dof="x")],
+        [Port(name="output", unit=output, dof="x")],
+        method="table of frequency response",
+        name=name,
+        rate_hz=rate_hz or OVER * float(f[-1]),
+        source=f"fit to {path.name}",
+    )
+    unknown = np.full(f.size, np.nan)
+    curve = ResponseCurve("output", "input", f, np.abs(response), np.angle(response), unknown, unknown)
+    return replace(found, response=(curve,))
+
+
+def _fitted(f: Array, response: ComplexArray, orders: tuple[int, ...], report: Report) -> RationalFit:
+    usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
+    size2 = np.abs(response) ** 2
+
+    def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
+        variance = (relative2 * size2)[:, None, None]
+        structure = Structure(delay=True)
+        return fit_rational(f, response[:, None, None], choice, variance=variance, structure=structure, report=report)
+
+    missed = fitted(usable[-1:], RELATIVE_START**2).model.frequency_response(f)[:, 0, 0] - response
+    relative2 = max(float(np.median(np.abs(missed) ** 2 / size2) / np.log(2.0)), 1e-16)
+    return without_undetermined(fitted(usable, relative2), usable, lambda n, _: fitted((n,), relative2))

@@ -1,0 +1,98 @@
+"""Archives of control systems: one line per reading (time, name, value), each name on a clock of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.importing.clock import Clock, resampled
+from campaigns.importing.dialect import read_number
+from campaigns.importing.gathering import Files, Part, stamps_of
+from campaigns.importing.mapping import ImportMap, PartMap
+from campaigns.importing.record import Layout, to_si, unwrapped
+from campaigns.importing.text import TextSource
+from campaigns.log import Unit
+from campaigns.progress import Report
+from sim_backend.errors import ConfigError, DataError
+
+Array = NDArray[np.float64]
+
+
+def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit], report: Report) -> Part:
+    """Return the channels of an archive on one clock, from the last of their first readings to the first of their last.
+
+    Raises DataError for names that are not there and readings that are no numbers, ConfigError for a map without rate
+    or way to resample.
+    """
+    found, log = files.map, files.map.log
+    where = f"part '{part.label}': " if part else ""
+    assert log.archive is not None and log.resample is not None and log.sample_rate_hz is not None
+    source = files.source(None, part, f"{where}archive")
+    if not isinstance(source, TextSource):
+        raise ConfigError(f"{source.path} is no text table: an archive has a line of text per reading")
+    columns = {key: source.cells(getattr(log.archive, key)) for key in ("name", "value")}
+    for key, cells in columns.items():
+        if cells is None:
+            there = ", ".join(source.names())
+            raise DataError(
+                f"{source.path} has no column '{getattr(log.archive, key)}' for the archive: it has {there}"
+            )
+    time_s, read_as = stamps_of(source, log.archive.time, log.time_unit, f"{where}time '{log.archive.time}'")
+    names = np.array(columns["name"])
+    series = {}
+    for i, (channel, wanted) in enumerate(_selected(found, part).items()):
+        report(i, len(found.channels), f"reading {where}channel '{channel}'")
+        rows = np.flatnonzero(names == wanted)
+        if rows.size < 2:
+            some = ", ".join(dict.fromkeys(names.tolist()[:1000]))
+            raise DataError(
+                f"{source.path} has {rows.size} reading(s) of '{wanted}', two are needed; it has {some[:200]}"
+            )
+        series[channel] = _one(source, rows, time_s, columns["value"] or [], wanted)
+    first, last = max(t[0] for t, _ in series.values()), min(t[-1] for t, _ in series.values())
+    count = int((last - first) * log.sample_rate_hz + 1e-6) + 1
+    if count < 2:
+        raise DataError(f"{where}the channels of the archive have no time in common: select others, or import apart")
+    grid = first + np.arange(count) / log.sample_rate_hz
+    filled, remarks = {}, []
+    for channel, (stamps, values) in series.items():
+        settings = found.channels[channel]
+        values = values if settings.unwrap is None else unwrapped(values, settings.unwrap)
+        drawn, cost = resampled(stamps, values, grid, log.resample)
+        filled[channel] = to_si(drawn, settings, units[channel], f"{where}channel '{channel}'")
+        rate_hz = 1.0 / float(np.median(np.diff(stamps)))
+        remarks.append(
+            f"{where}channel '{channel}' has {stamps.size} readings, {rate_hz:.4g} a second, and is brought to "
+            f"{log.sample_rate_hz:g} Hz ({log.resample}): at most {cost:.2%} of its rms off"
+        )
+    label, given = (part.label, part.settings) if part else ("", {})
+    clock = Clock(log.sample_rate_hz, float(first), read_as)
+    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(remarks))
+
+
+def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:
+    chosen = {}
+    for name, channel in found.channels.items():
+        wanted = (part.select.get(name) if part else None) or channel.select
+        if wanted is None:
+            raise ConfigError(f"[channels.{name}] of an archive is selected by the name of its readings: give select")
+        chosen[name] = wanted
+    return chosen
+
+
+def _one(source: TextSource, rows: NDArray[np.intp], time_s: Array, cells: list[str], name: str) -> tuple[Array, Array]:
+    """Return stamps and values of one name, in order of time; of several readings at one time the last counts."""
+    decimal = source.dialect.decimal
+    values = [read_number(cells[row], decimal) for row in rows]
+    bad = next((row for row, value in zip(rows, values, strict=True) if value is None), None)
+    if bad is not None:
+        raise DataError(
+            f"{source.path}: the reading of '{name}' in row {bad + 1} of the data is '{cells[bad][:40]}', which is no "
+            "finite number: repair it or take the line out"
+        )
+    order = np.argsort(time_s[rows], kind="stable")
+    stamps, numbers = time_s[rows][order], np.array(values, dtype=np.float64)[order]
+    last = np.append(np.diff(stamps) > 0.0, True)
+    return stamps[last], numbers[last]
