@@ -15,6 +15,9 @@ Report = Callable[[float, float, str], None]
 
 LINE_PERIOD_S = 5.0  # often enough to see that it lives, seldom enough for the log of a night's run
 
+KNOWN_SHARE = 0.05
+"""Share of the work before which nobody knows how long it takes: no time left is shown."""
+
 
 @contextmanager
 def progress(title: str) -> Iterator[Report]:
@@ -27,7 +30,7 @@ def progress(title: str) -> Iterator[Report]:
         with _bar(title) as report:
             yield report
     else:
-        yield _lines(title)
+        yield _forward(_lines(title))
 
 
 @contextmanager
@@ -43,7 +46,19 @@ def _bar(title: str) -> Iterator[Report]:
         def report(done: float, total: float, what: str = "") -> None:
             bars.update(task, completed=done, total=total, description=escape(f"{title} {what}".rstrip()))
 
-        yield report
+        yield _forward(report)
+
+
+def _forward(report: Report) -> Report:
+    """Return a report that never goes back: work that is done again, as a fit of another form, is no less done."""
+    furthest = 0.0
+
+    def told(done: float, total: float, what: str = "") -> None:
+        nonlocal furthest
+        furthest = max(furthest, min(done / total, 1.0)) if total > 0.0 else furthest
+        report(furthest, 1.0, what)
+
+    return told
 
 
 def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
@@ -56,7 +71,8 @@ def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
         if now_s < due_s or total <= 0:
             return
         due_s = now_s + LINE_PERIOD_S
-        left = f", {(now_s - started_s) * (total - done) / done:.0f} s left" if done > 0 else ""
-        say(f"{title}: {100 * done / total:.0f} %{left} {what}".rstrip())
+        share = done / total
+        left = f", {(now_s - started_s) * (1.0 - share) / share:.0f} s left" if share >= KNOWN_SHARE else ""
+        say(f"{title}: {100 * share:.0f} %{left} {what}".rstrip())
 
     return report

@@ -33,7 +33,7 @@ from analysis.identification.response_fit import RationalFit
 from analysis.identification.swing import without_swing
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import Sweep, sweep_of
-from campaigns.facts import remarks_on, usable_segments
+from campaigns.facts import measured_segments, remarks_on
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
@@ -77,11 +77,12 @@ def identify_runs(
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
         return _from_sweeps(runs, orders, name, report)
     _require_same_channels(runs)
-    parts = [(run, s) for run in runs for s in usable_segments(run)]
+    parts = [(run, s) for run in runs for s in measured_segments(run)]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
         raise DataError(
-            f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, and match --only"
+            f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, match --only, move, and "
+            "are not cut off by their sensor every few rows"
         )
     periodic = realisations_of(fitting)
     if periodic is not None:

@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import msgspec
+import numpy as np
 
 from campaigns.facts import clipping, period, rest, size, slow_sensor, steps, wraps
-from campaigns.facts.base import Fact, Seen
+from campaigns.facts.base import Fact, Seen, runs_of
 from campaigns.log.read import Run
 from campaigns.log.schema import LogSegment
 from sim_backend.errors import DataError
@@ -74,6 +75,35 @@ def usable_segments(run: Run) -> list[LogSegment]:
     return [replace(s, stop=min(s.stop, end)) for s in kept]
 
 
+LEAST_PIECE = 100
+"""Rows between two stretches at the end of a sensor's range that a fit may begin anew for."""
+
+
+def measured_segments(run: Run) -> list[LogSegment]:
+    """Return the usable segments of a log without the rows in which an output is at the end of its sensor's range.
+
+    What lies between such rows becomes a segment of its own, begun in an unknown state, if it is long enough.
+    """
+    clipped = [fact for fact in facts_of(run) if fact.name == "clipping"]
+    found: list[LogSegment] = []
+    for segment in usable_segments(run):
+        ends = [(fact.channel, fact.numbers["level"]) for fact in clipped if fact.segment == segment.label]
+        if not ends:
+            found.append(segment)
+            continue
+        cut = np.zeros(segment.rows, dtype=bool)
+        for channel, level in ends:
+            cut |= run.read(channel, segment.start, segment.stop) == level
+        starts, stops = runs_of(~cut)
+        settings = {name: value for name, value in segment.settings.items() if name != "period_samples"}
+        found += [
+            replace(segment, start=segment.start + int(a), stop=segment.start + int(b), settings=settings)
+            for a, b in zip(starts, stops, strict=True)
+            if b - a >= LEAST_PIECE
+        ]
+    return found
+
+
 def remarks_on(runs: Sequence[Run]) -> tuple[str, ...]:
     """Return what somebody who uses these logs has to know of them, without being asked."""
     told = (f"{run.path.name}: {fact.finding}; {fact.means}" for run in runs for fact in facts_of(run) if fact.remark)
@@ -100,6 +130,7 @@ __all__ = [
     "Seen",
     "facts_of",
     "found_in",
+    "measured_segments",
     "remarks_on",
     "seen_in",
     "stored_facts",

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from mccdcli.progress import LINE_PERIOD_S, _lines, progress
+from mccdcli.progress import LINE_PERIOD_S, _forward, _lines, progress
 
 WORK = """
 from mccdcli.progress import progress
@@ -103,3 +103,18 @@ def test_the_extent_of_the_work_may_be_unknown_at_first(capsys: pytest.CaptureFi
 def test_an_error_inside_the_work_comes_out_as_it_is() -> None:
     with pytest.raises(ZeroDivisionError), progress("sweep"):
         raise ZeroDivisionError
+
+
+def test_progress_never_goes_back_and_tells_no_time_before_it_knows_one(capsys: pytest.CaptureFixture[str]) -> None:
+    now_s = 0.0
+    report = _forward(_lines("fit", clock=lambda: now_s))
+    for share, step in ((0.01, "first"), (0.04, "first"), (0.6, "second"), (0.2, "again"), (0.7, "again")):
+        now_s += 2 * LINE_PERIOD_S
+        report(share * 8.0, 8.0, step)
+    assert capsys.readouterr().err.splitlines() == [
+        "fit: 1 % first",
+        "fit: 4 % first",
+        "fit: 60 %, 20 s left second",
+        "fit: 60 %, 27 s left again",
+        "fit: 70 %, 21 s left again",
+    ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from campaigns.facts import Seen, facts_of, found_in, usable_segments
+from campaigns.facts import Seen, facts_of, found_in, measured_segments, usable_segments
 from campaigns.log import Channel, LogSegment, LogWriter, read_run
 from sim_backend.errors import DataError
 
@@ -137,3 +137,21 @@ def test_a_forbidden_log_is_refused_with_its_reason(tmp_path):
         log.append({"u": u, "y": y})
     with read_run(tmp_path / "a.h5") as run, pytest.raises(DataError, match="say period = 500"):
         usable_segments(run)
+
+
+def test_rows_at_the_end_of_a_sensor_are_cut_out_of_segments(tmp_path):
+    u, y = plain()
+    top = np.sort(y)[-40]
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    slow = np.repeat(y[:300], 10)  # stays at its end for longer than three rows
+    with (
+        LogWriter.create(tmp_path / "a.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log,
+        log.segment("levels", {}),
+    ):
+        log.append({"u": u, "y": np.minimum(np.interp(np.arange(3000), np.arange(0, 3000, 10), slow[::10]), top)})
+    with read_run(tmp_path / "a.h5") as run:
+        clipped = [fact for fact in facts_of(run) if fact.name == "clipping"]
+        pieces = measured_segments(run)
+        rows = np.concatenate([run.read("y", s.start, s.stop) for s in pieces])
+    assert len(clipped) == 1 and len(pieces) >= 2
+    assert rows.max() < top and all(s.rows >= 100 and s.label == "levels" for s in pieces)
