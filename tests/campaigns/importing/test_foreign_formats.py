@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from campaigns.importing import foreign
 from campaigns.importing.packing import unpacked
 from campaigns.log import read_run
 from sim_backend.errors import DataError
@@ -140,3 +141,26 @@ def test_counters_sums_and_columns_by_part(tmp_path, run_map):
         np.testing.assert_allclose(np.diff(run.window("up").read("angle")), 0.13, rtol=1e-9)
         np.testing.assert_allclose(np.diff(run.window("down").read("angle")), -0.13, rtol=1e-9)
         np.testing.assert_allclose(run.window("up").read("mean"), 0.75 * turn + 0.5, rtol=1e-14)
+
+
+def matlabs_own_files() -> list[Path]:
+    """Files that MATLAB 4 to 7.4 wrote, on several machines; scipy brings them for its own tests."""
+    folder = Path(scipy.io.__file__).parent / "matlab/tests/data"
+    return sorted(folder.glob("*.mat"))
+
+
+@pytest.mark.skipif(not matlabs_own_files(), reason="this scipy came without its tests")
+def test_files_of_matlab_itself_are_read_or_refused():
+    """Function handles, objects, cells and sparse matrices beside the data are no hindrance."""
+    read = 0
+    for path in matlabs_own_files():
+        try:
+            source = foreign._source(path)  # noqa: SLF001
+            for name in source.names():
+                found = source.array(name)
+                read += found is not None and found.dtype.kind in "fiub" and found.size > 0
+        except DataError as error:
+            assert path.name in str(error)
+    assert read > 50
+    own = next(path for path in matlabs_own_files() if path.name.startswith("testfunc_7.4"))
+    assert foreign.MatSource(own).names() == ["testfunc"]
