@@ -40,7 +40,8 @@ def loop_of(structure: Structure) -> Play:
         with own:
             found = _loaded.get(structure)
             if found is None:
-                found = _loaded[structure] = _kept(structure) or _made(structure)
+                # another thread may have loaded it from disk in the meantime, and plays it: what holds its code stays
+                found = _loaded.setdefault(structure, _kept(structure) or _made(structure))
     return found[0]
 
 

@@ -257,3 +257,20 @@ def test_kept_code_needs_no_numba(monkeypatch, tmp_path):
     (first, compiling), (second, loading) = (text.split() for text in printed)
     assert first == second and len(first) > 2 * 8 * 500
     assert (compiling, loading) == ("True", "False")
+
+
+def test_code_that_another_thread_plays_is_not_let_go(monkeypatch, tmp_path):
+    """Between the keeping of a loop and its first use here, another thread may load it from disk and play it."""
+    empty(monkeypatch, tmp_path)
+    make, loaded = machine._made, []  # noqa: SLF001
+
+    def made(structure):
+        found = make(structure)
+        assert machine.load(structure)  # as another thread does
+        loaded.append((machine._loaded[structure], found))  # noqa: SLF001
+        return found
+
+    monkeypatch.setattr(machine, "_made", made)
+    play(one_axis(), held_torque(200))
+    ((theirs, ours),) = loaded
+    assert theirs is not ours and machine._loaded == {structure: theirs for structure in machine._loaded}  # noqa: SLF001
