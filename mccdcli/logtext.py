@@ -27,7 +27,7 @@ def channels_text(channels: Iterable[Channel], sizes: Mapping[str, Mapping[str, 
     heads: tuple[str, ...] = ("channel", "unit", "role", "dof")
     if not sizes:
         return table(rows, heads=heads)
-    known = [[f"{sizes[row[0]][key]:.6g}" if row[0] in sizes else "" for key in SIZES] for row in rows]
+    known = [[f"{sizes[row[0]][key]:.6g}" if key in sizes.get(row[0], ()) else "" for key in SIZES] for row in rows]
     return table([(*row, *more) for row, more in zip(rows, known, strict=True)], heads=(*heads, *SIZES))
 
 

@@ -33,13 +33,16 @@ OVER = 10.0
 """Rate of the model over the highest frequency of the table, where none is given: its hold then costs 5 % there."""
 
 _COLUMNS = {
-    "frequency": re.compile(r"(?i)^f\b|freq|omega|^w$|hz\b"),
-    "level": re.compile(r"(?i)level|amplitude|drive|excitation"),
-    "magnitude": re.compile(r"(?i)mag|gain|abs|\|.*\|"),
-    "phase": re.compile(r"(?i)phase|phi|arg|angle"),
+    "imaginary": re.compile(r"(?i)^im(ag(inary)?)?\b"),
     "real": re.compile(r"(?i)^re(al)?\b"),
-    "imaginary": re.compile(r"(?i)^im(ag)?"),
+    "frequency": re.compile(r"(?i)^f\b|^freq|^omega|^w\b|^hz\b"),
+    "phase": re.compile(r"(?i)phase|^phi\b|^arg\b"),
+    "level": re.compile(r"(?i)^level|^drive|^excitation"),
+    "magnitude": re.compile(r"(?i)mag|gain|^abs\b|^\|.*\|"),
 }
+"""What a column is, by its name; the first that fits."""
+
+_FACTORS = {"hz": 1.0, "khz": 1e3, "rad/s": 0.5 / np.pi, "rads": 0.5 / np.pi}
 
 
 @dataclass(frozen=True)
@@ -59,28 +62,38 @@ def read_table(path: Path) -> Table:
     """
     with ExitStack() as closing:
         source = open_source(path, closing)
-        names = {role: name for name in source.names() for role in [_role(name)] if role}
+        names: dict[str, str] = {}
+        for name in source.names():
+            role = _role(name)
+            if role in names:
+                both = f"'{names[role]}' and '{name}'"
+                raise DataError(f"{path} has two columns of {role}, {both}: keep one response a file")
+            if role:
+                names[role] = name
         if "frequency" not in names:
-            raise DataError(
-                f"{path} has no column of frequency: name it as in 'frequency (Hz)'; it has {source.names()}"
-            )
+            there = ", ".join(source.names()) or "no names"
+            raise DataError(f"{path} has no column of frequency: name it as in 'frequency (Hz)'; it has {there}")
         values = {role: _numbers(source, name) for role, name in names.items()}
-        units = {role: source.unit(name) or "" for role, name in names.items()}
-    f = values["frequency"] * {"": 1.0, "Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}.get(units["frequency"], np.nan)
-    if not np.all(np.isfinite(f)) or np.any(f < 0.0):
-        raise DataError(f"{path}: frequency is in '{units['frequency']}'; give Hz, kHz or rad/s, none below zero")
+        units = {role: source.unit(name) or _written(name) for role, name in names.items()}
+    f = values["frequency"] * _per_hz(names["frequency"], units["frequency"], path)
+    if np.any(f < 0.0):
+        raise DataError(f"{path}: a frequency is {f.min():g} Hz; give none below zero")
     if {"real", "imaginary"} <= set(values):
-        response = values["real"] + 1j * values["imaginary"]
-        unit = units["real"]
+        response, unit = values["real"] + 1j * values["imaginary"], units["real"]
     elif {"magnitude", "phase"} <= set(values):
-        unit = units["magnitude"]
-        size = 10.0 ** (values["magnitude"] / 20.0) if unit.lower().startswith("db") else values["magnitude"]
+        size, unit = values["magnitude"], units["magnitude"]
+        if unit.lower().startswith("db"):
+            size, unit = 10.0 ** (size / 20.0), ""
+        elif np.any(size < 0.0):
+            raise DataError(f"{path}: a magnitude is {size.min():g}; name the column 'magnitude (dB)' if it is a level")
         response = size * np.exp(1j * _radians(values["phase"], units["phase"], path))
     else:
         raise DataError(f"{path} needs columns of magnitude and phase, or of real and imaginary part; it has {names}")
+    over, under, factor = _units(unit, path)
+    response = response * factor
     order = np.lexsort((f, values.get("level", np.zeros(f.size))))
     level = values["level"][order] if "level" in values else None
-    return Table(f[order], response[order], level, _units(unit))
+    return Table(f[order], response[order].astype(np.complex128), level, (over, under))
 
 
 def _role(name: str) -> str | None:
@@ -105,11 +118,30 @@ def _radians(phase: Array, unit: str, path: Path) -> Array:
     raise DataError(f"{path}: nothing says whether the phase is in degrees or rad: name it as in 'phase (deg)'")
 
 
-def _units(text: str) -> tuple[str, str]:
-    """Return the SI units of output and input in `m/N` or `rad per N m`, both 1 where the text says nothing known."""
-    over, _, under = text.partition(" per ") if " per " in text else text.partition("/")
-    known = is_unit(over) and is_unit(under)
-    return (unit_named(over).si, unit_named(under).si) if known else ("1", "1")
+def _written(name: str) -> str:
+    """Return the unit that a name ends with without brackets: `phase_deg`, `mag dB`, `freq_khz`."""
+    last = re.split(r"[_\s,]+", name.strip())[-1]
+    return last if last.lower() in {*_FACTORS, "db", "deg", "rad", "degrees"} else ""
+
+
+def _per_hz(name: str, unit: str, path: Path) -> float:
+    """Return how many Hz the frequency's unit is; one that is called omega has a say in it."""
+    if unit.lower() in _FACTORS:
+        return _FACTORS[unit.lower()]
+    if unit or re.match(r"(?i)omega|w\b", name):
+        raise DataError(f"{path}: frequency is in '{unit or 'nothing that is said'}'; give Hz, kHz or rad/s")
+    return 1.0
+
+
+def _units(text: str, path: Path) -> tuple[str, str, float]:
+    """Return the SI units of output and input of `m/N` or `rad per N m`, 1 where nothing is said, and the factor."""
+    if not text or text == "1":
+        return "1", "1", 1.0
+    over, _, under = text.partition(" per ") if " per " in text else text.rpartition("/")
+    if not (is_unit(over) and is_unit(under)):
+        raise DataError(f"{path}: the response is in '{text}'; give output per input in known units, as in m/N")
+    output, input_ = unit_named(over), unit_named(under)
+    return output.si, input_.si, output.factor / input_.factor
 
 
 def identify_table(
@@ -136,6 +168,10 @@ def identify_table(
             raise ConfigError(f"{path} has no level {level:g}: it has {there}")
     f, first = np.unique(table.frequency_hz[keep], return_index=True)
     response = table.response[keep][first]
+    if rate_hz is not None and rate_hz < 2.0 * f[-1]:
+        raise ConfigError(f"rate is {rate_hz:g} Hz, the table ends at {f[-1]:g} Hz: give more than twice that")
+    if f.size < 8:
+        raise DataError(f"{path} has {f.size} lines at this level; eight are needed for one mode")
     fit = _fitted(f, response, (modes,) if modes else ORDERS, report)
     output, input_ = table.units
     found = identification(
@@ -155,7 +191,7 @@ def identify_table(
 
 def _fitted(f: Array, response: ComplexArray, orders: tuple[int, ...], report: Report) -> RationalFit:
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
-    size2 = np.abs(response) ** 2
+    size2 = np.maximum(np.abs(response), 1e-9 * np.abs(response).max()) ** 2
 
     def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
         variance = (relative2 * size2)[:, None, None]

@@ -55,7 +55,7 @@ def stored_facts(run: Run) -> tuple[Fact, ...]:
     """Return the facts that an import left in the log, none where it left none."""
     try:
         return tuple(msgspec.convert(json.loads(run.header.configuration)["facts"], list[Fact], strict=True))
-    except (ValueError, KeyError, TypeError, msgspec.ValidationError):
+    except (ValueError, KeyError, TypeError, RecursionError, msgspec.ValidationError):
         return ()
 
 
@@ -72,7 +72,20 @@ def usable_segments(run: Run) -> list[LogSegment]:
     still = Counter(fact.segment for fact in facts if fact.name == "at-rest")
     outputs = len(run.names("output"))
     kept = [s for s in run.segments if s.start < end and still[s.label] < max(outputs, 1)]
-    return [replace(s, stop=min(s.stop, end)) for s in kept]
+    if run.segments and not kept:
+        raise DataError(f"{run.path}: no output moves in any segment: give a log in which the bench is driven")
+    return [_until(s, end) for s in kept]
+
+
+def _until(segment: LogSegment, end: int) -> LogSegment:
+    """Return a segment cut where its record has ended, of a periodic one where the last whole period has."""
+    period = segment.settings.get("period_samples")
+    if segment.stop <= end:
+        return segment
+    if isinstance(period, int) and period > 1:
+        whole = (end - segment.start) // period * period
+        return replace(segment, stop=segment.start + whole) if whole else segment
+    return replace(segment, stop=end)
 
 
 LEAST_PIECE = 100
@@ -116,7 +129,7 @@ def seen_in(run: Run) -> Seen:
     rows = min(run.rows, MOST_NUMBERS // max(len(names), 1))
     segments = [replace(s, stop=min(s.stop, rows)) for s in run.segments if s.start < rows] or whole(rows)
     columns = {name: run.read(name, 0, rows) for name in names}
-    return Seen(columns, {name: run.channels[name] for name in names}, segments, run.sample_rate_hz)
+    return Seen(columns, {name: run.channels[name] for name in names}, segments, run.sample_rate_hz, rows == run.rows)
 
 
 def whole(rows: int) -> Sequence[LogSegment]:

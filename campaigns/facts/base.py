@@ -34,12 +34,13 @@ class Fact:
 
 @dataclass(frozen=True)
 class Seen:
-    """A record: its columns (n,) in SI by channel, what they are, its segments, its rate."""
+    """A record: its columns (n,) in SI by channel, what they are, its segments, its rate; `complete` to its end."""
 
     columns: Mapping[str, Array]
     channels: Mapping[str, ChannelLike]
     segments: Sequence[LogSegment]
     rate_hz: float
+    complete: bool = True
 
     def of_role(self, *roles: str) -> dict[str, Array]:
         """Return the columns of these roles."""

@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from campaigns.facts.base import Array, Fact, Seen, by_segment, runs_of
+from campaigns.facts.steps import step_of
+
+COARSE = 0.1
+"""Step of a channel that counts, against its standard deviation, from which on its extremes are held for long."""
 
 SATURATED_SHARE = 1e-3
 """Share of the rows that may stand at an extreme before it counts as a limit of the sensor."""
@@ -39,8 +43,8 @@ def saturation(values: Array) -> list[tuple[float, float]]:
     steps = np.abs(np.diff(values))
     rms_step = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
     ends: list[tuple[float, float]] = []
-    if rms_step == 0.0:
-        return ends
+    if rms_step == 0.0 or step_of(values) > COARSE * float(values.std()):
+        return ends  # of coarse counts the highest one is no end
     for sign in (1.0, -1.0):
         x = sign * values
         top = float(x.max())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from campaigns.facts.base import Array, Fact, Seen, by_segment
+from campaigns.facts.base import Fact, Seen, by_segment, runs_of
 
 LEAST_ROWS = 20
 """Rows at the end of a record in which nothing may change before it counts as having ended there."""
@@ -18,7 +18,7 @@ def facts(seen: Seen) -> list[Fact]:
         if np.ptp(values) == 0.0:
             continue  # dead throughout, which the import refuses or the map allows
         for segment, part in by_segment(seen, values):
-            if part.size > 1 and np.ptp(part) == 0.0:
+            if seen.complete and part.size > 1 and np.ptp(part) == 0.0:
                 found.append(
                     Fact(
                         "at-rest",
@@ -29,9 +29,8 @@ def facts(seen: Seen) -> list[Fact]:
                         {"start": segment.start, "stop": segment.stop},
                     )
                 )
-    still = [_still_rows(values) for values in seen.of_role("input", "output").values()]
-    rows = min(still, default=0)
-    if LEAST_ROWS <= rows < seen.rows and outputs:
+    rows = _still_rows(seen)
+    if seen.complete and LEAST_ROWS <= rows < seen.rows and outputs:
         last = seen.rows - rows
         found.append(
             Fact(
@@ -44,7 +43,13 @@ def facts(seen: Seen) -> list[Fact]:
     return found
 
 
-def _still_rows(values: Array) -> int:
-    """Return how many rows at the end hold the last value."""
-    other = np.flatnonzero(values != values[-1])
-    return int(values.size - 1 - other[-1]) if other.size else int(values.size)
+def _still_rows(seen: Seen) -> int:
+    """Return how many rows at the end hold the last values of all channels, none where it rests as long before."""
+    moved = np.zeros(seen.rows - 1, dtype=bool)
+    for values in seen.of_role("input", "output").values():
+        moved |= np.diff(values) != 0.0
+    starts, stops = runs_of(~moved)
+    if not starts.size or stops[-1] != moved.size:
+        return 0
+    lengths = stops - starts
+    return int(lengths[-1]) + 1 if lengths.size == 1 or lengths[-1] > lengths[:-1].max() else 0

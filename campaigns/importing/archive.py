@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.importing.clock import Clock, resampled
+from campaigns.importing.clock import Clock, Stamps, clock_start, cost_text, resampled
 from campaigns.importing.dialect import read_number
 from campaigns.importing.gathering import Files, Part, stamps_of
 from campaigns.importing.mapping import ImportMap, PartMap
@@ -18,6 +18,9 @@ from campaigns.progress import Report
 from sim_backend.errors import ConfigError, DataError
 
 Array = NDArray[np.float64]
+
+MOST_ROWS = 50_000_000
+"""Rows on one clock that an archive may become: 400 MB a channel."""
 
 
 def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit], report: Report) -> Part:
@@ -39,8 +42,8 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
             raise DataError(
                 f"{source.path} has no column '{getattr(log.archive, key)}' for the archive: it has {there}"
             )
-    time_s, read_as = stamps_of(source, log.archive.time, log.time_unit, f"{where}time '{log.archive.time}'")
-    names = np.array(columns["name"])
+    found_stamps, read_as = stamps_of(source, log.archive.time, log.time_unit, f"{where}time '{log.archive.time}'")
+    time_s, names = found_stamps.after_s, np.array(columns["name"])
     series = {}
     for i, (channel, wanted) in enumerate(_selected(found, part).items()):
         report(i, len(found.channels), f"reading {where}channel '{channel}'")
@@ -53,6 +56,8 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
         series[channel] = _one(source, rows, time_s, columns["value"] or [], wanted)
     first, last = max(t[0] for t, _ in series.values()), min(t[-1] for t, _ in series.values())
     count = int((last - first) * log.sample_rate_hz + 1e-6) + 1
+    if count > MOST_ROWS:
+        raise DataError(f"{where}the archive lasts {last - first:.6g} s, {count} rows: say a lower sample_rate_hz")
     if count < 2:
         raise DataError(f"{where}the channels of the archive have no time in common: select others, or import apart")
     grid = first + np.arange(count) / log.sample_rate_hz
@@ -65,10 +70,10 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
         rate_hz = 1.0 / float(np.median(np.diff(stamps)))
         remarks.append(
             f"{where}channel '{channel}' has {stamps.size} readings, {rate_hz:.4g} a second, and is brought to "
-            f"{log.sample_rate_hz:g} Hz ({log.resample}): at most {cost:.2%} of its rms off"
+            f"{log.sample_rate_hz:g} Hz ({log.resample}); {cost_text(cost)}"
         )
     label, given = (part.label, part.settings) if part else ("", {})
-    clock = Clock(log.sample_rate_hz, float(first), read_as)
+    clock = Clock(log.sample_rate_hz, clock_start(Stamps(grid, found_stamps.origin_ns)), read_as)
     return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(remarks))
 
 
@@ -76,6 +81,8 @@ def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:
     chosen = {}
     for name, channel in found.channels.items():
         wanted = (part.select.get(name) if part else None) or channel.select
+        if channel.time or channel.sample_rate_hz or channel.source:
+            raise ConfigError(f"[channels.{name}] of an archive has no clock or source of its own: take them out")
         if wanted is None:
             raise ConfigError(f"[channels.{name}] of an archive is selected by the name of its readings: give select")
         chosen[name] = wanted

@@ -29,7 +29,10 @@ the two stamps at the ends that the grid is drawn through. A lost sample is off 
 """
 
 LATEST_S = 4e9
-"""No clock of seconds stands there before the year 2096."""
+"""No clock of seconds stands there before the year 2096: what does counts in another unit."""
+
+EPOCH_S = 1e8
+"""A time of the run that is larger is a date: it is more than three years."""
 
 _SPELLED = MappingProxyType(
     {"sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms"}
@@ -52,10 +55,30 @@ class Clock:
     read_as: str
 
 
+@dataclass(frozen=True)
+class Stamps:
+    """Times (n,) in s after an origin, which is whole nanoseconds: long counts keep all their digits."""
+
+    after_s: Array
+    origin_ns: int = 0
+
+    def since(self, other: Stamps) -> Array:
+        """Return these times (n,) in s after the origin of other ones."""
+        return self.after_s + 1e-9 * (self.origin_ns - other.origin_ns)
+
+    @property
+    def first_s(self) -> float:
+        """The first time in s, to the precision of a double."""
+        return float(1e-9 * self.origin_ns + self.after_s[0])
+
+
 def unit_in(text: str) -> str | None:
-    """Return the unit of time at the end of a column's name, or that a cell below it is: `t (ms)`, `t_us`, `time/s`."""
+    """Return the unit of time at the end of a column's name, or that a cell below it is: `t (ms)`, `t_us`, `time/s`.
+
+    A file's own `hours since 2000-01-01` is one as well.
+    """
     plain = text.strip().replace("µ", "u").replace("μ", "u")
-    bare = plain.strip("[](){}<>").strip().lower()
+    bare = plain.strip("[](){}<>").strip().lower().partition(" since ")[0].strip()
     if bare in _SPELLED:
         return _SPELLED[bare]
     found = _IN_NAME.search(plain)
@@ -63,19 +86,18 @@ def unit_in(text: str) -> str | None:
     return _SPELLED.get(written)
 
 
-def seconds(stamps: NDArray[Any], unit: str) -> Array:
-    """Return numbers (n,) in a unit of time as seconds; whole numbers lose nothing, for those from the first are taken.
-
-    The first stays what it is, to the precision of a double.
-    """
+def stamps_in(values: NDArray[Any], unit: str) -> Stamps:
+    """Return numbers (n,) in a unit of time as times; whole numbers are counted from the first and lose nothing."""
     factor = SECONDS[unit.replace("µ", "u")]
-    if stamps.dtype.kind in "iu" and stamps.size:
-        return (stamps - stamps[0]).astype(np.float64) * factor + 0.0
-    return np.asarray(stamps, dtype=np.float64) * factor
+    if values.dtype.kind in "iu" and values.size:
+        whole = [int(values[0]), round(1e9 * factor)]
+        exact = values.astype(np.int64) if values.dtype.kind == "i" else values.astype(np.uint64)
+        return Stamps((exact - exact[0]).astype(np.float64) * factor, whole[0] * whole[1])
+    return Stamps(np.asarray(values, dtype=np.float64) * factor)
 
 
-def dates(cells: Sequence[str], what: str) -> Array:
-    """Return dates or times of day (n,) as seconds from the first.
+def dates(cells: Sequence[str], what: str) -> Stamps:
+    """Return dates or times of day (n,) as times; a step back by more than half a day is midnight.
 
     Raises DataError for a cell that is none, and where day and month cannot be told apart.
     """
@@ -84,17 +106,21 @@ def dates(cells: Sequence[str], what: str) -> Array:
     clean = [cell.strip().strip('"').replace(",", ".") for cell in cells]
     if all(_ONLY_TIME.fullmatch(cell) for cell in clean[:1]):
         found = pd.to_timedelta(pd.Series(clean), errors="coerce")
-        days = pd.to_timedelta((found.diff() < pd.Timedelta(0)).cumsum(), unit="D")  # past midnight
-        found = found + days
+        found = found + pd.to_timedelta((found.diff() < -pd.Timedelta(hours=12)).cumsum(), unit="D")
     else:
         format_ = _format(clean, what)
         found = pd.to_datetime(pd.Series(clean), format=format_, errors="coerce", utc=True)
+        if format_ != "ISO8601":  # whole seconds may be written without their fraction, and others with it
+            other = format_.removesuffix(".%f") if format_.endswith(".%f") else f"{format_}.%f"
+            found = found.fillna(pd.to_datetime(pd.Series(clean), format=other, errors="coerce", utc=True))
     bad = np.flatnonzero(found.isna())
     if bad.size:
         raise DataError(
             f"{what} holds '{clean[bad[0]][:40]}' in row {bad[0] + 1} of the data, which is no date: correct it"
         )
-    return np.asarray((found - found.iloc[0]).dt.total_seconds(), dtype=np.float64)
+    first = found.iloc[0]
+    after_s = np.asarray((found - first).dt.total_seconds(), dtype=np.float64)
+    return Stamps(after_s, int(first.value))
 
 
 def _format(cells: Sequence[str], what: str) -> str:
@@ -114,50 +140,74 @@ def _format(cells: Sequence[str], what: str) -> str:
     return sign.join([*order, year]) + time + (".%f" if "." in rest else "")
 
 
-def clock_of(time_s: Array, what: str, read_as: str) -> Clock:
-    """Return the grid of uniform time stamps (n,) in s.
+def clock_of(stamps: Stamps, what: str, read_as: str) -> Clock:
+    """Return the grid of uniform time stamps.
 
-    Raises DataError with the worst step when a stamp leaves the uniform grid by more than 1 % of a sample period, and
-    for stamps that no clock of seconds shows.
+    Raises DataError with the worst step when a stamp leaves the uniform grid by more than 1 % of a sample period.
     """
+    time_s = stamps.after_s
     _check_stamps(time_s, what)
-    period_s = _period_s(time_s)
     if not _is_uniform(time_s):
         raise DataError(f"{what} is not uniform: {_unevenness(time_s)}")
-    return Clock(1.0 / period_s, float(time_s[0]), read_as)
+    return Clock(1.0 / _period_s(time_s), clock_start(stamps), read_as)
 
 
-def grid_of(time_s: Array, what: str, read_as: str) -> tuple[Clock, Array]:
-    """Return the clock and the stamps of the uniform grid that lies best among uneven ones (n,), which must ascend.
+def grid_of(stamps: Stamps, what: str, read_as: str) -> tuple[Clock, Array]:
+    """Return the clock and the uniform grid that lies best among uneven stamps, in s after their origin.
 
-    Its period is the middle one of the steps; where rows are lost it goes on over the gap.
+    Its period is the middle one of the steps; where rows are lost it goes on over the gap. Raises DataError for stamps
+    that do not ascend, and for gaps that are longer than what was measured.
     """
+    time_s = stamps.after_s
+    ascending(time_s, what)
+    steps = np.diff(time_s)
+    typical = float(np.median(steps))
+    counts = np.maximum(np.round(steps / typical), 1.0)
+    if counts.sum() > 2.0 * steps.size + 1000.0:
+        longest = int(np.argmax(steps))
+        raise DataError(
+            f"{what} has gaps of more rows than were measured, the longest of {steps[longest]:.6g} s after sample "
+            f"{longest}: import the stretches between gaps as [[parts]]"
+        )
+    period_s = float((time_s[-1] - time_s[0]) / counts.sum())
+    grid = time_s[0] + period_s * np.arange(int(counts.sum()) + 1)
+    return Clock(1.0 / period_s, clock_start(stamps), read_as), grid
+
+
+def ascending(time_s: Array, what: str) -> None:
+    """Raise DataError for stamps (n,) that do not ascend or are not finite."""
     _check_stamps(time_s, what)
     steps = np.diff(time_s)
     if not np.all(steps > 0.0):
         worst = int(np.argmin(steps))
         raise DataError(
-            f"{what} does not ascend: the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order"
+            f"{what} does not ascend: the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order, "
+            "each stamp once"
         )
-    typical = float(np.median(steps))
-    counts = np.maximum(np.round(steps / typical), 1.0)
-    period_s = float((time_s[-1] - time_s[0]) / counts.sum())
-    grid = time_s[0] + period_s * np.arange(int(counts.sum()) + 1)
-    return Clock(1.0 / period_s, float(time_s[0]), read_as), grid
 
 
 def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tuple[Array, float]:
-    """Return values (n,) on another grid (m,), and what that may cost, as a share of the values' rms about their mean.
+    """Return values (n,) on another grid (m,), and about what that costs, as a share of the rms about their mean.
 
-    The cost is measured: every other row is left out and drawn again from the others. Rows then lie twice as far apart,
-    so this is more than what the grid itself costs.
+    The cost is measured: stretches as long as the longest gap are left out, every other one, and drawn again from the
+    rest. Not-a-number where the record is too short to tell.
     """
     drawn = _drawn(time_s, values, grid_s, method)
-    spread = float(np.std(values))
-    if time_s.size < 5 or spread == 0.0:
+    steps, spread = np.diff(time_s), float(np.std(values))
+    gap = max(int(np.round(steps.max() / np.median(steps))) - 1, 1)
+    left = (np.arange(values.size) // gap) % 2 == 1
+    left[-gap:] = False
+    if left.sum() < 2 or (~left).sum() < 4:
+        return drawn, float("nan")
+    if spread == 0.0:
         return drawn, 0.0
-    again = _drawn(time_s[::2], values[::2], time_s[1:-1:2], method)
-    return drawn, float(np.sqrt(np.mean((again - values[1:-1:2]) ** 2))) / spread
+    again = _drawn(time_s[~left], values[~left], time_s[left], method)
+    return drawn, float(np.sqrt(np.mean((again - values[left]) ** 2))) / spread
+
+
+def cost_text(cost: float) -> str:
+    """Return the cost of resampling in words."""
+    return "nobody can tell how much that costs" if np.isnan(cost) else f"that costs about {cost:.2%} of its rms"
 
 
 def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
@@ -170,14 +220,14 @@ def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
     return values[np.maximum(np.searchsorted(time_s, at_s + slack, side="right") - 1, 0)]
 
 
+def clock_start(stamps: Stamps) -> float:
+    """Return the time of the first sample for the log: none where it is a date, which is no time of the run."""
+    return stamps.first_s if abs(stamps.first_s) < EPOCH_S else 0.0
+
+
 def _check_stamps(time_s: Array, what: str) -> None:
     if time_s.size < 2 or not np.all(np.isfinite(time_s)):
         raise DataError(f"{what} has {time_s.size} stamps or some that are not finite: give at least two numbers")
-    if abs(time_s[0]) > LATEST_S:
-        raise DataError(
-            f"{what} begins at {time_s[0]:.6g} s, later than any clock of seconds: say time_unit "
-            f"({', '.join(SECONDS)} or date) in [log]"
-        )
 
 
 def _period_s(time_s: Array) -> float:

@@ -71,7 +71,10 @@ def cells_of(line: str, separator: str) -> list[str]:
     """Return the cells of a line without the blanks around them; quotes hold a cell together."""
     if '"' in line:
         blank = separator == " "
-        row = next(csv.reader([line.strip() if blank else line], delimiter=separator, skipinitialspace=True), [])
+        try:
+            row = next(csv.reader([line.strip() if blank else line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error as error:
+            raise DataError(f"a line begins '{line[:40]}' and is no row of cells ({error}): check the file") from None
         return [cell.strip() for cell in row if cell or not blank]
     return line.split() if separator == " " else [cell.strip() for cell in line.split(separator)]
 
@@ -128,10 +131,16 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
     rows = [cells_of(line, separator) for line in lines]
     plain = [row for row, line in zip(rows, lines, strict=True) if line.strip() and not is_remark(line)]
     columns = _columns(plain)
+    # a remark at the end of a line of data is no part of its last cell
+    lines = [line if is_remark(line) else without_remark(line, separator, columns) for line in lines]
+    rows = [cells_of(line, separator) for line in lines]
+    plain = [row for row, line in zip(rows, lines, strict=True) if line.strip() and not is_remark(line)]
     decimal_named = decimal is not None
     decimal = decimal or _decimal(plain, columns, separator, path)
     first = _first_row(lines, rows, columns, decimal, path)
     trailing = columns > 1 and separator != " " and all(not r[-1] for r in rows[first:] if len(r) == columns)
+    # a last column that has a name is one, empty as it may be
+    trailing = trailing and not any(len(row) == columns and row[-1] for row in rows[:first])
     found = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
     names, units, first = found
     full = [row for row in rows[first:] if len(row) == columns]
@@ -232,6 +241,8 @@ def _head(
     above = [_bare(lines[k], separator) for k in range(first) if lines[k].strip()]
     remarks = [is_remark(lines[k]) for k in range(first) if lines[k].strip()]
     data = [list(row[:columns]) for row in rows[first : first + 50] if len(row) >= columns]
+    if header is True and all(remarks):
+        return tuple(data[0]), (), first + 1
     if header is not False and not above and _may_be_names(path, data[0], data[1:], decimal, header):
         return tuple(data[0]), (), first + 1
     if header is False or not above:
@@ -245,14 +256,25 @@ def _head(
     last, others = _without_end(above[-1], columns), [_without_end(line, columns) for line in above[:-1]]
     if len(last) == columns:
         if _are_units(last) and others and len(others[-1]) == columns and not _are_units(others[-1]):
-            return tuple(others[-1]), tuple(last), first
-        return tuple(last), (), first
+            return _names(path, others[-1], first - 1, header), tuple(last), first
+        return _names(path, last, first, header), (), first
     if remarks[-1] or len(last) == 1:
         return (), (), first  # a remark or a line of text
     raise DataError(
         f"{path}, line {first}: {len(last)} names over {columns} cells: is the decimal sign a comma, or the delimiter "
         f"another than {separator!r}? Give each column one name, or say delimiter and decimal in [log]"
     )
+
+
+def _names(path: Path, cells: Sequence[str], line: int, header: bool | None) -> tuple[str, ...]:
+    """Return a line above the data as names; raises DataError where it may be a row that cannot be read."""
+    number = next((cell for cell in cells if read_number(cell, ".") is not None), None)
+    if number is not None and not header:
+        raise DataError(
+            f"{path}, line {line}: '{', '.join(cells)[:60]}' stands where names do and holds the number {number}: "
+            "repair it if it is a row, or say header = true in [log] if it is names"
+        )
+    return tuple(cells)
 
 
 def _without_end(cells: list[str], columns: int) -> list[str]:
@@ -287,7 +309,7 @@ def _may_be_names(
     if header:
         return True
     counted = [cell for cell in row if cell]
-    whole = [int(cell) for cell in counted if cell.isdigit()]
+    whole = [int(cell) for cell in counted if cell.isdecimal()]
     counts = len(whole) == len(counted) > 0 and whole in (
         list(range(len(whole))),
         list(range(1, len(whole) + 1)),

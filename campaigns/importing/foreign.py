@@ -41,7 +41,7 @@ class Hdf5Source:
     matlab: bool = False
 
     def names(self) -> list[str]:
-        """Return the names at the top of the file, and below them what they hold, as far as it is no group."""
+        """Return the names at the top of the file."""
         with open_h5(self.path) as file:
             return [name for name in link_names(file, self.path) if not name.startswith("#")]
 
@@ -160,11 +160,6 @@ class TdmsSource:
         channel = self._channels.get(name)
         told = channel.properties.get("unit_string") if channel is not None else None
         return told if isinstance(told, str) and told else None
-
-    def rate_hz(self) -> float | None:
-        """Return the rate that the file states for its channels, None where it states none or several."""
-        steps = {channel.properties.get("wf_increment") for channel in self._channels.values()} - {None}
-        return 1.0 / steps.pop() if len(steps) == 1 else None
 
     @cached_property
     def _channels(self) -> dict[str, Any]:

@@ -12,11 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.importing.clock import Clock, clock_of, dates, grid_of, resampled, seconds, unit_in
+from campaigns.importing.clock import (
+    LATEST_S,
+    SECONDS,
+    Clock,
+    Stamps,
+    ascending,
+    clock_of,
+    cost_text,
+    dates,
+    grid_of,
+    resampled,
+    stamps_in,
+    unit_in,
+)
 from campaigns.importing.dialect import read_number
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
 from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped
+from campaigns.importing.selecting import column_of, parse_selection
 from campaigns.importing.sources import Source, open_source, select
 from campaigns.importing.text import CellError, TextSource
 from campaigns.log import Unit
@@ -86,26 +100,30 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
         except CellError as error:
             raise DataError(f"{what}: {error}") from None
     apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}
-    layout = check_lengths({n: found for n, found in layouts.items() if n not in apart} or layouts, where)
+    if apart == set(channels):
+        raise ConfigError(f"{where}every channel has a clock of its own: let one have that of the log")
+    layout = check_lengths({n: found for n, found in layouts.items() if n not in apart}, where)
     _check_period(files.map, layout, where)
+    stamps = Stamps(np.zeros(0))
     if log.time is None:
         assert log.sample_rate_hz is not None  # the map was checked to hold a rate or a time
         clock = Clock(log.sample_rate_hz, 0.0, "")
     else:
         what = f"{where}time '{log.time}'"
         stamps, read_as = stamps_of(files.source(None, part, what), log.time, log.time_unit, what)
-        if stamps.size not in (layout.samples, layout.rows):
-            raise DataError(f"{what} has {stamps.size} stamps for {layout.rows} samples: select equal lengths")
+        if stamps.after_s.size not in (layout.samples, layout.rows):
+            raise DataError(f"{what} has {stamps.after_s.size} stamps for {layout.rows} samples: select equal lengths")
         if log.resample is None:
             clock = clock_of(stamps, what, read_as)
         else:
             clock, grid = grid_of(stamps, what, read_as)
             ours = {name: column for name, column in columns.items() if name not in apart}
-            layout = _on_grid(log, stamps, grid, ours, columns, layout, what, remarks)
-    rows_s = clock.t0_s + np.arange(layout.rows) / clock.rate_hz
+            layout = _on_grid(log, stamps.after_s, grid, ours, columns, layout, what, remarks)
+    first_s = float(stamps.after_s[0]) if stamps.after_s.size else 0.0
+    rows = Stamps(first_s + np.arange(layout.rows) / clock.rate_hz, stamps.origin_ns)
     for name in sorted(apart):
         what = f"{where}channel '{name}'"
-        _join(files, part, channels[name], name, rows_s, columns, what, remarks)
+        _join(files, part, channels[name], name, rows, columns, what, remarks)
     label, settings = (part.label, part.settings) if part else ("", {})
     return Part(label, settings, columns, layout, clock, tuple(remarks))
 
@@ -118,7 +136,8 @@ def _column(
     summed: Array | None = None
     for selection, factor in given.items():
         values, layout = flatten(select(source, selection), files.map.log.axes, what)
-        _check_unit(source, selection, channel, what)
+        own = selection if selection in source.names() else parse_selection(selection).name
+        _check_unit(source, own, channel, what)
         if channel.unwrap is not None:
             values = unwrapped(values, channel.unwrap)
         values = values if factor == 1.0 else factor * values
@@ -142,21 +161,40 @@ def _check_unit(source: Source, selection: str, channel: ChannelMap, what: str) 
         )
 
 
-def stamps_of(source: Source, name: str, unit: str | None, what: str) -> tuple[Array, str]:
-    """Return time stamps (n,) in s, and how they were read."""
-    if isinstance(source, TextSource) and unit in (None, "date"):
-        cells = source.cells(name)
+def stamps_of(source: Source, selected: str, unit: str | None, what: str) -> tuple[Stamps, str]:
+    """Return the time stamps that a selection holds, and how they were read.
+
+    Raises DataError where a unit is stated that is none of time, and where numbers stand for no time in seconds and
+    nothing says another unit.
+    """
+    name = selected
+    if isinstance(source, TextSource):
+        number = column_of(parse_selection(selected))
+        name = source.column(number) if selected not in source.names() and number is not None else selected
+        cells = source.cells(name) if unit in (None, "date") else None
         if cells and (unit == "date" or are_dates(cells[0])):
             return dates(cells, what), "dates"
-    values = select(source, name)
-    if isinstance(source, IsolatedSource) and source.dated(name):
+    values = select(source, selected)
+    own = selected if selected in source.names() else parse_selection(selected).name
+    if isinstance(source, IsolatedSource) and source.dated(own):
         unit = "ns"
     rows, _ = flatten(values, ("sample",), what)
-    told = unit or unit_in(source.unit(name) or "") or unit_in(name)
     if unit == "date":
         raise ConfigError(f"{what} holds no dates but numbers: say the unit that they have")
-    kept = values.reshape(-1) if values.dtype.kind in "iu" else rows
-    return seconds(kept, told or "s"), f"'{name}' in {told}" if told else f"'{name}' in s, as nothing says another unit"
+    stated = source.unit(own) or ""
+    told = unit or unit_in(stated) or unit_in(own)
+    if told is None and stated:
+        raise DataError(
+            f"{what}: {source.path} says that its unit is '{stated[:40]}', which is none of time: say time_unit "
+            f"({', '.join(SECONDS)} or date) in [log]"
+        )
+    found = stamps_in(values.reshape(-1) if values.dtype.kind in "iu" else rows, told or "s")
+    if told is None and found.after_s.size and abs(found.first_s) > LATEST_S:
+        raise DataError(
+            f"{what} begins at {found.first_s:.6g} s, later than any clock of seconds: say time_unit "
+            f"({', '.join(SECONDS)} or date) in [log]"
+        )
+    return found, f"'{selected}' in {told}" if told else f"'{selected}' in s, as nothing says another unit"
 
 
 def are_dates(cell: str) -> bool:
@@ -181,12 +219,12 @@ def _on_grid(
     costs = {}
     for name, column in ours.items():
         columns[name], costs[name] = resampled(stamps, column, grid, log.resample)
-    worst = max(costs, key=lambda name: costs[name])
     added = grid.size - stamps.size
     remarks.append(
         f"{what}: {added} rows were absent and are drawn, all others moved to a grid of {grid.size} rows "
-        f"({log.resample}); that costs at most {costs[worst]:.2%} of the rms of '{worst}', measured on every other row"
+        f"({log.resample})"
     )
+    remarks += [f"'{name}' on that grid: {cost_text(cost)}" for name, cost in costs.items()]
     return Layout(grid.size, 1, 1)
 
 
@@ -195,7 +233,7 @@ def _join(
     part: PartMap | None,
     channel: ChannelMap,
     name: str,
-    rows_s: Array,
+    rows: Stamps,
     columns: dict[str, Array],
     what: str,
     remarks: list[str],
@@ -205,19 +243,21 @@ def _join(
     assert log.resample is not None  # the map was checked to say it
     if channel.time is not None:
         stamps, _ = stamps_of(files.source(channel.source, part, what), channel.time, log.time_unit, what)
+        time_s = stamps.since(rows)
     else:
         assert channel.sample_rate_hz is not None
-        stamps = rows_s[0] + np.arange(own.size) / channel.sample_rate_hz
-    if stamps.size != own.size:
-        raise DataError(f"{what} has {stamps.size} stamps for {own.size} samples: select equal lengths")
-    slack = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
-    if stamps[0] > rows_s[0] + slack or stamps[-1] < rows_s[-1] - slack:
+        time_s = rows.after_s[0] + np.arange(own.size) / channel.sample_rate_hz
+    if time_s.size != own.size:
+        raise DataError(f"{what} has {time_s.size} stamps for {own.size} samples: select equal lengths")
+    ascending(time_s, f"the clock of {what}")
+    slack, wanted = float(np.median(np.diff(time_s))), rows.after_s
+    if time_s[0] > wanted[0] + slack or time_s[-1] < wanted[-1] - slack:
         raise DataError(
-            f"{what} lasts from {stamps[0]:.6g} to {stamps[-1]:.6g} s, the log from {rows_s[0]:.6g} to "
-            f"{rows_s[-1]:.6g} s: select the stretch that all channels have"
+            f"{what} lasts from {time_s[0]:.6g} to {time_s[-1]:.6g} s, the log from {wanted[0]:.6g} to "
+            f"{wanted[-1]:.6g} s on the same clock: select the stretch that all channels have"
         )
-    columns[name], cost = resampled(stamps, own, rows_s, log.resample)
-    remarks.append(f"{what}: brought to the clock of the log ({log.resample}), at most {cost:.2%} of its rms off")
+    columns[name], cost = resampled(time_s, own, wanted, log.resample)
+    remarks.append(f"{what}: brought to the clock of the log ({log.resample}); {cost_text(cost)}")
 
 
 def _check_period(found: ImportMap, layout: Layout, where: str) -> None:

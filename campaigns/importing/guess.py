@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.facts.period import period_of
-from campaigns.importing.clock import clock_of, dates, seconds, unit_in
+from campaigns.importing.clock import Stamps, clock_of, dates, stamps_in, unit_in
 from campaigns.importing.gathering import are_dates
 from campaigns.importing.sources import Source, open_source
 from campaigns.importing.text import TextSource
@@ -87,13 +87,16 @@ def _from(path: Path, folder: Path) -> Path:
 def _columns(source: Source, left: list[str]) -> list[Column]:
     """Return every one-dimensional run of numbers of the commonest length; tells of those that cannot be read."""
     found: list[Column] = []
-    names = source.names() or [""]
-    for name in names:
+    names = source.names()
+    for k, name in enumerate(names or [""]):
+        if not name and names or names.count(name) > 1:
+            left.append(f"column {k + 1} is left out: it has no name of its own")
+            continue
         try:
             values = source.array(name)
         except DataError as error:
             if isinstance(source, TextSource) and (cells := source.cells(name)) and are_dates(cells[0]):
-                found.append(Column(name, dates(cells, name), "date", "time"))
+                found.append(Column(name, dates(cells, name).after_s, "date", "time"))
             else:
                 left.append(f"'{name}' is left out: {error}")
             continue
@@ -124,7 +127,7 @@ def _clock(source: Source, columns: list[Column]) -> tuple[str, list[str]]:
             continue
         column.role = "time"
         unit = "date" if column.unit == "date" else unit_in(column.unit or "") or unit_in(column.select)
-        stamps = column.values if unit == "date" else seconds(column.values, unit or "s")
+        stamps = Stamps(column.values) if unit == "date" else stamps_in(column.values, unit or "s")
         line = f'time = "{_quoted(column.select)}"\ntime_unit = "{unit or "s"}"'
         doubt = "" if unit else "   # DOUBTFUL: nothing says the unit of time"
         try:
@@ -155,8 +158,11 @@ def _roles(columns: list[Column]) -> list[str]:
         else:
             column.role, note = "output", "no name of an input"
         said.append(f"'{column.select}' is taken for {column.role}: {note}")
+    usable = [column for column in columns if column.role in ("input", "output")]
+    if len(usable) < 2:
+        raise DataError(f"{len(usable)} column(s) can be an input or an output; two are needed: write the map by hand")
     if not any(column.role == "input" for column in columns):
-        first = next(column for column in columns if column.role == "output")
+        first = usable[0]
         first.role = "input"
         first.doubts.append("nothing says which column is the input; the first is taken")
         said.append(f"DOUBTFUL: nothing says which column is the input, '{first.select}' is taken")

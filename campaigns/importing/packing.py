@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.errors import DataError
+
 PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_min", "valid_max", "valid_range")
 """Attributes that say how packed numbers are to be read."""
 
@@ -20,20 +22,33 @@ def unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[Any
 
     Values equal to the fill value, or outside of the valid range, are missing; both are told in packed numbers.
     """
-    known = {name: value for name, value in attributes.items() if value is not None and not isinstance(value, str)}
+    known: dict[str, NDArray[Any]] = {}
+    for name, value in attributes.items():
+        if value is None or name not in PACKING:
+            continue
+        try:
+            known[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        except (TypeError, ValueError):
+            shown = str(value)[:40]
+            raise DataError(f"its attribute {name} is '{shown}', which is no number: repair the file") from None
     if not known or values.dtype.kind not in "fiu":
         return values
     missing = np.zeros(values.shape, dtype=bool)
     for name in ("_FillValue", "missing_value"):
         if name in known:
-            missing |= np.isin(values, np.asarray(known[name]))
-    low, high = known.get("valid_range", (known.get("valid_min"), known.get("valid_max")))
+            missing |= np.isin(values, known[name])
+    limits = known.get("valid_range", np.array([]))
+    low, high = limits if limits.size == 2 else (known.get("valid_min"), known.get("valid_max"))
     if low is not None:
-        missing |= values < low
+        missing |= values < np.min(low)
     if high is not None:
-        missing |= values > high
+        missing |= values > np.max(high)
     if not missing.any() and not {"scale_factor", "add_offset"} & set(known):
         return values
-    numbers = values.astype(np.float64) * float(known.get("scale_factor", 1.0)) + float(known.get("add_offset", 0.0))
+    numbers = values.astype(np.float64)
+    if "scale_factor" in known:
+        numbers = numbers * known["scale_factor"].flat[0]
+    if "add_offset" in known:
+        numbers = numbers + known["add_offset"].flat[0]
     numbers[missing] = np.nan
     return numbers

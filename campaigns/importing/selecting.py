@@ -35,6 +35,14 @@ def parse_selection(text: str) -> Selection:
     return Selection(found["name"].strip(), indices)
 
 
+def column_of(selection: Selection) -> int | None:
+    """Return the number of the column that `[:, k]` selects of a table without a name, None for anything else."""
+    indices = selection.indices
+    if selection.name or len(indices) != 2 or indices[0] != slice(None) or not isinstance(indices[1], int):
+        return None
+    return indices[1]
+
+
 def _index(part: str, text: str) -> Index:
     if part == "...":
         return ...

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.refusals import check_expansion, unreadable
-from campaigns.importing.selecting import parse_selection
+from campaigns.importing.selecting import column_of, parse_selection
 from campaigns.importing.text import TextSource
 from campaigns.log.guard import refuse
 from sim_backend.errors import ConfigError, DataError
@@ -163,6 +163,9 @@ def select(source: Source, text: str) -> AnyArray:
     if whole is not None:
         return whole
     selection = parse_selection(text)
+    number = column_of(selection)
+    if isinstance(source, TextSource) and number is not None:
+        return np.asarray(source.array(source.column(number)))  # whatever the other columns hold
     found = source.array(selection.name)
     if found is None:
         names = source.names()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from campaigns.importing.dialect import Dialect, cells_of, dialect_of, read_number, without_remark
 from campaigns.log.guard import first_line
-from sim_backend.errors import DataError
+from sim_backend.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,9 @@ class TextSource:
         names, units = self.dialect.names, self.dialect.units
         below = units[names.index(name)] if units and name in names else ""
         found = _IN_BRACKETS.search(name)
-        return below.strip("[](){}<> ") or (found[1].strip() if found else None) or None
+        # an index in brackets is no unit
+        inside = found[1].strip() if found and not found[1].strip().isdecimal() else ""
+        return below.strip("[](){}<> ") or inside or None
 
     def array(self, name: str) -> NDArray[Any] | None:
         """Return a column as (n,), the whole table (n, columns) for the empty name, None without such a column.
@@ -73,12 +75,25 @@ class TextSource:
         columns = self._columns(name)
         if columns is None or len(columns) != 1:
             return None
-        return [str(cell).strip() for cell in self._table.iloc[:, columns[0]]]
+        return [cell.strip() for cell in self._read(usecols=columns, dtype=str).iloc[:, 0]]
+
+    def column(self, number: int) -> str:
+        """Return how the column of that number, from 0 or from the end, is asked for by `array` and `cells`.
+
+        Raises ConfigError for a number that there is no column for.
+        """
+        if not -self.dialect.columns <= number < self.dialect.columns:
+            raise ConfigError(
+                f"{self.path} has {self.dialect.columns} columns, none of number {number}: they count from 0"
+            )
+        return f"\0{number % self.dialect.columns}"
 
     def _columns(self, name: str) -> list[int] | None:
         names = self.dialect.names
         if name == "":
             return list(range(self.dialect.columns))
+        if name.startswith("\0"):
+            return [int(name[1:])]
         found = [i for i, own in enumerate(names) if own == name]
         if len(found) > 1:
             raise DataError(
@@ -103,7 +118,10 @@ class TextSource:
                 blank = number if blank is None else blank
                 continue
             data = without_remark(line, self.dialect.separator, self._width) if "#" in line else line
-            if self._count(data) != self._width:
+            if data.count('"') % 2:
+                raise DataError(f"{self.path}, line {number + 1} has a quote that does not end in its line: repair it")
+            more = self.dialect.trailing and not data.rstrip().endswith(self.dialect.separator)
+            if more or self._count(data) != self._width:
                 if line.lstrip().startswith("#"):
                     yield number, line, None
                     continue
@@ -151,6 +169,10 @@ class TextSource:
 
     @cached_property
     def _table(self) -> pd.DataFrame:
+        return self._read()
+
+    def _read(self, **options: Any) -> pd.DataFrame:
+        """Return the rows as a frame, read with pandas' `options`; raises DataError where rows do not come out."""
         import pandas as pd
 
         dialect = self.dialect
@@ -162,7 +184,7 @@ class TextSource:
                 for _ in range(dialect.first_line):
                     stream.readline()
                 text = io.StringIO("\n".join(data for _, _, data in self._rows() if data)) if remarks else stream
-                return pd.read_csv(
+                frame = pd.read_csv(
                     text,
                     sep=r"\s+" if dialect.separator == " " else dialect.separator,
                     decimal=dialect.decimal,
@@ -173,9 +195,13 @@ class TextSource:
                     index_col=False,
                     low_memory=False,
                     na_filter=False,  # an empty cell is told with its place, below
+                    **options,
                 )
         except (OSError, ValueError, UnicodeError, MemoryError, OverflowError) as error:
             raise DataError(f"cannot read {self.path}: {first_line(error)}; correct the table") from None
+        if len(frame) != count:
+            raise DataError(f"{self.path} has {count} lines of data of which {len(frame)} rows came: check its quotes")
+        return frame
 
     def _numbers(self, index: int) -> NDArray[Any]:
         column = self._table.iloc[:, index]

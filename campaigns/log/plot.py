@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.log.read import Run
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,8 +25,10 @@ BLOCKS = " ▁▂▃▄▅▆▇█"
 
 def envelope(values: Array, columns: int) -> tuple[Array, Array]:
     """Return the smallest and the largest value (columns,) in equal pieces of a channel (n,)."""
+    if values.size == 0:
+        raise DataError("the log holds no rows: there is nothing to draw")
     edges = np.linspace(0, values.size, min(columns, values.size) + 1).astype(np.intp)[:-1]
-    return np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+    return np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)  # numbers that are none leave gaps
 
 
 def picture(run: Run) -> Figure:
@@ -78,8 +80,9 @@ def drawn(run: Run, width: int = 60) -> list[tuple[str, str, str]]:
     for name, channel in run.channels.items():
         values = run.read(name)
         _, high = envelope(values, width)
-        span = float(np.ptp(values)) or 1.0
-        levels = np.rint((high - values.min()) / span * (len(BLOCKS) - 2)).astype(np.intp) + 1
+        least, most = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+        span = (most - least) or 1.0
+        levels = np.rint((np.nan_to_num(high, nan=least) - least) / span * (len(BLOCKS) - 2)).astype(np.intp) + 1
         line = "".join(BLOCKS[level] for level in levels)
-        rows.append((name, line, f"{values.min():.4g} to {values.max():.4g} {channel.unit}"))
+        rows.append((name, line, f"{least:.4g} to {most:.4g} {channel.unit}"))
     return rows

@@ -110,41 +110,41 @@ def identify(
     if table_file is not None:
         if given:
             raise click.UsageError("give logs or a table of frequency response, not both")
-        fitted = _from_table(table_file, picture, modes=modes, rate_hz=rate_hz, level=level, name=target.stem)
-        return _done(fitted, target, (table_file,), response, as_json, force=force)
+        fitted = _from_table(table_file, modes=modes, rate_hz=rate_hz, level=level, name=target.stem)
+        return _done(fitted, (), target, (table_file,), response, picture, as_json, force=force)
     if not given and dry_run:
-        from campaigns.playing.campaign_run import estimate_campaign
-        from campaigns.playing.sweep_campaign import sweep_campaign
-
-        show_estimates(estimate_campaign(sweep_campaign(bench, axes, settings), bench, seed), as_json=as_json)
-        return 0
+        return _counted(bench, axes, settings, seed, as_json)
     logs = given or _swept(bench, axes, settings, folder or target.with_suffix(".runs"), seed)
     if isinstance(logs, int):
         return logs
-    found = _from_logs(logs, picture, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
-    return _done(found, target, logs, response, as_json, force=force)
-
-
-def _from_table(file: Path, picture: Path | None, **settings: Any) -> Identification:
-    from analysis.identification.from_table import identify_table
-
-    with progress("identifying") as report:
-        found = identify_table(file, **settings, report=report)
-    if picture is not None:
-        _draw(found, (), picture)
-    return found
-
-
-def _from_logs(logs: tuple[Path, ...], picture: Path | None, **settings: Any) -> Identification:
-    from analysis.identification.identify import identify_runs
     from campaigns.log import read_run
 
     with ExitStack() as stack:
         runs = [stack.enter_context(read_run(log)) for log in logs]
-        found = identify_runs(runs, **settings, report=stack.enter_context(progress("identifying")))
-        if picture is not None:
-            _draw(found, runs, picture)
-    return found
+        found = _from_logs(runs, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
+        return _done(found, runs, target, logs, response, picture, as_json, force=force)
+
+
+def _counted(bench: str, axes: tuple[str, ...], settings: dict[str, Any], seed: int, as_json: bool) -> int:
+    from campaigns.playing.campaign_run import estimate_campaign
+    from campaigns.playing.sweep_campaign import sweep_campaign
+
+    show_estimates(estimate_campaign(sweep_campaign(bench, axes, settings), bench, seed), as_json=as_json)
+    return 0
+
+
+def _from_table(file: Path, **settings: Any) -> Identification:
+    from analysis.identification.from_table import identify_table
+
+    with progress("identifying") as report:
+        return identify_table(file, **settings, report=report)
+
+
+def _from_logs(runs: Sequence[Run], **settings: Any) -> Identification:
+    from analysis.identification.identify import identify_runs
+
+    with progress("identifying") as report:
+        return identify_runs(runs, **settings, report=report)
 
 
 def _swept(
@@ -157,28 +157,28 @@ def _swept(
     return played.exit_code or tuple(played.logs.values())
 
 
-def _draw(found: Identification, runs: Sequence[Run], picture: Path) -> None:
-    from analysis.identification.bode import save_bode
-
-    save_bode(found, runs, picture)
-
-
 def _done(
     found: Identification,
+    runs: Sequence[Run],
     target: Path,
     sources: tuple[Path, ...],
     response: Path | None,
+    picture: Path | None,
     as_json: bool,
     *,
     force: bool,
 ) -> int:
-    """Write the model, and the response where it is wanted, and show both."""
+    """Write the model, then response and picture where they are wanted, and show it."""
     from analysis.identification.response_files import save_response
     from mccdcli.models import save_model
 
+    save_model(found.model, target, force=force)
     if response is not None:
         save_response(found.response, response)
-    save_model(found.model, target, force=force)
+    if picture is not None:
+        from analysis.identification.bode import save_bode
+
+        save_bode(found, runs, picture)
     text = f"{_text(found)}\n\nmodel: {target}; from {', '.join(map(str, sources))}"
     emit({"model": target, "logs": list(sources), "identification": found}, as_json=as_json, text=text)
     return 0

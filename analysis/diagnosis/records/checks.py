@@ -47,6 +47,11 @@ def without_cut_off(records: Sequence[Record], names: Sequence[str]) -> tuple[li
                     "saturated sensor is; those rows are left out"
                 )
         kept.append(replace(record, windows=_around(record.windows, cut), missing=cut) if cut.any() else record)
+    if notes and not any(record.windows for record in kept):
+        raise DataError(
+            f"an output is cut off every few rows ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} rows is "
+            "left between; record with a smaller motion or a wider range"
+        )
     return kept, notes
 
 
@@ -54,6 +59,9 @@ def _around(windows: Sequence[Window], cut: Mask) -> tuple[Window, ...]:
     """Return the pieces of windows in which nothing is `cut` (n,); what is left of periods repeats no more."""
     pieces = []
     for w in windows:
+        if not cut[w.start : w.stop].any():
+            pieces.append(w)
+            continue
         starts, stops = runs_of(~cut[w.start : w.stop])
         pieces += [
             replace(w, start=w.start + int(a), stop=w.start + int(b), period=0)

@@ -42,6 +42,9 @@ FORMS = {
         lambda h: [np.abs(h), np.degrees(np.unwrap(np.angle(h))) - 720.0],
     ),
     "real and imaginary": (["frequency (Hz)", "Re", "Im"], lambda h: [h.real, h.imag]),
+    "long names": (["frequency", "real", "imag"], lambda h: [h.real, h.imag]),
+    "units behind a line": (["freq_hz", "mag_dB", "phase_rad"], lambda h: [20 * np.log10(np.abs(h)), np.angle(h)]),
+    "millimetres": (["f (Hz)", "mag (mm/N)", "phase (rad)"], lambda h: [1e3 * np.abs(h), np.angle(h)]),
 }
 
 
@@ -77,9 +80,21 @@ def test_levels_are_told_apart(tmp_path):
         (["f (mm)", "mag", "phase (deg)"], "frequency is in 'mm'"),
         (["f (Hz)", "mag", "phase"], "degrees or rad"),
         (["f (Hz)", "mag", "other"], "magnitude and phase, or of real and imaginary"),
+        (["omega", "mag", "phase (deg)"], "frequency is in 'nothing that is said'"),
+        (["f (Hz)", "mag (furlong/N)", "phase (deg)"], "the response is in 'furlong/N'"),
+        (["f (Hz)", "mag x", "mag y"], "two columns of magnitude"),
     ],
 )
 def test_what_is_not_told_is_asked_for(tmp_path, heads, said):
     path = written(tmp_path / "h.csv", heads, [F, np.ones(F.size), np.linspace(0.0, -3.0, F.size)])
     with pytest.raises(DataError, match=said):
         read_table(path)
+
+
+def test_rad_per_s_and_khz_are_frequencies(tmp_path):
+    h = response(F)
+    for head, factor in (("omega (rad/s)", 2 * np.pi), ("freq_khz", 1e-3)):
+        path = written(tmp_path / "h.csv", [head, "Re", "Im"], [F * factor, h.real, h.imag])
+        np.testing.assert_allclose(read_table(path).frequency_hz, F, rtol=1e-6)
+    with pytest.raises(ConfigError, match="rate is 20 Hz"):
+        identify_table(path, rate_hz=20.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import campaigns.facts
 from campaigns.facts import Seen, facts_of, found_in, measured_segments, usable_segments
 from campaigns.log import Channel, LogSegment, LogWriter, read_run
 from sim_backend.errors import DataError
@@ -155,3 +156,53 @@ def test_rows_at_the_end_of_a_sensor_are_cut_out_of_segments(tmp_path):
         rows = np.concatenate([run.read("y", s.start, s.stop) for s in pieces])
     assert len(clipped) == 1 and len(pieces) >= 2
     assert rows.max() < top and all(s.rows >= 100 and s.label == "levels" for s in pieces)
+
+
+def test_a_bench_that_rests_between_pulses_has_not_ended():
+    pulse = np.zeros(100)
+    pulse[:12] = np.round(5.0 * np.sin(np.pi * np.arange(12) / 12.0))
+    u, y = np.tile(pulse, 5), np.tile(np.roll(pulse, 3), 5)
+    record = seen(u, y, LogSegment("record", 0, u.size, {"period_samples": 100}))
+    assert of(record, "ended") == [] == of(record, "clipping")
+
+
+def test_a_slow_input_makes_no_slow_sensor():
+    levels = np.repeat(np.random.default_rng(1).integers(-50, 50, 300), 10).astype(float)
+    assert of(seen(levels, 2.0 * levels), "slow-sensor") == []
+
+
+def test_a_period_is_not_cut_by_an_end_within_it(tmp_path):
+    u, y = plain()
+    u[2980:], y[2980:] = 0.0, 0.0
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    with (
+        LogWriter.create(tmp_path / "a.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log,
+        log.segment("record", {"period_samples": 500}),
+    ):
+        log.append({"u": u, "y": y})
+    with read_run(tmp_path / "a.h5") as run:
+        assert [(s.start, s.stop) for s in usable_segments(run)] == [(0, 2500)]
+
+
+def test_a_log_in_which_nothing_moves_is_refused(tmp_path):
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    with LogWriter.create(tmp_path / "a.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log:
+        for level in (0.0, 1.0):
+            with log.segment(f"level {level}", {}):
+                log.append({"u": np.arange(100.0), "y": np.full(100, level)})
+    with read_run(tmp_path / "a.h5") as run, pytest.raises(DataError, match="no output moves in any segment"):
+        usable_segments(run)
+
+
+def test_facts_of_a_part_of_a_log_say_nothing_of_its_end(tmp_path, monkeypatch):
+    u, y = plain()
+    u[900:1000], y[900:1000] = 0.0, 0.0
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    with (
+        LogWriter.create(tmp_path / "a.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log,
+        log.segment("record", {}),
+    ):
+        log.append({"u": u, "y": y})
+    monkeypatch.setattr(campaigns.facts, "MOST_NUMBERS", 2000)
+    with read_run(tmp_path / "a.h5") as run:
+        assert {fact.name for fact in facts_of(run)} & {"ended", "at-rest"} == set()

@@ -58,3 +58,22 @@ def test_what_an_archive_lacks_is_said(tmp_path, run_map):
         run_map(MAP.format(more="").replace('resample = "linear"', ""))
     with pytest.raises(DataError, match="no column 'value'"):
         run_map(MAP.format(more="").replace('"val"', '"value"'))
+
+
+def test_names_that_look_like_numbers_stay_apart(tmp_path, run_map):
+    names = {"1.1": 1, "1.10": -1, "001": 2}
+    rows = [f"{k * 0.1!r};{name};{factor * k}" for k in range(40) for name, factor in names.items()]
+    (tmp_path / "a.csv").write_text("stamp;pv;val\n" + "\n".join(rows) + "\n")
+    run_map(MAP.format(more="").replace("PUMP:U", "1.10").replace("TANK:L", "001"))
+    with read_run(tmp_path / "out.h5") as run:
+        at_s = run.time_s("pump")
+        np.testing.assert_allclose(run.read("pump"), -10.0 * at_s, atol=1e-9)
+        np.testing.assert_allclose(run.read("level"), 20e-3 * at_s, atol=1e-9)
+
+
+def test_decimal_commas_in_an_archive(tmp_path, run_map):
+    rows = [f"{k};{name};{k},5" for k in range(40) for name in ("PUMP:U", "TANK:L")]
+    (tmp_path / "a.csv").write_text("stamp;pv;val\n" + "\n".join(rows) + "\n")
+    run_map(MAP.format(more=""))
+    with read_run(tmp_path / "out.h5") as run:
+        assert run.read("pump")[0] == 0.5

@@ -48,6 +48,8 @@ def test_another_unit_than_the_map_says_is_refused(tmp_path, run_map, plain):
     packed_h5(tmp_path / "a.h5", units="urad")
     with pytest.raises(DataError, match="says that 'ax' is in urad, the map says mrad"):
         run_map(plain("a.h5"))
+    with pytest.raises(DataError, match="says that 'ax' is in urad"):
+        run_map(plain("a.h5").replace('"ax"', '"ax[:]"'))
     run_map(plain("a.h5").replace('role = "output"', 'role = "output"\nignore_file_unit = true'))
 
 
@@ -166,3 +168,12 @@ def test_files_of_matlab_itself_are_read_or_refused():
     assert {path.name for path in matlabs_own_files() if path.name.startswith(numbers)} <= read
     own = next(path for path in matlabs_own_files() if path.name.startswith("testfunc_7.4"))
     assert foreign.MatSource(own).names() == ["testfunc"]
+
+
+def test_attributes_that_are_no_numbers_are_refused(tmp_path, run_map, plain):
+    packed_h5(tmp_path / "a.h5", scale_factor=np.array([2e-3]), valid_range=np.array([-1000, 1000]))
+    run_map(plain("a.h5"))
+    (tmp_path / "out.h5").unlink()
+    packed_h5(tmp_path / "a.h5", scale_factor="two")
+    with pytest.raises(DataError, match="scale_factor is 'two'"):
+        run_map(plain("a.h5"))

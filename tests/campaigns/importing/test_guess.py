@@ -74,5 +74,10 @@ def test_a_column_that_cannot_be_read_is_left_out_and_said(tmp_path):
     (tmp_path / "a.csv").write_text("u,y,note\n0.5,1.5,\n0.75,2.5,warm\n0.25,3.5,\n", encoding="utf-8")
     text, said = proposed(tmp_path, tmp_path / "a.csv")
     assert "note" not in text and "'note' is left out" in said
+    (tmp_path / "c.csv").write_text(",u,y\n0,0.5,1.5\n1,0.25,2.5\n2,0.75,1.0\n", encoding="utf-8")
+    text, said = proposed(tmp_path, tmp_path / "c.csv")
+    assert text.count('select = "u"') == 1 and "has no name of its own" in said
+    with pytest.raises(DataError, match="two are needed"):
+        guess([table(tmp_path, "temp1;pressure", [np.arange(9.0), np.arange(9.0) ** 2], "d.csv")], tmp_path)
     with pytest.raises(DataError, match=r"1 column\(s\) beside its clock"):
         guess([table(tmp_path, "t;u", [np.arange(9.0), np.arange(9.0) ** 2], "b.csv")], tmp_path)

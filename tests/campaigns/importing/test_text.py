@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.importing.sources import select
 from campaigns.importing.text import CellError, TextSource
-from sim_backend.errors import DataError
+from sim_backend.errors import ConfigError, DataError
 
 T, U, Y = [0.0, 0.001, 0.002, 0.003], [0.5, -1.25, 2.0, 1e-3], [1.0, 4.0, -9.5, 16.25]
 ROWS = "0.0,0.5,1.0\n0.001,-1.25,4.0\n0.002,2.0,-9.5\n0.003,1e-3,16.25\n"
@@ -84,6 +85,10 @@ def test_the_same_table_is_read_however_it_is_written(tmp_path, how):
         ("u,y\n1_000,2\n1_001,3\n", "holds '1_000'"),
         ("u,y\n1.5,0x10\n2.5,0x11\n", "holds '0x10'"),
         (b"u,y\n1.5,2.5\x00\n", "zero bytes"),
+        ("ERR,1\n2,3.5\n4,5.5\n", "stands where names do and holds the number 1"),
+        ('t,u,note\n0,1,"ok\n1,2,ok"\n2,3,x\n3,3,x\n', "line 2 has a quote that does not end"),
+        ("1.5,2,\n" * 500 + "5.5,6,7\n", "line 501 has 3 cells, the others have 3"),
+        (f'u,y\n1.5,"{"x" * 200_000}"\n', "is no row of cells"),
     ],
 )
 def test_what_cannot_be_read_for_certain_is_refused_with_its_place(tmp_path, text, said):
@@ -129,3 +134,33 @@ def test_every_digit_is_read(tmp_path):
     values = np.random.default_rng(5).standard_normal(2000) * 10.0 ** np.arange(-250, 250, 0.25)
     source = table(tmp_path, "x\n" + "\n".join(map(repr, values.tolist())))
     np.testing.assert_array_equal(source.array("x"), values)
+
+
+def test_a_remark_behind_the_first_row_is_no_name(tmp_path):
+    source = table(tmp_path, "0.5,1.5,2.5 # start\n1.5,2.5,3.5\n2.5,3.5,4.5\n")
+    np.testing.assert_array_equal(source.array("")[0], [0.5, 1.5, 2.5])
+
+
+def test_a_last_column_that_is_mostly_empty_is_a_column(tmp_path):
+    rows = "".join(f"{k},{k + 0.5},\n" for k in range(500)) + "500,500.5,warm\n"
+    source = table(tmp_path, f"t,u,note\n{rows}")
+    assert source.array("u").size == 501 and source.names() == ["t", "u", "note"]
+
+
+def test_a_column_is_selected_by_number_whatever_others_hold(tmp_path):
+    source = table(tmp_path, "when,u,u\n2026-11-25 12:00:00,0.5,1.5\n2026-11-25 12:00:01,0.75,2.5\n")
+    np.testing.assert_array_equal(select(source, "[:, 2]"), [1.5, 2.5])
+    np.testing.assert_array_equal(select(source, "[:, -2]"), [0.5, 0.75])
+    with pytest.raises(ConfigError, match="3 columns, none of number 3"):
+        select(source, "[:, 3]")
+
+
+def test_names_that_are_numbers_are_taken_when_the_map_says_so(tmp_path):
+    source = table(tmp_path, "t,1,2\n0.5,1.5,2.5\n0.6,2.5,3.5\n", header=True)
+    assert source.names() == ["t", "1", "2"]
+    assert table(tmp_path, "# remark\n1,2\n0.5,0.6\n", header=True).names() == ["1", "2"]
+
+
+def test_a_strange_digit_is_no_number(tmp_path):
+    with pytest.raises(DataError):
+        table(tmp_path, "u\n²\n").array("u")

@@ -7,7 +7,7 @@ import pytest
 
 from campaigns.log import Channel, LogWriter, read_run
 from campaigns.log.plot import drawn, envelope, picture, save_picture
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, DataError
 
 
 @pytest.fixture
@@ -42,3 +42,16 @@ def test_the_picture_names_channels_units_and_segments(log, tmp_path):
     assert [ax.get_ylabel() for ax in axes] == ["a\n(V)", "b\n(rad)"] and axes[-1].get_xlabel() == "time (s)"
     assert [text.get_text() for text in axes[0].texts] == ["first", "held-out"]
     assert (tmp_path / "a.svg").read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_a_log_without_rows_and_one_with_gaps(tmp_path):
+    channels = [Channel("a", "V", "input", "x", 1e3)]
+    with LogWriter.create(tmp_path / "empty.h5", channels, test="t", bench={"kind": "imported", "name": "n"}):
+        pass
+    with read_run(tmp_path / "empty.h5") as run, pytest.raises(DataError, match="nothing to draw"):
+        drawn(run)
+    with LogWriter.create(tmp_path / "gaps.h5", channels, test="t", bench={"kind": "imported", "name": "n"}) as log:
+        log.append({"a": np.where(np.arange(300) % 3 == 0, np.nan, np.arange(300.0))})
+    with read_run(tmp_path / "gaps.h5") as run:
+        ((_, line, said),) = drawn(run)
+    assert line[-1] == "█" and said == "1 to 299 V"

@@ -69,3 +69,10 @@ def test_rows_at_the_end_of_a_sensor_are_left_out(oscillator: Model) -> None:
     assert not np.any(np.isin(kept.y[fitted], (low, high))) and fitted.mean() > 0.85
     found = diagnose(u, record.y, RATE_HZ, oscillator)
     assert found.verdict == "consistent"
+
+
+def test_nothing_is_left_where_nothing_was_measured() -> None:
+    y = np.array([[0.0], [1.0], [9.0], [9.0], [4.0]])
+    record = Record("r", np.ones((5, 1)), y, (), missing=np.array([False, False, True, True, False]))
+    np.testing.assert_allclose(record.left_by(np.zeros((5, 1)))[:, 0], [0.0, 1.0, 2.0, 3.0, 4.0])
+    assert y[2, 0] == 9.0
