@@ -63,10 +63,14 @@ def fit_between_samples(
         return plain
     report(0.8, 1.0, "fitting delays")
     late = smooth.model.delay_s * rate_hz
-    found = _late(measured, smooth, late, rate_hz, "band-limited", equal_weights=equal_weights)
-    if variance is not None:  # unweighted, responses to steps and to a smooth input cannot be compared
-        # a hold is late by half a sample by itself
-        found += [plain, *_late(measured, smooth, np.maximum(late - 0.5, 0.0), rate_hz, "held", equal_weights=False)]
+    if variance is None:
+        # nothing says how well a line is known, so no misfit tells a part of a sample: whole ones are carried
+        lines = response_to_steps(measured, rate_hz, np.rint(late))
+        fit = fit_lines(lines, None, rate_hz, (smooth.model.n_blocks,))
+        return Between(fit, lines, None, "band-limited", False, np.rint(late) / rate_hz)
+    # a hold is late by half a sample by itself
+    found = _late(measured, smooth, late, rate_hz, "band-limited")
+    found += [plain, *_late(measured, smooth, np.maximum(late - 0.5, 0.0), rate_hz, "held")]
     return min(found, key=lambda one: one.fit.criterion - (HELD_UNLESS if one.intersample == "held" else 0.0))
 
 
@@ -76,8 +80,6 @@ def _late(
     late: Array,
     rate_hz: float,
     intersample: Intersample,
-    *,
-    equal_weights: bool,
 ) -> list[Between]:
     """Return the fits of one form with delays of about `late` (n_u,) samples: of whole ones on either side, and free.
 
@@ -89,13 +91,13 @@ def _late(
     fits = []
     for whole in wholes if np.any(wholes[0] != wholes[1]) else wholes[:1]:
         lines = _as_played(measured, whole, rate_hz, intersample)
-        variance = None if equal_weights else pooled_variance(lines)
+        variance = pooled_variance(lines)
         each = [fit_lines(lines, variance, rate_hz, order, first) for first in (None, start)]
         fit = min(each, key=lambda one: one.criterion)
         fits.append(Between(fit, lines, variance, intersample, False, whole / rate_hz))
     if len(fits) > 1:
         lines = _as_played(measured, np.zeros_like(late), rate_hz, intersample)
-        variance = None if equal_weights else pooled_variance(lines)
+        variance = pooled_variance(lines)
         fit = fit_lines(lines, variance, rate_hz, order, start.with_(delay_s=late / rate_hz), delay=True)
         fits.append(Between(fit, lines, variance, intersample, True, np.zeros_like(late)))
     return fits
