@@ -72,7 +72,7 @@ def usable_segments(run: Run) -> list[LogSegment]:
     still = Counter(fact.segment for fact in facts if fact.name == "at-rest")
     outputs = len(run.names("output"))
     kept = [s for s in run.segments if s.start < end and still[s.label] < max(outputs, 1)]
-    if run.segments and not kept:
+    if still and not kept:
         raise DataError(f"{run.path}: no output moves in any segment: give a log in which the bench is driven")
     return [_until(s, end) for s in kept]
 
