@@ -8,7 +8,7 @@ from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Protocol
 
 from sim_backend.jit import Callback, entry_name
 from sim_backend.kernel_cache import keep_entry, read_entry
@@ -51,10 +51,19 @@ def made_by() -> tuple[str, str]:
     return sha256(Path(__file__).read_bytes()).hexdigest(), processor
 
 
-def compiled(whole: Part, parts: Mapping[str, Part], *, several: bool = False) -> bytes:
+class Translated(Protocol):
+    """A function that numba translates to a module's text when it is asked for."""
+
+    @property
+    def alone(self) -> Part:
+        """The text, and the function's name there."""
+
+
+def compiled(whole: Part, parts: Mapping[str, Translated], *, several: bool = False) -> bytes:
     """Return the object code of a function, which is called NAME there.
 
-    `parts` are the functions that it may call and does not have, by the names it uses. `several` looks for steps that
+    `parts` are the functions that it may call and does not have, by the names it uses; those that it does not call are
+    not translated. `several` looks for steps that
     can share instructions.
     """
     llvm = _llvm()
@@ -62,7 +71,7 @@ def compiled(whole: Part, parts: Mapping[str, Part], *, several: bool = False) -
     called = {function.name for function in module.functions}
     for symbol, part in parts.items():
         if symbol in called:
-            module.link_in(_read(part, symbol))
+            module.link_in(_read(part.alone, symbol))
     for function in module.functions:
         if not function.is_declaration and function.name != NAME:
             function.linkage = llvm.Linkage.internal

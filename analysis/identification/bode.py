@@ -13,13 +13,12 @@ from analysis.identification.identified import Identification
 from analysis.identification.response_curves import ResponseCurve, curves_of_periods
 from campaigns.facts import usable_segments
 from campaigns.log import Run
-from sim_backend.errors import ConfigError, DataError
+from sim_backend.errors import DataError
 from sim_backend.intersample import hold_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FORMS = (".png", ".svg", ".pdf")
 PIECES = 8
 """Half-overlapping pieces into which a record that is fitted in time is cut for its picture."""
 
@@ -93,14 +92,6 @@ def bode(found: Identification, curves: Sequence[ResponseCurve]) -> Figure:
     return figure
 
 
-def require_picture(path: Path, *, force: bool = False) -> None:
-    """Raise ConfigError for another ending than FORMS, and for a file that exists unless it may be replaced."""
-    if path.suffix.lower() not in FORMS:
-        raise ConfigError(f"{path}: '{path.suffix}' is no picture; there are {', '.join(FORMS)}")
-    if path.exists() and not force:
-        raise ConfigError(f"{path} exists and is not overwritten; choose another path, or --force")
-
-
 def save_bode(found: Identification, runs: Sequence[Run], path: Path) -> None:
-    """Write the Bode picture; `require_picture` tells beforehand whether it can be."""
+    """Write the Bode picture; `campaigns.log.plot.require_picture` tells beforehand whether it can be."""
     bode(found, measured_curves(found, runs)).savefig(path, dpi=150)

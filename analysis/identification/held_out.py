@@ -66,8 +66,10 @@ def tried(
 
 def _unknown_rows(model: DiscreteModel, rows: int) -> int:
     """Return for how many rows a delayed input comes from before the segment, where nobody knows it."""
-    reach = max(delay_taps(float(late)).reach for late in model.delay_samples) if np.any(model.delay_samples) else 0
-    return reach if reach < rows // 2 else 0
+    if not np.any(model.delay_samples):
+        return 0
+    unknown = max(delay_taps(float(late)).reach for late in model.delay_samples)
+    return unknown if unknown < rows // 2 else 0
 
 
 def _start_of(model: DiscreteModel, u: Array, y: Array, skip: int) -> Array:

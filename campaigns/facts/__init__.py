@@ -67,7 +67,7 @@ def usable_segments(run: Run) -> list[LogSegment]:
     facts = facts_of(run)
     for fact in facts:
         if fact.forbids:
-            raise DataError(f"{run.path}: {fact.finding} ({fact.segment or fact.channel}); {fact.means}")
+            raise DataError(f"{run.path}: {fact.refusal}")
     end = min((int(fact.numbers["start"]) for fact in facts if fact.name == "ended"), default=run.rows)
     still = Counter(fact.segment for fact in facts if fact.name == "at-rest")
     outputs = len(run.names("output"))
@@ -119,7 +119,7 @@ def measured_segments(run: Run) -> list[LogSegment]:
 
 def remarks_on(runs: Sequence[Run]) -> tuple[str, ...]:
     """Return what somebody who uses these logs has to know of them, without being asked."""
-    told = (f"{run.path.name}: {fact.finding}; {fact.means}" for run in runs for fact in facts_of(run) if fact.remark)
+    told = (f"{run.path.name}: {fact.told}" for run in runs for fact in facts_of(run) if fact.remark)
     return tuple(dict.fromkeys(told))
 
 

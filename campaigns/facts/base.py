@@ -31,6 +31,16 @@ class Fact:
     forbids: bool = False
     remark: bool = True
 
+    @property
+    def told(self) -> str:
+        """The finding and what it means, for who has not asked."""
+        return f"{self.finding}; {self.means}"
+
+    @property
+    def refusal(self) -> str:
+        """Why the record cannot be used, and where that was found."""
+        return f"{self.finding} ({self.segment or self.channel}); {self.means}"
+
 
 @dataclass(frozen=True)
 class Seen:

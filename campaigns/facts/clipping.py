@@ -62,7 +62,7 @@ def saturation(values: Array) -> list[tuple[float, float]]:
 
 def _overshoot(x: Array, start: int, stop: int) -> float:
     """Return how far straight lines through the samples before and after a stay at the top lead beyond it."""
-    reach = min((stop - start) / 2.0, 3.0)
-    before = (x[start - 1] - x[start - 3]) / 2.0 * reach + x[start - 1] - x[start] if start >= 3 else 0.0
-    after = (x[stop] - x[stop + 2]) / 2.0 * reach + x[stop] - x[start] if stop + 2 < x.size else 0.0
+    half = min((stop - start) / 2.0, 3.0)
+    before = (x[start - 1] - x[start - 3]) / 2.0 * half + x[start - 1] - x[start] if start >= 3 else 0.0
+    after = (x[stop] - x[stop + 2]) / 2.0 * half + x[stop] - x[start] if stop + 2 < x.size else 0.0
     return float(max(before, after))

@@ -90,9 +90,8 @@ def stamps_in(values: NDArray[Any], unit: str) -> Stamps:
     """Return numbers (n,) in a unit of time as times; whole numbers are counted from the first and lose nothing."""
     factor = SECONDS[unit.replace("µ", "u")]
     if values.dtype.kind in "iu" and values.size:
-        whole = [int(values[0]), round(1e9 * factor)]
         exact = values.astype(np.int64) if values.dtype.kind == "i" else values.astype(np.uint64)
-        return Stamps((exact - exact[0]).astype(np.float64) * factor, whole[0] * whole[1])
+        return Stamps((exact - exact[0]).astype(np.float64) * factor, int(values[0]) * round(1e9 * factor))
     return Stamps(np.asarray(values, dtype=np.float64) * factor)
 
 
@@ -104,7 +103,7 @@ def dates(cells: Sequence[str], what: str) -> Stamps:
     import pandas as pd
 
     clean = [cell.strip().strip('"').replace(",", ".") for cell in cells]
-    if all(_ONLY_TIME.fullmatch(cell) for cell in clean[:1]):
+    if _ONLY_TIME.fullmatch(clean[0]):
         found = pd.to_timedelta(pd.Series(clean), errors="coerce")
         found = found + pd.to_timedelta((found.diff() < -pd.Timedelta(hours=12)).cumsum(), unit="D")
     else:
@@ -179,11 +178,13 @@ def ascending(time_s: Array, what: str) -> None:
     _check_stamps(time_s, what)
     steps = np.diff(time_s)
     if not np.all(steps > 0.0):
-        worst = int(np.argmin(steps))
-        raise DataError(
-            f"{what} does not ascend: the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order, "
-            "each stamp once"
-        )
+        raise DataError(f"{what} does not ascend: {_fall(steps)}")
+
+
+def _fall(steps: Array) -> str:
+    """Return in words where stamps do not ascend, and the fix."""
+    worst = int(np.argmin(steps))
+    return f"the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order, each stamp once"
 
 
 def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tuple[Array, float]:
@@ -245,9 +246,8 @@ def _unevenness(time_s: Array) -> str:
     """Return in words how stamps leave the uniform grid, and what can be done."""
     steps = np.diff(time_s)
     typical = float(np.median(steps))
-    if typical <= 0.0 or not np.all(steps > 0.0):
-        worst = int(np.argmin(steps))
-        return f"the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order, each stamp once"
+    if not np.all(steps > 0.0):
+        return _fall(steps)
     lost = np.maximum(np.round(steps / typical) - 1.0, 0.0)
     gaps = np.flatnonzero(lost)
     jitter = float(np.abs(steps - typical * (1.0 + lost)).max() / typical)

@@ -87,14 +87,14 @@ def import_run(
         for fact in facts:
             # what repeats after nothing at all is refused where it is used: import and log keep what was measured
             if fact.forbids and fact.numbers.get("right", 1):
-                raise DataError(f"{fact.finding} ({fact.segment or fact.channel}); {fact.means}")
+                raise DataError(fact.refusal)
     except MccdError as error:
         kind = next(kind for kind in (DataError, ConfigError, type(error)) if isinstance(error, kind))
         raise kind(one_line(f"{path}: {error}")) from None
     told = part_of(report, GATHERING, 1.0)
     run_uid = _write(Path(target), found, _configuration(text, files, facts), channels, columns, segments, told)
     remarks = [remark for part in parts for remark in part.remarks]
-    remarks += [f"{fact.finding}; {fact.means}" for fact in facts if fact.remark]
+    remarks += [fact.told for fact in facts if fact.remark]
     read_as = parts[0].clock.read_as
     return ImportReport(Path(target), run_uid, rows, rate_hz, tuple(channels), tuple(segments), read_as, tuple(remarks))
 

@@ -31,7 +31,7 @@ from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
 from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped
 from campaigns.importing.selecting import column_of, parse_selection
-from campaigns.importing.sources import Source, open_source, select
+from campaigns.importing.sources import Source, open_source, select, variable_of
 from campaigns.importing.text import CellError, TextSource
 from campaigns.log import Unit
 from campaigns.log.units import is_unit, unit_named
@@ -136,8 +136,7 @@ def _column(
     summed: Array | None = None
     for selection, factor in given.items():
         values, layout = flatten(select(source, selection), files.map.log.axes, what)
-        own = selection if selection in source.names() else parse_selection(selection).name
-        _check_unit(source, own, channel, what)
+        _check_unit(source, variable_of(source, selection), channel, what)
         if channel.unwrap is not None:
             values = unwrapped(values, channel.unwrap)
         values = values if factor == 1.0 else factor * values
@@ -171,11 +170,11 @@ def stamps_of(source: Source, selected: str, unit: str | None, what: str) -> tup
     if isinstance(source, TextSource):
         number = column_of(parse_selection(selected))
         name = source.column(number) if selected not in source.names() and number is not None else selected
-        cells = source.cells(name) if unit in (None, "date") else None
-        if cells and (unit == "date" or are_dates(cells[0])):
-            return dates(cells, what), "dates"
+        first = source.first_cell(name) if unit in (None, "date") else None
+        if first is not None and (unit == "date" or are_dates(first)):
+            return dates(source.cells(name) or [], what), "dates"
     values = select(source, selected)
-    own = selected if selected in source.names() else parse_selection(selected).name
+    own = variable_of(source, selected)
     if isinstance(source, IsolatedSource) and source.dated(own):
         unit = "ns"
     rows, _ = flatten(values, ("sample",), what)

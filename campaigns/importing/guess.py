@@ -95,8 +95,8 @@ def _columns(source: Source, left: list[str]) -> list[Column]:
         try:
             values = source.array(name)
         except DataError as error:
-            if isinstance(source, TextSource) and (cells := source.cells(name)) and are_dates(cells[0]):
-                found.append(Column(name, dates(cells, name).after_s, "date", "time"))
+            if isinstance(source, TextSource) and are_dates(source.first_cell(name) or ""):
+                found.append(Column(name, dates(source.cells(name) or [], name).after_s, "date", "time"))
             else:
                 left.append(f"'{name}' is left out: {error}")
             continue

@@ -154,6 +154,11 @@ def open_source(
     raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join(SUFFIXES)}")
 
 
+def variable_of(source: Source, text: str) -> str:
+    """Return which variable `select = text` is of; a name that is there as it stands wins over indices."""
+    return text if text in source.names() else parse_selection(text).name
+
+
 def select(source: Source, text: str) -> AnyArray:
     """Return what `select = text` means in `source`; a name that is there as it stands wins over indices.
 

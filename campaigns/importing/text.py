@@ -77,6 +77,12 @@ class TextSource:
             return None
         return [cell.strip() for cell in self._read(usecols=columns, dtype=str).iloc[:, 0]]
 
+    def first_cell(self, name: str) -> str | None:
+        """Return the text of a column's first cell, without the rest being read; None without such a column."""
+        columns = self._columns(name)
+        row = next((data for _, _, data in self._rows() if data is not None), None)
+        return cells_of(row, self.dialect.separator)[columns[0]] if columns and row is not None else None
+
     def column(self, number: int) -> str:
         """Return how the column of that number, from 0 or from the end, is asked for by `array` and `cells`.
 

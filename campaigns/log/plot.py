@@ -65,12 +65,21 @@ def picture(run: Run) -> Figure:
     return figure
 
 
-def save_picture(run: Run, path: Path) -> None:
-    """Write the picture of a log; raises ConfigError for another ending than FORMS and for a file that exists."""
+def require_picture(path: Path, *, force: bool | None = None) -> None:
+    """Raise ConfigError for another ending than FORMS, and for a file that exists unless `force` replaces it.
+
+    None is of a command that has no such option.
+    """
     if path.suffix.lower() not in FORMS:
         raise ConfigError(f"{path}: '{path.suffix}' is no picture; there are {', '.join(FORMS)}")
-    if path.exists():
-        raise ConfigError(f"{path} exists and is not overwritten; choose another path")
+    if path.exists() and not force:
+        way = "" if force is None else ", or --force"
+        raise ConfigError(f"{path} exists and is not overwritten; choose another path{way}")
+
+
+def save_picture(run: Run, path: Path) -> None:
+    """Write the picture of a log; raises ConfigError as `require_picture`."""
+    require_picture(path)
     picture(run).savefig(path, dpi=150)
 
 

@@ -104,7 +104,7 @@ def identify(
     target = out or Path("nominal.toml")
     refuse_existing(target, force=force)
     if picture is not None:
-        from analysis.identification.bode import require_picture
+        from campaigns.log.plot import require_picture
 
         require_picture(picture, force=force)
     if table_file is not None:

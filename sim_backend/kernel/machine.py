@@ -99,7 +99,7 @@ def _made(structure: Structure) -> tuple[Play, Any]:
     from sim_backend.kernel.sample import Sample
 
     # steps that are there for several lanes at once are not called one by one
-    parts = {step_symbol(step.key): step.alone for step in structure.steps}
+    parts = {step_symbol(step.key): step for step in structure.steps}
     code = compiled((str(Sample(structure).emit()), NAME), parts, several=structure.lanes > 1)
     keep_entry(_entry("loop", structure.text()), code)
     _absent.discard(structure)
@@ -123,4 +123,4 @@ def address_of(step: Step) -> int:
 def _over_places(step: Step) -> bytes:
     from sim_backend.kernel.called_step import emit_places
 
-    return compiled((str(emit_places(step.key, NAME)), NAME), {step_symbol(step.key): step.alone})
+    return compiled((str(emit_places(step.key, NAME)), NAME), {step_symbol(step.key): step})

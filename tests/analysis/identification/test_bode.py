@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.identification.bode import bode, measured_curves, require_picture, save_bode
+from analysis.identification.bode import bode, measured_curves, save_bode
 from analysis.identification.identify import identify_runs
 from analysis.linear.simulate import simulate_linear
 from campaigns.log import Channel, LogWriter, read_run
+from campaigns.log.plot import require_picture
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
@@ -40,7 +41,7 @@ def test_dots_lie_on_the_line_where_the_model_is_right(log, tmp_path):
         (curve,) = measured_curves(found, [run])
         save_bode(found, [run], tmp_path / "bode.png")
     with pytest.raises(ConfigError, match="not overwritten"):
-        require_picture(tmp_path / "bode.png")
+        require_picture(tmp_path / "bode.png", force=False)
     require_picture(tmp_path / "bode.png", force=True)
     with pytest.raises(ConfigError, match="no picture"):
         require_picture(tmp_path / "bode.txt")

@@ -222,6 +222,12 @@ def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
         np.testing.assert_array_equal(values, results[0])
 
 
+def printed_twice(script):
+    """What two processes print, of which the second finds what the first has kept."""
+    command = [sys.executable, "-c", script]
+    return [subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout for _ in range(2)]
+
+
 def test_a_process_that_only_loads_code_plays_it(monkeypatch, tmp_path):
     """Without numba, which prepares LLVM for this processor as a side effect."""
     empty(monkeypatch, tmp_path)
@@ -231,10 +237,7 @@ def test_a_process_that_only_loads_code_plays_it(monkeypatch, tmp_path):
         "from tests.sim_backend.test_kernel import held_torque, one_axis, play\n"
         "print(play(one_axis(), held_torque(200))['theta_x'].tobytes().hex())"
     )
-    printed = [
-        subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-        for _ in range(2)
-    ]
+    printed = printed_twice(script)
     assert printed[0] == printed[1] and len(printed[0]) == 2 * 8 * 200 + 1
 
 
@@ -249,10 +252,7 @@ def test_kept_code_needs_no_numba():
         "print(b''.join(played[name].tobytes() for name in sorted(played)).hex())\n"
         "print('numba' in sys.modules)"
     )
-    printed = [
-        subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-        for _ in range(2)
-    ]
+    printed = printed_twice(script)
     (first, _), (second, loading) = (text.split() for text in printed)
     assert first == second and len(first) > 2 * 8 * 500
     assert loading == "False"
