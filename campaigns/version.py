@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import subprocess
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 
 def tool_version() -> str:
     """Return the version of the installed mccd, or `unknown` if it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # 20 ms, and asked only when something is kept
+
     try:
         return version("mccd")
     except PackageNotFoundError:

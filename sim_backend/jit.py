@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator
 from functools import cache, cached_property, update_wrapper
 from hashlib import sha256
 from importlib import import_module
-from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from threading import RLock
@@ -246,4 +245,6 @@ def entry_name(label: str, *decides: str) -> str:
 @cache
 def _versions() -> tuple[str, ...]:
     """Return the versions of what makes the code, without importing numba: who loads a kept loop does not need it."""
+    from importlib.metadata import version  # 20 ms that a command without a kernel need not wait for
+
     return (platform.python_version(), version("numba"), version("llvmlite"), np.__version__)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import tomllib
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Literal
 
@@ -277,10 +276,12 @@ def _check_coordinates(model: Model, where: str) -> None:
             )
 
 
+_BUNDLED = Path(__file__).parent / "models"
+
+
 def bundled_models() -> list[str]:
     """Return the names of the models that come with the package."""
-    folder = resources.files("sim_backend") / "models"
-    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    return sorted(file.stem for file in _BUNDLED.glob("*.toml"))
 
 
 def load_model(name_or_path: str | Path) -> Model:
@@ -290,8 +291,7 @@ def load_model(name_or_path: str | Path) -> Model:
     """
     path = Path(name_or_path)
     if str(name_or_path) in bundled_models():
-        resource = resources.files("sim_backend") / "models" / f"{name_or_path}.toml"
-        return parse_model(resource.read_text(encoding="utf-8"), f"model {name_or_path}")
+        return parse_model((_BUNDLED / f"{name_or_path}.toml").read_text(encoding="utf-8"), f"model {name_or_path}")
     if not path.is_file():
         raise ConfigError(
             f"model '{name_or_path}': no such file, and no bundled model; "

@@ -11,7 +11,6 @@ import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -37,6 +36,7 @@ from campaigns.log.schema import (
     check_label,
     to_json,
 )
+from campaigns.version import tool_version as installed_version
 from sim_backend.errors import ConfigError, MccdError
 
 CHUNK_ROWS = 4096
@@ -100,7 +100,7 @@ class LogWriter:
             configuration=configuration,
             seed=seed,
             started_utc=_now() if started_utc is None else started_utc,
-            tool_version=_tool_version() if tool_version is None else tool_version,
+            tool_version=installed_version() if tool_version is None else tool_version,
             tool_commit=tool_commit,
         )
         columns = _checked(channels)
@@ -345,10 +345,3 @@ def _checked(channels: Sequence[ChannelLike]) -> tuple[Channel, ...]:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _tool_version() -> str:
-    try:
-        return metadata.version("mccd")
-    except metadata.PackageNotFoundError:
-        return "unknown"

@@ -10,7 +10,6 @@ an uninterrupted one's.
 from __future__ import annotations
 
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
@@ -61,11 +60,12 @@ def run_seed(seed: int, run_name: str) -> int:
     return int(state[0] >> np.uint64(1))
 
 
+_BUNDLED = Path(__file__).parent.parent
+
+
 def bundled_campaigns() -> list[str]:
     """Return the names of the campaigns that come with the package."""
-    return sorted(
-        f.name.removesuffix(".toml") for f in resources.files("campaigns").iterdir() if f.name.endswith(".toml")
-    )
+    return sorted(file.stem for file in _BUNDLED.glob("*.toml"))
 
 
 def load_campaign(name_or_path: str | Path) -> Campaign:
@@ -76,8 +76,8 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
     """
     path = Path(name_or_path)
     if str(name_or_path) in bundled_campaigns():
-        resource = resources.files("campaigns") / f"{name_or_path}.toml"
-        return parse_campaign(resource.read_text(encoding="utf-8"), f"campaign {name_or_path}")
+        text = (_BUNDLED / f"{name_or_path}.toml").read_text(encoding="utf-8")
+        return parse_campaign(text, f"campaign {name_or_path}")
     if not path.is_file():
         raise ConfigError(
             f"campaign '{name_or_path}': no such file, and no bundled campaign; "

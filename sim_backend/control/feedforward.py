@@ -105,8 +105,8 @@ def least_norm(
     _require_samples(w, n_samples)
     # rows made orthonormal: q' u = wanted, which no scaling of the states can spoil
     scale = 1.0 / _nonzero(np.linalg.norm(w, axis=1))
-    q, r = scipy.linalg.qr((w * scale[:, None]).T, mode="economic")
-    wanted = scipy.linalg.solve_triangular(r, target * scale, trans="T")
+    q, r = np.linalg.qr((w * scale[:, None]).T)
+    wanted = np.linalg.solve(r.T, target * scale)
     u = q @ wanted if peak is None else _bounded(q, wanted, peak)
     move = np.atleast_1d(np.asarray(step, dtype=float))
     return StepInput(u.reshape(n_samples, -1), holding, move, n_samples, rate_hz)

@@ -63,7 +63,7 @@ CALLS = {
     "config show": ["chop"],
     "import": ["map.toml", "-o", "imported.h5"],
     "bench check": ["--bench", "emulator"],
-    "challenge make": ["blind", "--family", "end-stop-contact", "--shape", "short", "--seed", "4"],
+    "challenge make": ["blind", "--family", "end-stop-contact", "--shape", "short", "--seed", "11"],
     "challenge run": ["blind"],
     "challenge score": ["blind", "-o", "score"],
     "challenge pool": ["score.json", "-o", "pooled"],
