@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from campaigns.challenge.judge import judge
-from campaigns.challenge.run import DIAGNOSIS, RESULTS, cases_of, diagnosed_by, was_run
-from campaigns.challenge.truth import Case, reveal
+from analysis.challenge.judge import judge
+from analysis.challenge.run import DIAGNOSIS, RESULTS, cases_of, diagnosed_by, was_run
+from analysis.challenge.truth import Case, reveal
 from campaigns.log import read_run
 from campaigns.version import tool_commit, tool_version
 from sim_backend.linear import ModalModel, discretise

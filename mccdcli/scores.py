@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from mccdcli.output import plain, table
 
 if TYPE_CHECKING:
-    from campaigns.challenge.score import Score
+    from analysis.challenge.score import Score
 
 
 def written(score: Score, target: Path, made_by: Sequence[str]) -> str:
     """Write `target`.json and `target`.md, which names the commands it was `made_by`; return the measures as text."""
-    from campaigns.challenge.markdown import page
+    from analysis.challenge.markdown import page
 
     date = datetime.now(UTC).date().isoformat()
     document = {"date": date, "version": score.version, **plain(score.plain())}

@@ -42,12 +42,12 @@ def make(
       mccd challenge make DIR
       mccd challenge make DIR --one 20 --faint 10 --two 60 --none 300 --outside 3 --jobs 2
     """
-    from campaigns.challenge.families import members
+    from analysis.challenge.families import members
 
     for family in families:
         members(family)  # before what makes cases is imported: a wrong name is refused at once
 
-    from campaigns.challenge.make import Counts, make_challenge
+    from analysis.challenge.make import Counts, make_challenge
 
     counts = Counts(one=one, faint=faint, two=two, none=null, outside=outside)
     with progress("making") as report:

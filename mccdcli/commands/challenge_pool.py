@@ -32,7 +32,7 @@ def pool(scores: tuple[Path, ...], out: Path | None, as_json: bool) -> int:
       mccd challenge score DIR --from 0376 -o tuesday
       mccd challenge pool monday.json tuesday.json -o both
     """
-    from campaigns.challenge.pool import pool as pooled
+    from analysis.challenge.pool import pool as pooled
     from mccdcli.scores import written
 
     result = pooled(scores)

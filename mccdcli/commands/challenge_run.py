@@ -35,7 +35,7 @@ def run(folder: Path, jobs: int, limit_s: float, first: str | None, as_json: boo
     Examples:
       mccd challenge run DIR --jobs 2
     """
-    from campaigns.challenge.run import run_challenge
+    from analysis.challenge.run import run_challenge
 
     with progress("diagnosing") as report:
         outcomes = run_challenge(folder, jobs=jobs, limit_s=limit_s, first=first, report=report)

@@ -31,7 +31,7 @@ def score(
       mccd challenge score DIR --so-far
       mccd challenge score DIR --from 0278
     """
-    from campaigns.challenge.score import score_challenge
+    from analysis.challenge.score import score_challenge
     from mccdcli.scores import written
 
     result = score_challenge(folder, so_far=so_far, first=first)

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import peers_diagnosis
 from benchmarks.peers_diagnosis import Data, main
-from campaigns.challenge.make import Counts, make_challenge
+from analysis.challenge.make import Counts, make_challenge
 from sim_backend.linear import ModalModel
 
 RATE_HZ = 1000.0

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from campaigns.challenge.families import slugs
-from campaigns.challenge.judge import Judged, judge
-from campaigns.challenge.run import run_challenge
-from campaigns.challenge.truth import reveal
+from analysis.challenge.families import slugs
+from analysis.challenge.judge import Judged, judge
+from analysis.challenge.run import run_challenge
+from analysis.challenge.truth import reveal
 from tests import running
 from tests.kept import SIMULATED, kept
 

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from campaigns.challenge.families import slugs
+from analysis.challenge.families import slugs
 from sim_backend.effects import NAMED
 from tests.selection import COLLECTED, ONE_PER_SITE, THOROUGH
 
