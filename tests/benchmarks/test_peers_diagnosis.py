@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.challenge.make import Counts, make_challenge
 from benchmarks import peers_diagnosis
 from benchmarks.peers_diagnosis import Data, main
-from analysis.challenge.make import Counts, make_challenge
 from sim_backend.linear import ModalModel
 
 RATE_HZ = 1000.0
