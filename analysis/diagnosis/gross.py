@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
@@ -24,6 +25,8 @@ from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.inside import in_modes
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
 from analysis.diagnosis.nominal.tuning import reach_of
+from analysis.diagnosis.result import Remainder
+from analysis.diagnosis.search.adequacy import uncertainty
 from analysis.diagnosis.search.gram import Gram
 from analysis.diagnosis.search.rounds import Found, Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
@@ -320,11 +323,22 @@ def judge_main(found: Found) -> Judgement:
         against = f"a smooth force of position and rate at {places} that is no listed cause explains most of it"
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     if probability >= SURE:
-        return Judgement("named", tuple(range(len(best.effects))), (), probability, inflation, rivals)
+        named = tuple(range(len(best.effects)))
+        return Judgement("named", named, (), probability, inflation, rivals, remainder=_rest(found))
     if rivals[0][0] == UnlistedForce.name:
         return Judgement("unknown", (), (), probability, inflation, rivals)
     tied = tuple(sorted({own, *(n for n, gap in gaps.items() if gap < SURE_LEAD)}))
-    return Judgement("ambiguous", (), (tied,), probability, inflation, rivals)
+    return Judgement("ambiguous", (), (tied,), probability, inflation, rivals, remainder=_rest(found))
+
+
+def _rest(found: Found) -> Remainder | None:
+    """Return what a main cause leaves; None where that is noise."""
+    noises = _noises(found)
+    if noises <= 1.0 + uncertainty(found):
+        return None
+    share = found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
+    chance = float(scipy.stats.norm.sf(4.0 * (noises**2 - 1.0) / uncertainty(found)))
+    return Remainder(share, max(chance, 1e-300), f"all records, {noises:.2g} times the noise")
 
 
 def _independent_rows(setting: Setting, fit: Fit) -> float:

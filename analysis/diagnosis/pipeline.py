@@ -37,6 +37,7 @@ from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, objection, shortfall
 from analysis.diagnosis.verdict.leftover import Leftover, leftovers
+from analysis.diagnosis.verdict.sensitivity import sensitivity_of
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
@@ -249,6 +250,8 @@ def diagnose(
         after=after,
         considered=judgement.rivals,
         notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
+        remainder=judgement.remainder,
+        sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
 

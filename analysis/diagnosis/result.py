@@ -16,6 +16,10 @@ Array = NDArray[np.float64]
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
 
+SELDOM = 0.005
+"""How often the error on other held-out rows of the same kind would be smaller than the least that is stated."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """One fitted parameter with its standard deviation and unit."""
@@ -55,6 +59,32 @@ class Domain:
 
 
 @dataclass(frozen=True)
+class Remainder:
+    """What the named causes leave that is no noise: its `share` of the squared error that was more than noise.
+
+    `significance` is the chance of as much in noise alone, `lives` says in words where it is.
+    """
+
+    share: float
+    significance: float
+    lives: str
+
+
+@dataclass(frozen=True)
+class Visible:
+    """From which size on these data would have shown an effect at a place in half of all cases.
+
+    The size is the `parameter` by itself, all others of the effect at zero, its shapes where they show best.
+    """
+
+    effect: str
+    where: str
+    parameter: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class SegmentGain:
     """The error of one held-out segment before and after, relative to the size of the outputs in that segment."""
 
@@ -78,7 +108,8 @@ class Gain:
     """What the extension gains on rows that no fit has seen, relative to the outputs' own size (rms ÷ rms).
 
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
-    move: a cause at one axis gains little in the mean of all.
+    move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
+    below on other rows of the same kind.
     """
 
     held_out: tuple[str, ...]
@@ -89,6 +120,7 @@ class Gain:
     ci95: tuple[float, float]
     segments: tuple[SegmentGain, ...] = ()
     outputs: tuple[OutputGain, ...] = ()
+    least_error: float = 0.0
 
     @property
     def measurable(self) -> bool:
@@ -128,6 +160,7 @@ class Diagnosis:
     `nominal` is the model given, `linear` the re-tuned one that goes with `effects`; `considered` lists rival
     hypotheses with their evidence relative to the best (natural logarithm), best first. `linear_std` holds the standard
     deviations of the re-tuned numbers in the shapes of `linear` (a ModalModel used as a container), where known.
+    `sensitivity` lists every effect that may be added to those found; empty where the error is not weighed by noise.
     """
 
     verdict: Verdict
@@ -146,3 +179,5 @@ class Diagnosis:
     considered: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = field(default=())
     linear_std: ModalModel | None = None
+    remainder: Remainder | None = None
+    sensitivity: tuple[Visible, ...] = ()

@@ -30,6 +30,9 @@ SCHEMA = "mccd-diagnosis/1"
 DOMAINS = ("frequency", "amplitude", "position", "direction", "rate", "time", "temperature")
 """The domains of the contract; a diagnosis may look at further ones, which follow."""
 
+GAINS = ("held_out", "rms_before", "rms_after", "noise_floor", "reduction", "ci95")
+"""What of a gain stands in `gain`; its segments and outputs follow by themselves."""
+
 LISTED_RUNS = 4
 """Runs that are named with their checksum in each parameter's source; all of them stand in diagnosis.json."""
 
@@ -48,14 +51,16 @@ def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[Ch
             "sentence": diagnosis.sentence,
             "causes": [_cause(c) for c in diagnosis.causes],
             "ambiguous": [list(tied) for tied in diagnosis.ambiguous],
+            "remainder": None if diagnosis.remainder is None else vars(diagnosis.remainder),
             "evidence": {name: _evidence(diagnosis.evidence.get(name, ())) for name in names},
-            "gain": None if gain is None else {k: v for k, v in vars(gain).items() if k not in ("segments", "outputs")},
+            "gain": None if gain is None else {name: getattr(gain, name) for name in GAINS},
             "next_experiment": None if next_experiment is None else vars(next_experiment),
             "inputs": [{"file": s.file, "sha256": s.sha256} for s in sources],
             "notes": list(diagnosis.notes),
             "segments": [vars(one) for one in gain.segments] if gain else [],
             "outputs": [vars(one) for one in gain.outputs] if gain else [],
             "chops": [vars(chop) for chop in chops],
+            "sensitivity": [vars(one) for one in diagnosis.sensitivity],
         }
     )
 

@@ -135,7 +135,7 @@ def _drawings(
     data, before = diagnosis.data, diagnosis.before
     whitener = whitener_from(data, list(diagnosis.after))
     longest = max(r.n for r in data.records)
-    noise_rms = np.array([model_rms(taps, longest) for taps in whitener.taps])
+    noise_rms = model_rms(whitener, longest)
     after = evidence(data, diagnosis.after, whitener, model)
     figures = (
         residual_figures(data, before, diagnosis.after, noise_rms, model),

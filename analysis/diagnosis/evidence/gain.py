@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.diagnosis.result import Gain, OutputGain, SegmentGain
+from analysis.diagnosis.result import SELDOM, Gain, OutputGain, SegmentGain
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -55,12 +55,14 @@ def gain_of(
     size = np.where(moved | ~np.any(moved), size, np.inf)
     one, other = (_squares(clean, windows, size) for clean in left)
     rms_before, rms_after = _rms(one), _rms(other)
-    draws = _bootstrap(one, other, _block(data, first), np.random.default_rng(seed))
+    block = _block(data, first)
+    draws, mean_squares = _bootstrap(one, other, block, np.random.default_rng(seed))
     counted = np.isfinite(size)
     names = tuple(f"{data.records[i].name}#{w.label}" for i, w in windows)
     own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
-    floor = np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))
+    # noise that is known from other rows may seem larger than the error that it is part of
+    floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
@@ -69,7 +71,7 @@ def gain_of(
         held_out=names,
         rms_before=rms_before,
         rms_after=rms_after,
-        noise_floor=float(floor),
+        noise_floor=floor,
         reduction=1.0 - rms_after / rms_before if rms_before > 0.0 else 0.0,
         ci95=(float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))),
         segments=tuple(SegmentGain(*one) for one in zip(names, *each, strict=True)),
@@ -77,6 +79,7 @@ def gain_of(
             OutputGain(outputs[o], alone(left[0], o), alone(left[1], o), float(noise[o] / size[o]))
             for o in np.flatnonzero(counted).tolist()
         ),
+        least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
     )
 
 
@@ -129,8 +132,10 @@ def _block(data: Dataset, linear: ModalModel) -> int:
     return max(int(2.0 * 2.0 * np.pi / slowest * data.rate_hz), 8) if slowest > 0.0 else 64
 
 
-def _bootstrap(first: Sequence[Array], second: Sequence[Array], block: int, rng: np.random.Generator) -> Array:
-    """Return the relative reduction in `DRAWS` resamples, shape (DRAWS,)."""
+def _bootstrap(
+    first: Sequence[Array], second: Sequence[Array], block: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return in `DRAWS` resamples the relative reduction and the mean of `second`, each of shape (DRAWS,)."""
     sums = np.zeros((2, DRAWS))
     for a, b in zip(first, second, strict=True):
         length = max(min(block, a.size // LEAST_BLOCKS), 1)
@@ -141,7 +146,8 @@ def _bootstrap(first: Sequence[Array], second: Sequence[Array], block: int, rng:
             drawn = total[begin + length] - total[begin]
             # every window keeps its weight whatever number of whole blocks fits into it
             sums[k] += drawn.sum(axis=1) * (a.size / (number * length))
-    return np.asarray(1.0 - np.sqrt(sums[1] / np.maximum(sums[0], np.finfo(float).tiny)), dtype=float)
+    rows = sum(b.size for b in second)
+    return 1.0 - np.sqrt(sums[1] / np.maximum(sums[0], np.finfo(float).tiny)), sums[1] / rows
 
 
 def _noise_rms(
@@ -160,12 +166,14 @@ def _noise_rms(
         rows += (whole - first - 1) * w.period
     if rows:
         return np.sqrt(square / rows)
-    longest = max(w.stop - w.start for _, w in windows)
-    return np.array([model_rms(taps, longest) for taps in whitener.taps])
+    return model_rms(whitener, max(w.stop - w.start for _, w in windows))
 
 
-def model_rms(taps: Array, rows: int) -> float:
-    """Return the rms about its mean, over `rows`, of the noise that `taps` whiten, from its spectrum."""
-    lines = max(rows, 4 * taps.size)
-    power = 1.0 / np.maximum(np.abs(np.fft.fft(taps, lines)[1:]) ** 2, np.finfo(float).tiny)
-    return float(np.sqrt(power.sum() / lines))
+def model_rms(whitener: Whitener, rows: int) -> Array:
+    """Return the rms about its mean, over `rows`, of the noise that `whitener` whitens, from its spectrum; (n_y,)."""
+    lines = max(rows, 4 * whitener.taps.shape[1])
+    response = np.fft.rfft(whitener.taps, lines, axis=1)[:, 1:]
+    frequency = np.arange(1, response.shape[1] + 1) / lines
+    power = whitener.bands.at(frequency) / np.maximum(np.abs(response) ** 2, np.finfo(float).tiny)
+    power[:, : (lines - 1) // 2] *= 2.0  # the lines of the other sign; half the rate has none
+    return np.asarray(np.sqrt(power.sum(axis=1) / lines))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.noise.estimate import rows_of_noise
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
@@ -18,12 +19,21 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
     """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
     best = found.best
     if not found.setting.whitener.repeats:
-        fresh = found.last.freshness > IMITATED
-        significant = fresh & (found.last.gains > found.last.threshold)
-        return bool(np.max(found.last.drops[significant], initial=0.0) <= (1.0 - EXPLAINED) * found.explained)
+        out = standing_out(found)
+        return out is None or out[0] <= (1.0 - EXPLAINED) * found.explained
     spread = uncertainty(found) + 0.002
     excess = best.misfit / best.rows - 1.0 - allowed
     return bool(excess <= spread or explained_part(found) >= EXPLAINED)
+
+
+def standing_out(found: Found) -> tuple[float, float, Candidate] | None:
+    """Return what stands out beside the best model and takes most: the drop of squares, its evidence, the candidate."""
+    last = found.last
+    fresh = np.flatnonzero((last.freshness > IMITATED) & (last.gains > last.threshold))
+    if not fresh.size:
+        return None
+    i = int(fresh[np.argmax(last.drops[fresh])])
+    return float(last.drops[i]), float(last.gains[i]), last.candidates[i]
 
 
 def explained_part(found: Found) -> float:

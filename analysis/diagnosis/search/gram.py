@@ -151,6 +151,17 @@ class Gram:
         before, left = np.diag(self.products), np.diag(reduced)
         return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
 
+    def seen(self, reduced: Array, group: int, ratio: float) -> Array:
+        """Return the sizes (n_columns of the group,) that give this `ratio` in half of all cases, each by itself.
+
+        In units of the columns, the knobs re-tuned beside each; infinite for one of which nothing is left.
+        """
+        columns, remaining = self.groups[group], float(reduced[0, 0])
+        drop = ratio if self.known_noise else -remaining * np.expm1(-ratio / self.rows)
+        there = np.isin(columns, self._live(reduced, columns))
+        energy = np.where(there, np.diag(reduced)[columns], np.nan)
+        return np.where(there, np.sqrt(drop / energy), np.inf)
+
     def null_ratios(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
         """Return every candidate's ratio in `draws` simulated noise-only data sets, shape (n_candidates, draws).
 

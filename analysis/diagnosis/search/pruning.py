@@ -14,6 +14,10 @@ _LOST = 1.0
 """A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
 
 
+SEEN = 3.0
+"""Standard deviations from nothing at which an effect that has a name is at least."""
+
+
 def lead_of(setting: Setting, fit: Fit, other: Fit) -> float:
     """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
 
@@ -49,11 +53,29 @@ def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, 
         numbers = range(len(best.candidates))
         smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
         tried += smaller
+        unsure = [i for i in numbers if not is_seen(best, i)]
+        if unsure:  # what it gains, numbers gain that were re-tuned beside it
+            best = smaller[unsure[0]]
+            continue
         least = min(smaller, key=lambda f: score(f, known))
         if lead_of(setting, best, least) > price:
             break
         best = least
     return best, tried
+
+
+def is_seen(fit: Fit, i: int) -> bool:
+    """Tell whether a size of effect `i` is so far from nothing that noise does not take it there.
+
+    An effect without sizes is there as a whole, or not at all.
+    """
+    sizes = {p.name for p in fit.effects[i].parameters() if p.size}
+    own = [
+        abs(value) >= SEEN * std
+        for (effect, name), value, std in zip(fit.names, fit.values, fit.std, strict=True)
+        if effect == i and name in sizes
+    ]
+    return any(own) or not own
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:

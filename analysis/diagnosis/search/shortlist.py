@@ -87,7 +87,8 @@ class Screen:
     """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and their thresholds.
 
     `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it, `shares`
-    (n_y,) how its energy is shared out over the readings.
+    (n_y,) how its energy is shared out over the readings, `seen` the sizes in units of the candidates' columns, each by
+    itself, from which on noise hides them in less than half of all cases.
     """
 
     candidates: tuple[Candidate, ...]
@@ -98,11 +99,12 @@ class Screen:
     freshness: Array
     threshold: Array
     shares: tuple[Array, ...] = ()
+    seen: tuple[Array, ...] = ()
 
     @property
     def price(self) -> float:
         """Twice the logarithm of the evidence that one more effect needs: to be sure of it, being one of so many."""
-        return 2.0 * (SURE_LEAD + float(np.log(max(len({c.key for c in self.candidates}), 1))))
+        return _price(self.candidates)
 
     @property
     def top(self) -> float:
@@ -180,7 +182,13 @@ def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules | None
     sizes = tuple(s for _, s in solved)
     knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
     shares = tuple(gram.shares(i) for i in range(len(candidates)))
-    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold, shares)
+    asked = np.maximum(threshold, _price(candidates)) + chosen
+    seen = tuple(gram.seen(reduced, i, float(one)) for i, one in enumerate(asked))
+    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold, shares, seen)
+
+
+def _price(candidates: Sequence[Candidate]) -> float:
+    return 2.0 * (SURE_LEAD + float(np.log(max(len({c.key for c in candidates}), 1))))
 
 
 def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: float) -> Array:

@@ -11,13 +11,18 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from analysis.diagnosis.result import Domain, Gain
+import numpy as np
+
+from analysis.diagnosis.result import SELDOM, Domain, Gain, Remainder
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
 """Part of the squared output from which on what the model leaves of it is most of it."""
+
+HELD_OUT = 1.2
+"""Times the noise, as rms, from which on the error on held-out rows is no noise."""
 
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of what is left in squares are none."""
@@ -40,6 +45,11 @@ def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
     return played * len(evidence) < ONE_IN_A_MILLION and played <= _chance(evidence, ("time",))
 
 
+def beyond_noise(gain: Gain | None) -> bool:
+    """Tell whether the error on held-out rows is surely no noise alone."""
+    return gain is not None and gain.least_error > HELD_OUT * gain.noise_floor
+
+
 def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:
     """Return how likely chance does what stands out most in these domains; one where they hold nothing."""
     least = least_by_chance({name: curves for name, curves in evidence.items() if name in domains})
@@ -51,11 +61,19 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
 
     `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is no steady noise;
     nothing where it is, and `played` whether it follows what is played. A *consistent* model must not leave most of the
-    output in what is no steady noise, nor anything that follows what is played; causes that are *named* must gain
-    something, or leave little beside noise.
+    output in what is no steady noise, nor anything that follows what is played, nor more than noise on held-out rows;
+    causes that are *named* must gain something, or leave little beside noise, and lose nothing. What they leave of
+    held-out rows beside noise is a remainder.
     """
     against = ""
-    if repeats:
+    if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
+        against = f"on held-out rows the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
+    elif gain is not None and judgement.named and gain.ci95[1] < 0.0:
+        against = (
+            "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
+            "worse than the model without it"
+        )
+    elif repeats:
         against = unsteady if judgement.verdict == "consistent" and played else ""
     elif gain is None:
         return judgement
@@ -68,11 +86,24 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
             "the best explanation follows the rows that it was fitted to and no others: it gains nothing on the "
             "held-out ones, and leaves more than noise of them"
         )
-    return replace(judgement, verdict="unknown", named=(), tied=(), objection=against) if against else judgement
+    if against:
+        return replace(judgement, verdict="unknown", named=(), tied=(), objection=against, remainder=None)
+    if judgement.verdict in ("named", "ambiguous") and judgement.remainder is None and beyond_noise(gain):
+        return replace(judgement, remainder=_on_held_out(gain))
+    return judgement
+
+
+def _on_held_out(gain: Gain | None) -> Remainder | None:
+    """Return what is left of held-out rows beside noise."""
+    if gain is None:
+        return None
+    noise = gain.noise_floor**2
+    share = (gain.rms_after**2 - noise) / max(gain.rms_before**2 - noise, np.finfo(float).tiny)
+    return Remainder(float(np.clip(share, 0.0, 1.0)), SELDOM, "the held-out rows")
 
 
 def beside_doubts(judgement: Judgement, doubts: Sequence[str]) -> Judgement:
     """Return `judgement`, or *unknown* where it names something and the records have `doubts` that forbid a name."""
     if not doubts or judgement.verdict == "consistent":
         return judgement
-    return replace(judgement, verdict="unknown", named=(), tied=(), objection="; ".join(doubts))
+    return replace(judgement, verdict="unknown", named=(), tied=(), objection="; ".join(doubts), remainder=None)

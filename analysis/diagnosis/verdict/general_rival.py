@@ -46,6 +46,10 @@ class GeneralRival:
         """Tell whether it is sure to explain more, beside what `random` causes may be (twice a log-likelihood)."""
         return self.lead < -SURE_LEAD - 0.5 * random
 
+    def behind(self, random: float = 0.0) -> bool:
+        """Tell whether it is sure to explain less."""
+        return self.lead > SURE_LEAD + 0.5 * random
+
     def words(self, places: Places) -> str:
         """Return what explains the data better than which effects."""
         named = dict.fromkeys(" at ".join(in_words(*way, places)) for way in self.ways)

@@ -13,13 +13,14 @@ from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.fitting.leeway import following, form_error, target_of
 from analysis.diagnosis.nominal.prior import strain_of
-from analysis.diagnosis.result import Cause, Estimate, Verdict
-from analysis.diagnosis.search.adequacy import EXPLAINED, adequate, explained_part, uncertainty
+from analysis.diagnosis.result import Cause, Estimate, Remainder, Verdict
+from analysis.diagnosis.search.adequacy import EXPLAINED, explained_part, uncertainty
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
+from analysis.diagnosis.verdict.remainder import remainder_of, telling
 from sim_backend.effects.base import UNLISTED, Site
 from sim_backend.model import Model
 from sim_backend.modes import units_at
@@ -36,7 +37,8 @@ _NEAR = 0.05
 class Judgement:
     """The verdict with the effects that it names, the tied sets, the posterior of the best and the noise inflation.
 
-    `objection` says what of the best model is left, or wrong, that makes its verdict *unknown*.
+    `objection` says what of the best model is left, or wrong, that makes its verdict *unknown*; `remainder` what the
+    effects it names leave that is no noise.
     """
 
     verdict: Verdict
@@ -46,6 +48,7 @@ class Judgement:
     inflation: float
     rivals: tuple[tuple[str, float], ...]
     objection: str = ""
+    remainder: Remainder | None = None
 
 
 def judge(
@@ -63,8 +66,9 @@ def judge(
     for only where nothing else speaks against it.
     """
     best, inflation = found.best, found.inflation
-    against = objection(found, left, random)
+    against = refuted(found)
     if not best.candidates:
+        against = objection(found, left, random)
         verdict: Verdict = "unknown" if against else _without_cause(found, allowed, random)
         return Judgement(verdict, (), (), 1.0, inflation, (), against)
     named = _material(found)
@@ -72,17 +76,17 @@ def judge(
     weights = np.exp(-np.array([gap for _, gap in gaps]))
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
-    enough = adequate(found, allowed)
-    if enough and not against:
-        against = outdone(found, general, random)
-    if against or not enough:
+    rest = remainder_of(found, left, allowed, random)
+    if not against:
+        against = _general(found, general, random, rest)
+    if against:
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     border = _on_border(found, named)
     if probability >= SURE and border:
         sure = tuple(i for i in named if i not in border)
-        return Judgement("ambiguous", sure, tuple(border.values()), probability, inflation, rivals)
+        return Judgement("ambiguous", sure, tuple(border.values()), probability, inflation, rivals, remainder=rest)
     if probability >= SURE:
-        return Judgement("named", named, (), probability, inflation, rivals)
+        return Judgement("named", named, (), probability, inflation, rivals, remainder=rest)
     own = set(_label(best, named))
     # the fewest rivals without which it would be sure
     beyond = weights.sum() - np.cumsum(weights)
@@ -91,19 +95,25 @@ def judge(
     tied = [tuple(sorted(own - shared)), *(tuple(sorted(c - shared)) for c in close)]
     flat = tuple(sorted({name for group in tied for name in group}))
     sure = tuple(i for i in named if best.effects[i].reported() in shared)
-    return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals)
+    return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals, remainder=rest)
 
 
 def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
-    What it leaves along a general way is no noise, beside what the form of its effects may be wrong by; a force that
-    is no listed cause explains as much, the nominal numbers would have to be farther off than they are said to be, or
-    an effect of it has a shape at which it stands for something else.
+    What it leaves along a general law is no noise, beside what the form of its effects may be wrong by, or `refuted`
+    says why.
     """
-    telling = [one for one in left if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION]
-    if telling:
-        return f"what the best model leaves holds {telling[0].words()}"
+    one = telling(found, left, random)
+    return refuted(found) if one is None else f"what the best model leaves holds {one.words()}"
+
+
+def refuted(found: Found) -> str:
+    """Return why the effects of the best model cannot be the cause, whatever they leave; nothing where they can.
+
+    A force that is no listed cause explains as much, the nominal numbers would have to be farther off than they are
+    said to be, or an effect has a shape at which it stands for something else.
+    """
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
@@ -115,6 +125,20 @@ def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> st
             f"(rms of {count})"
         )
     return _stand_in(found)
+
+
+def _general(found: Found, general: Iterable[GeneralRival], random: float, rest: Remainder | None) -> str:
+    """Return which general laws forbid a name, in words; nothing where none does.
+
+    Where the effects leave noise, those that are sure to explain more; where a part is left, those that are not sure to
+    explain less: what a neighbour's law leaves, general laws explain about as well as the neighbour.
+    """
+    if rest is None:
+        return outdone(found, general, random)
+    doubt = next((rival for rival in general if not rival.behind(random)), None)
+    if doubt is None:
+        return ""
+    return f"what the best model leaves follows {rest.lives}, and {doubt.words(found.setting.places)}, or as well"
 
 
 def outdone(found: Found, general: Iterable[GeneralRival], random: float = 0.0) -> str:

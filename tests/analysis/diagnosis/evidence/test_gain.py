@@ -80,12 +80,13 @@ def test_the_noise_floor_is_the_scatter_between_periods(oscillator):
 def test_the_models_noise_has_the_variance_of_its_autoregression(a):
     sd = 3e-7
     # AR(1): variance of the innovations over 1 - a²; what is left out at 0 Hz is its share of one line in `rows`
-    assert model_rms(np.array([1.0, -a]) / sd, 20_000) == pytest.approx(sd / np.sqrt(1.0 - a**2), rel=1e-3)
+    whitener = Whitener(np.array([[1.0, -a]]) / sd, repeats=False)
+    assert model_rms(whitener, 20_000)[0] == pytest.approx(sd / np.sqrt(1.0 - a**2), rel=1e-3)
 
 
 def test_a_random_walk_has_the_rms_of_its_length():
     # about its mean, a walk that returns to its start (a bridge) has n/12 of the steps' variance
-    assert model_rms(np.array([1.0, -1.0]), 1200) == pytest.approx(10.0, rel=1e-3)
+    assert model_rms(Whitener(np.array([[1.0, -1.0]]), False), 1200)[0] == pytest.approx(10.0, rel=1e-3)
 
 
 def test_the_unknown_start_of_a_record_held_out_as_a_whole_is_no_error(oscillator):

@@ -1,0 +1,70 @@
+"""What the best model leaves that is no noise: how much, where it lives, and how sure.
+
+A listed effect is a law; the bench's own is never quite that law. So a name is a claim about a part of the error. What
+the part leaves is told beside the name and does not take it away, as long as nothing general does as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from analysis.diagnosis.result import Remainder
+from analysis.diagnosis.search.adequacy import adequate, standing_out, uncertainty
+from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
+
+_TOLD = 1e-3
+"""Chance below which a general law may be told as the place of what else is too much."""
+
+
+def telling(found: Found, left: Sequence[Leftover], random: float = 0.0) -> Leftover | None:
+    """Return what of the residual is no noise along a general law; None where nothing is.
+
+    Beside what the form of the effects found may be wrong by, and what `random` causes have in a few columns.
+    """
+    for one in left:
+        if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION:
+            return one
+    return None
+
+
+def remainder_of(found: Found, left: Sequence[Leftover], allowed: float = 0.0, random: float = 0.0) -> Remainder | None:
+    """Return what the best model leaves that is no noise; None where all is noise or within the form of its effects.
+
+    `allowed` is the mean square and `random` twice the log-likelihood along a few columns that causes may have which no
+    search can see; `left` what is left along general laws, least likely first.
+    """
+    one, enough = telling(found, left, random), adequate(found, allowed)
+    if one is None and enough:
+        return None
+    excess, chance, lives = _in_all(found, allowed)
+    if one is not None:
+        excess, chance, lives = max(excess, one.drop), min(chance, one.p_value(random)), f"{one.what} at {one.where}"
+    elif left and not lives:
+        lives = f"{left[0].what} at {left[0].where}" if left[0].p_value(random) < _TOLD else "nothing simple"
+    return Remainder(float(np.clip(excess / _whole(found, allowed, excess), 0.0, 1.0)), max(chance, 1e-300), lives)
+
+
+def _whole(found: Found, allowed: float, excess: float) -> float:
+    """Return the squared error that was more than noise, in units of the noise."""
+    if found.setting.whitener.repeats:
+        return max(found.tuned.misfit - found.tuned.rows * (1.0 + allowed), excess, 1.0)
+    return max(found.explained + excess, 1.0)
+
+
+def _in_all(found: Found, allowed: float) -> tuple[float, float, str]:
+    """Return the squared error left above noise, the chance of as much, and what it looks like where that is known."""
+    best = found.best
+    if found.setting.whitener.repeats:
+        excess = best.misfit / best.rows - 1.0 - allowed
+        deviations = 4.0 * excess / uncertainty(found)
+        return max(excess, 0.0) * best.rows, float(scipy.stats.norm.sf(deviations)), ""
+    out = standing_out(found)
+    if out is None:
+        return 0.0, 1.0, ""
+    drop, gain, candidate = out
+    chance = float(scipy.stats.chi2.sf(gain, max(len(candidate.unit_sizes), 1)))
+    return drop, chance, f"resembles {candidate.effect.reported()} at {candidate.where}"
