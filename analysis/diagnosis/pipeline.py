@@ -236,7 +236,7 @@ def diagnose(
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
-        sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice),
+        sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice, judgement.remainder),
         causes=causes,
         ambiguous=judgement.tied,
         evidence=shown,

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.calibration import calibrated
 from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.base import Effect
 from sim_backend.linear import ModalModel
@@ -31,13 +32,21 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Cause:
-    """One named cause: effect slug, place, probability, parameters and one sentence that a person can check."""
+    """One named cause: effect slug, place, probability, parameters and one sentence that a person can check.
+
+    `posterior` is within the library, `probability` what names of such a posterior were worth.
+    """
 
     effect: str
     where: str
-    probability: float
+    posterior: float
     parameters: dict[str, Estimate]
     why: str
+
+    @property
+    def probability(self) -> float:
+        """The calibrated probability that the name is right, below one."""
+        return calibrated(self.posterior)
 
 
 @dataclass(frozen=True)

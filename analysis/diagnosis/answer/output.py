@@ -71,6 +71,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "effect": cause.effect,
         "where": cause.where,
         "probability": cause.probability,
+        "posterior": cause.posterior,
         "parameters": parameters,
         "why": cause.why,
     }

@@ -126,6 +126,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
     environment.filters["share"] = share
+    environment.filters["chance"] = chance
     return environment
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Verdict
+from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Remainder, Verdict
 from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
@@ -24,12 +24,22 @@ def sentence(
     gain: Gain | None,
     evidence: Mapping[str, Sequence[Domain]],
     choice: Choice | None = None,
+    remainder: Remainder | None = None,
 ) -> str:
-    """Return the sentence for a verdict; with `choice` a second one says what to do next, or why nothing helps.
+    """Return the sentence for a verdict; further ones say what is left beside a name, and with `choice` what to do.
 
     `evidence` is told of an unknown verdict: where what is not understood lives.
     """
-    return " ".join(filter(None, (_verdict(verdict, causes, tied, gain, evidence), _next(choice))))
+    return " ".join(filter(None, (_verdict(verdict, causes, tied, gain, evidence), _left(remainder), _next(choice))))
+
+
+def _left(remainder: Remainder | None) -> str:
+    if remainder is None:
+        return ""
+    return (
+        f"It is not all: {share(remainder.share)} of the squared error above noise stays unexplained "
+        f"({remainder.lives}; {chance(remainder.significance)})."
+    )
 
 
 def _next(choice: Choice | None) -> str:

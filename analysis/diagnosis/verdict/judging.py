@@ -14,7 +14,7 @@ from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.fitting.leeway import following, form_error, target_of
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.result import Cause, Estimate, Remainder, Verdict
-from analysis.diagnosis.search.adequacy import EXPLAINED, explained_part, uncertainty
+from analysis.diagnosis.search.adequacy import explained_part, uncertainty
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
@@ -163,32 +163,22 @@ def _stand_in(found: Found) -> str:
 
 
 def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: float = 0.0) -> str:
-    """Return in words how far the best model of an *unknown* verdict gets, and what it lacks to be adequate.
+    """Return in words how far the best model of an *unknown* verdict gets, where the size of the noise is known.
 
-    Beside an objection that says enough, it is how far an explanation gets, where the size of the noise is known. What
-    `allowed` and `random` are is told by `judge`.
+    What `allowed` and `random` are is told by `judge`.
     """
     if judgement.verdict != "unknown":
         return ""
-    best, known, against = found.best, found.setting.whitener.repeats, bool(judgement.objection)
-    if against and not (best.candidates and known):
-        return ""
-    if not best.candidates:
+    if not found.best.candidates:
         nothing = "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
-        return _odds(found, allowed, random) or nothing
-    names = " and ".join(f"{e.reported()} at {e.where}" for e in best.effects)
-    if not known:
-        return f"beside the best explanation, {names}, something else still stands out that no effect explains"
+        return "" if judgement.objection else _odds(found, allowed, random) or nothing
+    if not found.setting.whitener.repeats:
+        return ""
+    names = " and ".join(f"{e.reported()} at {e.where}" for e in found.best.effects)
     explains = f"explains {100.0 * explained_part(found):.4g} % of what was more than noise"
-    if against and found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
+    if found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
         explains = "explains what stands out of a total that may be noise"
-    if against:
-        return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
-    left = best.misfit / best.rows - allowed
-    return (
-        f"the best explanation, {names}, leaves {left:.3g} times the mean square of the noise, where at most "
-        f"{1.002 + uncertainty(found):.3g} may be noise, and {explains} ({100.0 * EXPLAINED:g} % are asked for)"
-    )
+    return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
 
 
 def _without_cause(found: Found, allowed: float, random: float) -> Verdict:

@@ -6,6 +6,7 @@ import pytest
 from analysis.diagnosis.answer.difference import changes
 from analysis.diagnosis.answer.output import document, extended_model, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
+from analysis.diagnosis.calibration import calibrated
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, NextExperiment
@@ -16,7 +17,18 @@ from sim_backend.simbench import SimBench
 
 SHA = "ab" * 32
 SOURCES = (Source("data/run.h5", SHA, "uid-1", 4000),)
-CONTRACT = {"schema", "verdict", "causes", "ambiguous", "evidence", "gain", "next_experiment", "inputs"}
+CONTRACT = {
+    "schema",
+    "verdict",
+    "causes",
+    "ambiguous",
+    "remainder",
+    "sensitivity",
+    "evidence",
+    "gain",
+    "next_experiment",
+    "inputs",
+}
 DOMAINS = {"frequency", "amplitude", "position", "direction", "rate", "time", "temperature"}
 
 
@@ -59,7 +71,8 @@ def test_the_document_is_that_of_the_contract(diagnosis):
         {
             "effect": "cubic-stiffness",
             "where": "x",
-            "probability": 0.97,
+            "probability": calibrated(0.97),
+            "posterior": 0.97,
             "parameters": {"stiffness": {"value": 2.5, "std": 0.125, "unit": "N/m^3"}},
             "why": "It bends.",
         }
@@ -163,7 +176,13 @@ def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnos
         assert foreign not in page
     # self-contained: nothing is fetched; the name space of SVG is a name, not an address
     assert " src=" not in page and 'rel="stylesheet"' not in page and "@import" not in page
-    for text in ("97.0 % probable", "delay or amplifier-lag", "6.5 standard deviations", SHA, "mind the gap"):
+    for text in (
+        f"{100.0 * calibrated(0.97):.1f} % probable",
+        "delay or amplifier-lag",
+        "6.5 standard deviations",
+        SHA,
+        "mind the gap",
+    ):
         assert text in page
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.answer.sentence import reservation, sentence
-from analysis.diagnosis.result import Cause, Domain, Estimate, Gain
+from analysis.diagnosis.calibration import calibrated
+from analysis.diagnosis.result import Cause, Domain, Estimate, Gain, Remainder
 
 GAIN = Gain(("run#a",), 0.25, 0.0125, 0.01, 0.95, (0.94, 0.96))
 
@@ -55,7 +56,7 @@ def test_a_consistent_verdict_says_so_where_most_of_the_output_passes_for_noise(
 def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
     causes = (cause("coulomb-friction", "the residual switches sign"), cause("sensor-gain", "the residual is", 0.99))
     text = sentence("named", causes, (), GAIN, {})
-    assert "coulomb-friction at x and sensor-gain at x (probability 99.0%)" in text
+    assert f"coulomb-friction at x and sensor-gain at x (probability {calibrated(0.99):.1%})" in text
     assert "the residual switches sign; the residual is" in text
     assert "adding them takes the held-out error from 25.0 % to 1.25 %" in text
 
@@ -65,11 +66,19 @@ def test_a_kind_of_cause_at_several_places_is_told_once() -> None:
         return [Cause(effect, where, 0.999, {}, f"the residual is {effect}") for where in places]
 
     three = sentence("named", at("hysteresis", "piezo_1", "piezo_2", "piezo_3"), (), GAIN, {})
-    assert three.startswith("The simulation lacks hysteresis at piezo_1, piezo_2 and piezo_3 (probability 99.9%):")
+    assert three.startswith(
+        f"The simulation lacks hysteresis at piezo_1, piezo_2 and piezo_3 (probability {calibrated(0.999):.1%}):"
+    )
     two = sentence("named", [*at("hysteresis", "x", "y"), *at("sensor-gain", "x")], (), GAIN, {})
     assert two.startswith("The simulation lacks hysteresis at x and y, and sensor-gain at x (probability")
     many = sentence("named", at("extra-resonance", *(f"axis_{i}" for i in range(7))), (), GAIN, {})
     assert many.startswith("The simulation lacks extra-resonance at 7 places from axis_0 to axis_6 (probability")
+
+
+def test_what_is_left_beside_a_name_is_told() -> None:
+    rest = Remainder(0.06, 1e-9, "a torque that follows position at x")
+    text = sentence("named", (cause("coulomb-friction", "the residual switches sign"),), (), GAIN, {}, remainder=rest)
+    assert "6.00 % of the squared error above noise stays unexplained (a torque that follows position at x;" in text
 
 
 def test_a_gain_that_noise_may_be_is_said_to_be_none() -> None:
@@ -85,4 +94,4 @@ def test_a_gain_that_noise_may_be_is_said_to_be_none() -> None:
 def test_ambiguous_tells_the_tie_what_is_sure_beside_it_and_the_gain(sure: tuple[Cause, ...]) -> None:
     text = sentence("ambiguous", sure, (("cubic-stiffness", "backlash"),), GAIN, {})
     assert "which of cubic-stiffness, backlash it is" in text and "from 25.0 % to 1.25 %" in text
-    assert ("lacks delay at x (probability 99.8%)" in text) == bool(sure)
+    assert (f"lacks delay at x (probability {calibrated(0.998):.1%})" in text) == bool(sure)

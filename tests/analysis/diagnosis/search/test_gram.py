@@ -152,3 +152,31 @@ def test_a_column_that_is_a_start_and_nothing_else_leaves_nothing() -> None:
         inner, seen_by = left[1:3, 1:3], left[1:3, 0]
         assert ways == 2 and gain == pytest.approx(seen_by @ np.linalg.solve(inner, seen_by), rel=1e-9)
     assert {-1.0, 1.0} <= signs
+
+
+@pytest.mark.parametrize("known_noise", [True, False])
+def test_a_visible_size_is_seen_in_half_of_all_cases(known_noise: bool) -> None:
+    """At the size that is told the ratio that was asked for is reached as often as not, a knob re-tuned beside it."""
+    rng = np.random.default_rng(11)
+    asked, n = 30.0, 2000
+    knob, column = rng.standard_normal((2, n))
+    column += 0.8 * knob
+    reached = 0
+    for _ in range(300):
+        noise = rng.standard_normal(n)
+        empty = np.column_stack([noise, knob, column])
+        gram = replace(gram_of(empty, False), known_noise=known_noise)
+        (size,) = gram.seen(gram.without(gram.knob_columns()), 0, asked)
+        there = np.column_stack([noise + size * column, knob, column])
+        full = replace(gram_of(there, False), known_noise=known_noise)
+        reduced = full.without(full.knob_columns())
+        reached += full.ratios(np.array([full.solve(reduced, [0])[0]]), float(reduced[0, 0]))[0] > asked
+    # the ratio is that of a normal number of unit variance about the root of what was asked: a little above half
+    assert 0.42 < reached / 300 < 0.62
+
+
+def test_what_a_knob_does_as_well_is_never_visible() -> None:
+    rng = np.random.default_rng(5)
+    noise, knob = rng.standard_normal((2, 500))
+    gram = gram_of(np.column_stack([noise, knob, 2.0 * knob]), False)
+    assert np.isinf(gram.seen(gram.without(gram.knob_columns()), 0, 20.0)).all()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from analysis.diagnosis.result import Domain, Gain
+from analysis.diagnosis.result import Domain, Gain, Remainder
 from analysis.diagnosis.verdict.barely import barely_explained, doubted, follows_play
 from analysis.diagnosis.verdict.judging import Judgement
 
@@ -58,6 +60,34 @@ def test_a_cause_that_gains_nothing_on_other_rows_has_no_name() -> None:
 )
 def test_a_name_stays_otherwise(found: Gain | None, repeats: bool) -> None:
     assert doubted(NAMED, found, repeats, "") is NAMED
+
+
+NOISY = Gain(("run#held-out",), 0.13, 0.13, 0.1, 0.0, (0.0, 0.0), least_error=0.125)
+LEFT = Gain(("run#held-out",), 0.5, 0.13, 0.1, 0.74, (0.7, 0.8), least_error=0.125)
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+def test_a_held_out_error_above_the_noise_is_not_consistent(repeats: bool) -> None:
+    doubt = doubted(CONSISTENT, NOISY, repeats, "")
+    assert doubt.verdict == "unknown" and "1.3 times the noise" in doubt.objection
+    assert doubted(CONSISTENT, replace(NOISY, least_error=0.119), repeats, "") is CONSISTENT
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+def test_what_a_name_leaves_of_held_out_rows_is_told(repeats: bool) -> None:
+    told = doubted(NAMED, LEFT, repeats, "")
+    assert told.verdict == "named" and told.named == NAMED.named
+    assert told.remainder is not None
+    assert told.remainder.share == pytest.approx((0.13**2 - 0.1**2) / (0.5**2 - 0.1**2))
+    known = replace(NAMED, remainder=Remainder(0.2, 1e-9, "a torque that follows time"))
+    assert doubted(known, LEFT, repeats, "") is known
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+def test_a_model_that_loses_on_held_out_rows_has_no_name(repeats: bool) -> None:
+    worse = Gain(("run#held-out",), 0.1, 0.2, 0.09, -1.0, (-1.2, -0.8), least_error=0.19)
+    doubt = doubted(NAMED, worse, repeats, "")
+    assert (doubt.verdict, doubt.named) == ("unknown", ()) and "worse than the model without it" in doubt.objection
 
 
 def test_most_of_the_output_is_half_of_its_squares() -> None:

@@ -10,7 +10,8 @@ import pytest
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.search.rounds import Found
-from analysis.diagnosis.search.shortlist import Screen
+from analysis.diagnosis.search.shortlist import SURE_LEAD, Screen
+from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.judging import judge, shortfall
 from analysis.diagnosis.verdict.leftover import Leftover
 from sim_backend.effects import make_effect
@@ -32,27 +33,47 @@ def found(*, before: float, after: float) -> Found:
     return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Leeway(("x",), (0.0,)))
 
 
+def rival(lead: float) -> GeneralRival:
+    return GeneralRival((0,), ("cubic-stiffness at x",), (("position and rate", False, 0),), lead)
+
+
 @pytest.mark.parametrize(
     ("after", "left", "words"),
     [
         (1.05, (TELLING,), "the best explanation, cubic-stiffness at x, explains 97.5 % of what was more than noise"),
-        (1.5, (), "leaves 1.5 times the mean square of the noise"),
-        (1.5, (TELLING,), "explains 75 % of what was more than noise; it has no name here"),
+        (1.5, (), "explains 75 % of what was more than noise; it has no name here"),
     ],
 )
 def test_what_the_best_explanation_explains_is_told(after: float, left: tuple[Leftover, ...], words: str) -> None:
+    """Where a part is left, a name asks for a sure lead over general laws; a small one is none."""
     outcome = found(before=3.0, after=after)
-    judged = judge(outcome, left=left)
-    assert judged.verdict == "unknown"
-    assert judged.named == ()
+    judged = judge(outcome, left=left, general=[rival(SURE_LEAD - 0.1)])
+    assert judged.verdict == "unknown" and judged.named == () and judged.remainder is None
     assert words in shortfall(outcome, judged)
+
+
+@pytest.mark.parametrize(
+    ("after", "left", "share"),
+    [(1.05, (TELLING,), 200.0 / (2.0 * ROWS)), (1.5, (), 0.25), (1.5, (TELLING,), 0.25)],
+)
+def test_what_a_cause_leaves_that_is_surely_there_is_a_remainder(
+    after: float, left: tuple[Leftover, ...], share: float
+) -> None:
+    outcome = found(before=3.0, after=after)
+    judged = judge(outcome, left=left, general=[rival(SURE_LEAD + 0.1)])
+    assert judged.verdict == "named" and judged.named == (0,)
+    assert judged.remainder is not None
+    # the rows are those of the noise-free total; what is left of it above one is the remainder
+    assert judged.remainder.share == pytest.approx(max(share, (after - 1.0) / 2.0), rel=1e-6)
+    assert judged.remainder.significance < 1e-6
+    assert shortfall(outcome, judged) == ""
 
 
 @pytest.mark.parametrize("before", [0.999, 1.001])
 def test_no_part_is_told_of_a_total_that_may_be_noise(before: float) -> None:
     """What stands out of it may be a few squared deviations that follow one way."""
     outcome = found(before=before, after=0.99)
-    judged = judge(outcome, left=(TELLING,))
+    judged = judge(outcome, left=(TELLING,), general=[rival(0.0)])
     assert judged.verdict == "unknown"
     told = shortfall(outcome, judged)
     assert "explains what stands out of a total that may be noise; it has no name here" in told
@@ -62,5 +83,5 @@ def test_no_part_is_told_of_a_total_that_may_be_noise(before: float) -> None:
 def test_nothing_is_said_of_what_is_named() -> None:
     outcome = found(before=3.0, after=1.0)
     judged = judge(outcome)
-    assert judged.verdict == "named"
+    assert judged.verdict == "named" and judged.remainder is None
     assert shortfall(outcome, judged) == ""

@@ -1,0 +1,31 @@
+"""From a posterior within the library to a probability that holds: what names of that posterior were worth.
+
+A posterior counts noise and the listed rivals. What it cannot count is a law outside of the library, or a form of a
+listed one that nature does not follow. How often that was so tells a score of sealed cases, and no name is stated surer
+than the names of that score were right.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from pathlib import Path
+
+TABLE = Path(__file__).parent / "calibration.toml"
+"""Made by `python -m benchmarks.calibrate_names`, which says from what."""
+
+
+@cache
+def _bins() -> tuple[tuple[float, int, int], ...]:
+    """Return (least posterior, names, right ones) of every bin, by rising posterior."""
+    table = tomllib.loads(TABLE.read_text(encoding="utf-8"))
+    return tuple((float(one["least"]), int(one["names"]), int(one["right"])) for one in table["bins"])
+
+
+def calibrated(posterior: float) -> float:
+    """Return the probability that a name of this posterior is right, below one (Laplace's rule of succession)."""
+    stated = 0.0
+    for least, names, right in _bins():
+        if posterior >= least:
+            stated = (right + 1.0) / (names + 2.0)
+    return min(posterior, stated)
