@@ -16,6 +16,7 @@ from analysis.diagnosis.experiment.next_experiment import room_of
 from analysis.diagnosis.experiment.planned import face_of
 from analysis.diagnosis.experiment.separation import information, with_spread
 from analysis.diagnosis.experiment.witness import Witness, watched_channels
+from analysis.diagnosis.records.another_bench import check_same_bench
 from analysis.diagnosis.records.channels import check_finite
 from analysis.diagnosis.records.loading import MAX_ROWS, Loaded, Source, load_runs
 from analysis.diagnosis.search.rounds import Found
@@ -60,6 +61,7 @@ def load_logs(
             heard.append(found)
             sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, found.error.shape[0]))
     loaded = load_runs(motion, model, max_rows=max_rows)
+    check_same_bench(loaded, model)
     return replace(loaded, sources=(*loaded.sources, *sources)), tuple(heard)
 
 

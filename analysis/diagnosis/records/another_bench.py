@@ -1,0 +1,71 @@
+"""A record of another bench than the model's: refused before any fit, as no cause in the library is a factor of ten.
+
+Compared are the measured motion and that which the linear model simulates from the recorded inputs, by thirds of an
+octave, where the two agree in shape (coherence). A resonance that is a few per cent off differs beside itself alone; a
+model of another bench, a wrong unit or a wrong channel differs nearly everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.nominal.responses import simulate
+from analysis.diagnosis.records.loading import Loaded
+from sim_backend.errors import DataError
+from sim_backend.linear import discretise
+from sim_backend.model import Model
+
+Array = NDArray[np.float64]
+
+FACTOR = 10.0
+"""Ratio of measured to simulated motion, either way, in half of all bands; no listed effect is so large."""
+
+_COHERENT = 0.5
+"""Bands in which less of the measured motion follows the simulated one say nothing of its size."""
+
+_LINES = 16
+"""Fewest lines of a band: a coherence of fewer is high by chance."""
+
+_BANDS = 3
+"""Fewest bands that a verdict rests on."""
+
+_THIRD = 2.0 ** (1.0 / 3.0)
+
+
+def check_same_bench(loaded: Loaded, model: Model) -> None:
+    """Raise DataError for the first record with an output that the model does not describe at all."""
+    plant = discretise(model.linear(), loaded.data.rate_hz)
+    files = {source.run_uid: source.file for source in loaded.sources}
+    for record in loaded.data.records:
+        file, simulated = files[record.name], simulate(plant, record.u)
+        for o, name in enumerate(port.name for port in model.outputs):
+            ratios = np.array(list(_ratios(simulated[:, o], record.y[:, o])))
+            if ratios.size < _BANDS:
+                continue
+            middle = float(np.median(ratios))
+            if max(middle, 1.0 / middle) > FACTOR:
+                raise DataError(
+                    f"{file}: output '{name}' moves {middle:.3g} times as much as the model says, in half of its "
+                    f"frequency bands; causes are looked for up to a factor of {FACTOR:g}. Is it a record of another "
+                    "bench, or is a unit or a channel wrong? `mccd log plot` shows it, `mccd identify` models it"
+                )
+
+
+def _ratios(simulated: Array, measured: Array) -> Iterator[float]:
+    """Yield, for each band in which both agree in shape, how much more is measured than simulated.
+
+    Both are differenced twice, so that an offset or a drift of a free axis does not leak into every band.
+    """
+    a, b = (np.fft.rfft(np.diff(x, n=2) * np.hanning(x.size - 2)) for x in (simulated, measured))
+    edge = float(_LINES)
+    while edge < a.size - 1:
+        stop = max(edge * _THIRD, edge + _LINES)
+        band = slice(int(edge), min(int(stop), a.size))
+        edge = stop
+        own, other = float(np.sum(np.abs(a[band]) ** 2)), float(np.sum(np.abs(b[band]) ** 2))
+        cross = abs(complex(np.vdot(a[band], b[band])))
+        if own > 0.0 and other > 0.0 and cross**2 > _COHERENT * own * other:
+            yield cross / own
