@@ -24,6 +24,7 @@ from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.inside import in_modes
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
+from analysis.diagnosis.noise.independent import independent_rows
 from analysis.diagnosis.nominal.tuning import reach_of
 from analysis.diagnosis.result import Remainder
 from analysis.diagnosis.search.adequacy import uncertainty
@@ -342,15 +343,9 @@ def _rest(found: Found) -> Remainder | None:
 
 
 def _independent_rows(setting: Setting, fit: Fit) -> float:
-    """Return how many independent numbers the residual is worth: what agrees with its neighbours holds less.
-
-    n / (1 + 2 sum of squared correlations) numbers estimate a mean square as well as n correlated ones (Bartlett 1946).
-    """
-    worth = 0.0
-    for record, residual in zip(setting.data.records, fit.residuals, strict=True):
-        for e in residual[record.fitted()].T:
-            power = np.abs(np.fft.rfft(e - e.mean(), 2 * e.size)) ** 2
-            correlation = np.fft.irfft(power)[: e.size // 4]
-            rho = correlation / max(float(correlation[0]), np.finfo(float).tiny)
-            worth += e.size / (1.0 + 2.0 * float(np.sum(rho[1:] ** 2)))
-    return worth
+    """Return how many independent numbers the residual is worth."""
+    return sum(
+        independent_rows(e)
+        for record, residual in zip(setting.data.records, fit.residuals, strict=True)
+        for e in residual[record.fitted()].T
+    )

@@ -37,6 +37,7 @@ from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, objection, shortfall
 from analysis.diagnosis.verdict.leftover import Leftover, leftovers
+from analysis.diagnosis.verdict.scatter import scatter_follows_play
 from analysis.diagnosis.verdict.sensitivity import sensitivity_of
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
@@ -229,6 +230,8 @@ def diagnose(
     begun = without_unseen_starts(data, first, floor, before)
     shown = evidence(data, begun, floor, model, workers=options.workers)
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
+    if growing := scatter_follows_play(data, after):
+        unsteady, played = growing, True
     judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady, played)
     judgement = beside_doubts(judgement, data.doubts)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])

@@ -1,0 +1,76 @@
+"""Does what differs between periods grow with what is played? Then it is no noise that a bench has by itself.
+
+Whatever does not repeat with the drive passes for noise: a stiffness that breathes at a rate of its own, a force that
+comes and goes, a friction that never takes the same way twice. In one record nothing tells it from noise. Records of
+several sizes do: a sensor's noise is the same in all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from analysis.diagnosis.noise.independent import independent_rows
+from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+
+Array = NDArray[np.float64]
+
+_TWICE = 2.0
+"""Times the motion of the stillest record, and times its scatter as a power, from which on another's is told."""
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """What differs between the periods of one output of a record: its mean square, and of how many independent numbers.
+
+    `motion` is the rms of the output about its mean.
+    """
+
+    mean_square: float
+    numbers: float
+    motion: float
+
+
+def scatter_follows_play(data: Dataset, residuals: Sequence[Array]) -> str:
+    """Return in words how the scatter between periods grows with the motion; nothing where it does not.
+
+    It has to rise from record to record as the motion does, with a chance below 10⁻⁶ in noise that is the same in all.
+    """
+    for o in range(data.n_outputs):
+        found = [_scatter(r, e[:, o], o) for r, e in zip(data.records, residuals, strict=True) if _periods(r)]
+        found.sort(key=lambda one: one.motion)
+        if len(found) < 2 or not found[-1].motion > _TWICE * found[0].motion:
+            continue
+        least, most = found[0], found[-1]
+        ratio = most.mean_square / max(least.mean_square, np.finfo(float).tiny)
+        chance = float(scipy.stats.f.sf(ratio, most.numbers, least.numbers))
+        rising = scipy.stats.spearmanr([s.motion for s in found], [s.mean_square for s in found]).statistic
+        if ratio > _TWICE and chance < ONE_IN_A_MILLION and rising > 1.0 - 1e-9:
+            return (
+                f"what differs between periods grows with the motion: its rms is {np.sqrt(ratio):.3g} times as large "
+                f"where output {o + 1} moves {most.motion / least.motion:.3g} times as far. Noise that a bench has by "
+                "itself does not; something that does not repeat with the drive does"
+            )
+    return ""
+
+
+def _periods(record: Record) -> int:
+    """Return how many whole periods of a record tell its scatter, without the first of several."""
+    whole = record.n // record.period if record.period else 0
+    whole -= 1 if whole >= 3 else 0
+    return whole if whole >= 2 else 0
+
+
+def _scatter(record: Record, residual: Array, o: int) -> _Scatter:
+    count, period = _periods(record), record.period
+    last = residual[record.n - count * period :].reshape(count, period)
+    scatter = last - last.mean(axis=0)
+    # the mean of the periods has taken its part
+    part = (count - 1) / count
+    numbers = part * independent_rows(scatter.ravel())
+    return _Scatter(float(np.mean(scatter**2)) / part, numbers, float(np.std(record.y[:, o])))
