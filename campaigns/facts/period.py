@@ -54,6 +54,7 @@ def facts(seen: Seen) -> list[Fact]:
                     segment=segment.label,
                     numbers={"claimed": claimed, "right": best if wrong else 0, "difference": off},
                     forbids=True,
+                    refuses_import=wrong,
                 )
             )
         elif claimed not in told:

@@ -85,8 +85,8 @@ def import_run(
         rows = sum(part.layout.rows for part in parts)
         facts = found_in(Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz))
         for fact in facts:
-            # what repeats after nothing at all is refused where it is used: import and log keep what was measured
-            if fact.forbids and fact.numbers.get("right", 1):
+            # what has no better value is refused where it is used: import and log keep what was measured
+            if fact.refuses_import:
                 raise DataError(fact.refusal)
     except MccdError as error:
         kind = next(kind for kind in (DataError, ConfigError, type(error)) if isinstance(error, kind))
