@@ -4,16 +4,18 @@ Facts are found when data are imported and kept in the log; identification and d
 """
 
 from campaigns.facts.base import Fact, Seen
-from campaigns.facts.finding import FACTS, facts_of, found_in, seen_in, stored_facts, whole
+from campaigns.facts.finding import FACTS, RELATIONS, facts_of, found_in, missing_in, seen_in, stored_facts, whole
 from campaigns.facts.usable import measured_segments, remarks_on, usable_segments
 
 __all__ = [
     "FACTS",
+    "RELATIONS",
     "Fact",
     "Seen",
     "facts_of",
     "found_in",
     "measured_segments",
+    "missing_in",
     "remarks_on",
     "seen_in",
     "stored_facts",

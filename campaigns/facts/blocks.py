@@ -62,6 +62,7 @@ def windowed_blocks(stretches: Sequence[Stretch], length: int) -> Blocks | None:
 
 def _blocks(some: Sequence[Stretch], starts: Sequence[NDArray[np.intp]], length: int, window: Array) -> Blocks:
     width = some[0].inputs.shape[1] + some[0].outputs.shape[1]
+    lines = np.arange(1, (length + 1) // 2)  # without the mean and half the rate, which have no phase
     every = max(1, -(-sum(map(len, starts)) * length * width // MOST_VALUES))
     inputs: list[Spectrum] = []
     outputs: list[Spectrum] = []
@@ -69,12 +70,12 @@ def _blocks(some: Sequence[Stretch], starts: Sequence[NDArray[np.intp]], length:
         for at in own[::every]:
             for values, spectra in ((s.inputs, inputs), (s.outputs, outputs)):
                 block = values[at : at + length]
-                spectra.append(scipy.fft.rfft((block - block.mean(axis=0)) * window[:, None], axis=0)[1:])
+                spectra.append(scipy.fft.rfft((block - block.mean(axis=0)) * window[:, None], axis=0)[lines])
     count = [len(own[::every]) for own in starts]
     return Blocks(
         np.array(inputs),
         np.array(outputs),
-        np.arange(1, length // 2 + 1),
+        lines,
         length,
         np.concatenate([s.start + own[::every] for s, own in zip(some, starts, strict=True)]),
         np.repeat(np.arange(len(some)), count),

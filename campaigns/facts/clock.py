@@ -28,6 +28,10 @@ SIGNIFICANT = 6.0
 LEAST_BLOCKS = 6
 LEAST_LINES = 4
 MOST_BLOCKS = 64
+MOST_LINES = 512
+FEW_PERIODS = 16
+"""Periods below which parts of them are looked at as well: a clock may lose many samples within one."""
+
 MOST_TRIED = 200
 SHORTEST, LONGEST = 128, 8192
 
@@ -61,25 +65,28 @@ class _Drift:
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:
     """Return the difference between the clock of the outputs and that of the inputs, output by output."""
+    repeating = period_blocks([s for s in stretches if s.periods >= 3])
+    free = _free_blocks(stretches)
     found = []
     for o, name in enumerate(seen.of_role("output")):
-        drifts = [d for z, blocks in _turning(stretches, o) if (d := _drift_of(z, blocks)) is not None]
+        # what turns with an output's clock: its lines where they repeat, its cross-spectra else
+        turning = [(blocks.outputs[:, :, o], blocks) for blocks in repeating]
+        turning += [(_cross(blocks, o), blocks) for blocks in free]
+        drifts = [d for z, blocks in turning if (d := _drift_of(z, blocks)) is not None]
         if drifts:
             found.append(_fact(name, min(drifts, key=lambda d: d.std), seen.rate_hz))
     return found
 
 
-def _turning(stretches: Sequence[Stretch], o: int) -> list[tuple[Spectrum, Blocks]]:
-    """Return what turns with an output's clock, (b, f): its lines where they repeat, its cross-spectra else."""
-    found = [(blocks.outputs[:, :, o], blocks) for blocks in period_blocks([s for s in stretches if s.periods >= 3])]
-    free = [s for s in stretches if s.periods < 3 and s.rows >= LEAST_BLOCKS * SHORTEST]
-    if free:
-        longest = max(s.rows for s in free)
-        length = int(np.clip(2 ** int(np.log2(max(2 * longest // MOST_BLOCKS, 1))), SHORTEST, LONGEST))
-        blocks = windowed_blocks(free, length)
-        if blocks is not None:
-            found.append((_cross(blocks, o), blocks))
-    return found
+def _free_blocks(stretches: Sequence[Stretch]) -> list[Blocks]:
+    """Return blocks of what does not repeat, or seldom."""
+    free = [s for s in stretches if s.periods < FEW_PERIODS and s.rows >= LEAST_BLOCKS * SHORTEST]
+    if not free:
+        return []
+    longest = max(s.rows for s in free)
+    length = int(np.clip(2 ** int(np.log2(max(2 * longest // MOST_BLOCKS, 1))), SHORTEST, LONGEST))
+    blocks = windowed_blocks(free, length)
+    return [] if blocks is None else [blocks]
 
 
 def _cross(blocks: Blocks, o: int) -> Spectrum:
@@ -104,24 +111,27 @@ def _drift_of(z: Spectrum, blocks: Blocks) -> _Drift | None:
     lines &= np.mean(size > 0.05 * size.mean(axis=0), axis=0) > 0.75
     if not kept.any() or lines.sum() < LEAST_LINES:
         return None
-    z, stretch = z[kept][:, lines], blocks.stretch[kept]
-    omega = 2.0 * np.pi * blocks.line[lines] / blocks.length
+    used = np.flatnonzero(lines)
+    used = used[:: -(-used.size // MOST_LINES)]
+    z, stretch = z[kept][:, used], blocks.stretch[kept]
+    omega = 2.0 * np.pi * blocks.line[used] / blocks.length
     if omega.max() < SPAN * omega.min():
         return None
-    at: Array = blocks.start[kept].astype(np.float64)
+    at: Array = np.zeros(stretch.size)
+    at += blocks.start[kept]
     for i in np.unique(stretch):
         at[stretch == i] -= at[stretch == i].mean()
     starts = (0.0, _coarse(z, at, stretch, omega))
     return _fine(z, at, stretch, omega, max(starts, key=lambda start: _alignment(z, at, stretch, omega, start)))
 
 
-def _alignment(z: Spectrum, at: Array, stretch: Array, omega: Array, relative: float) -> float:
+def _alignment(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, relative: float) -> float:
     """Return how large the mean of all blocks is when they are turned back by a difference."""
     back = z * np.exp(-1j * relative * np.outer(at, omega))
     return float(sum(np.sum(np.abs(back[stretch == i].sum(axis=0)) ** 2) for i in np.unique(stretch)))
 
 
-def _coarse(z: Spectrum, at: Array, stretch: Array, omega: Array) -> float:
+def _coarse(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array) -> float:
     """Return the difference that turns blocks best into later ones, near ones first, then those farther apart.
 
     Far ones tell more closely, but near ones alone tell how often they have turned.
@@ -145,7 +155,7 @@ def _coarse(z: Spectrum, at: Array, stretch: Array, omega: Array) -> float:
         apart = min(3 * apart, farthest)
 
 
-def _fine(z: Spectrum, at: Array, stretch: Array, omega: Array, start: float) -> _Drift | None:
+def _fine(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, start: float) -> _Drift | None:
     """Return the drift by linear least squares of what is left after turning back by `start`.
 
     The scatter of the delays of single blocks about their line gives its standard deviation, so that whatever makes
@@ -222,7 +232,10 @@ def _fact(name: str, drift: _Drift, rate_hz: float) -> Fact:
             f"{name} is sampled by another clock than the inputs: {1e6 * drift.relative:.4g} ± "
             f"{1e6 * drift.std:.2g} ppm, {abs(late):.3g} samples, {abs(late) / rate_hz:.3g} s, over the record"
         )
-        means = "phases turn with time and lines leave their bins: sample both by one clock, or resample one of them"
+        means = (
+            "phases turn with time and lines leave their bins, which a diagnosis can only call sample-clock-error: "
+            "sample both by one clock, or resample one of them"
+        )
         return Fact(NAME, text, means, name, numbers=numbers)
     if abs(drift.relative) > SIGNIFICANT * drift.std:
         text = (

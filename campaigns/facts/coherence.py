@@ -43,11 +43,12 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     """Return for each output how many excited lines are low, and how much of its power the inputs explain."""
     repeating = [s for s in stretches if s.periods >= 2]
     free = [s for s in stretches if s.periods < 2]
+    periods = period_blocks(repeating)
     found = []
     for o, name in enumerate(seen.of_role("output")):
         told: list[_Coherence] = []
         leaking = False
-        for blocks in period_blocks(repeating):
+        for blocks in periods:
             told.append(_of_periods(blocks, o, seen.rate_hz))
         if free:
             welch, leaking = _of_blocks(free, o, seen.rate_hz)

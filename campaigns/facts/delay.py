@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from campaigns.facts.base import Array, Fact, Seen
+from campaigns.facts.clock import NAME as CLOCK
 from campaigns.facts.loop import NAME as LOOP
 from campaigns.facts.regression import FRESH, Regression, regression_of, triangle_of
 from campaigns.facts.stretches import Stretch
@@ -37,6 +38,9 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     """Return the delay of every pair of which the output answers the input."""
     if not stretches:
         return []
+    if any(fact.name == CLOCK and fact.numbers["found"] for fact in known):
+        text = "the delay is not told: the clocks of inputs and outputs differ, so that it changes with time"
+        return [Fact(NAME, text, remark=False)]
     if any(fact.name == LOOP and fact.numbers.get("found") for fact in known):
         return [Fact(NAME, "the delay is not told: in a closed loop the first answer is the loop's", remark=False)]
     found = []

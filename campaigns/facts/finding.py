@@ -41,9 +41,9 @@ FACTS: tuple[Callable[[Seen], list[Fact]], ...] = (
 
 RELATIONS: Mapping[str, Callable[[Seen, Sequence[Stretch], Sequence[Fact]], list[Fact]]] = {
     transient.NAME: transient.facts,
+    clock.NAME: clock.facts,
     loop.NAME: loop.facts,
     delay.NAME: delay.facts,
-    clock.NAME: clock.facts,
     coherence.NAME: coherence.facts,
 }
 """What is asked of inputs and outputs together, knowing what has been found before. These cost more: an import keeps

@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from campaigns.facts.base import Array, Fact, Seen
+from campaigns.facts.clock import NAME as CLOCK
 from campaigns.facts.regression import AHEAD, FRESH, Regression, regression_of
 from campaigns.facts.stretches import Stretch
 
@@ -57,6 +58,9 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     """Return whether the inputs answer the outputs."""
     if not stretches:
         return []
+    if any(fact.name == CLOCK and fact.numbers["found"] for fact in known):
+        text = "whether the inputs answer the outputs is not told: their clocks differ"
+        return [Fact(NAME, text, remark=False)]
     periodic = all(s.periods >= 2 for s in stretches)
     varying = [_without_mean_period(s) for s in stretches] if periodic else list(stretches)
     if periodic and not any(np.any(s.inputs) for s in varying):

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.facts import Fact, Seen, found_in, whole
+from campaigns.facts import RELATIONS, Fact, Seen, found_in, whole
 from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
@@ -175,7 +175,7 @@ def _joined(found: ImportMap, parts: list[Part]) -> dict[str, Array]:
 def _configuration(text: str, files: Files, facts: Sequence[Fact]) -> str:
     sources = [{"file": name, "sha256": sha256_of(path)} for name, path in sorted(files.used.items())]
     told = [msgspec.to_builtins(fact, enc_hook=lambda number: number.item()) for fact in facts]
-    return json.dumps({"map": text, "sources": sources, "facts": told}, ensure_ascii=False)
+    return json.dumps({"map": text, "sources": sources, "facts": told, "asked": list(RELATIONS)}, ensure_ascii=False)
 
 
 def _write(
