@@ -137,7 +137,7 @@ def _fact(name: str, told: Sequence[_Coherence], leaking: bool, repeating: bool)
     means = ""
     if poor:
         means = "the rest is noise, a disturbance or an input that was not recorded" + (
-            "" if repeating else ", or the bench is not linear: expect a poor linear fit"
+            "" if repeating else ", or the bench is not linear, or rings for longer than the blocks that were averaged"
         )
     elif leaking and explained < LOW:
         means = "blocks are too short for what rings: that much at least is explained"

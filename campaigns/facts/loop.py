@@ -48,10 +48,11 @@ class _Answer:
     chance: float
     before: float
     rows: float
+    always: bool = True
 
     @property
     def found(self) -> bool:
-        return self.chance < CHANCE and self.share > max(LEAST_SHARE, RATIO * self.before)
+        return self.always and self.chance < CHANCE and self.share > max(LEAST_SHARE, RATIO * self.before)
 
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:
@@ -75,8 +76,24 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     for o, name in enumerate(seen.of_role("output")):
         regression = regression_of(varying, o, worth=worth)
         if regression is not None and regression.fresh() > least:
-            answers.append(_answer(name, regression))
+            answer = _answer(name, regression)
+            answers.append(replace(answer, always=answer.found and _in_both_halves(varying, o, worth)))
     return [_told(answers, bool(seen.of_role("reference")))]
+
+
+def _in_both_halves(stretches: Sequence[Stretch], o: int, worth: float) -> bool:
+    """Tell whether each half of all stretches holds it by itself: what is not linear varies with what is played."""
+    for half in (0, 1):
+        part = []
+        for s in stretches:
+            rows = slice(half * s.rows // 2, (half + 1) * s.rows // 2)
+            part.append(replace(s, inputs=s.inputs[rows], outputs=s.outputs[rows], references=s.references[rows]))
+        regression = regression_of(part, o, worth=worth)
+        if regression is not None:
+            answer = _answer("", regression)
+            if answer.share < max(LEAST_SHARE, RATIO * answer.before):
+                return False
+    return True
 
 
 def _answer(output: str, regression: Regression) -> _Answer:

@@ -19,9 +19,10 @@ from campaigns.facts.stretches import Stretch
 AHEAD = 10
 """Samples to come, and as many beyond the order, that are asked for what they hold of the output."""
 
-FRESH = 1e-4
-"""Part of an input's power that all else must leave of a sample before it is asked what that sample alone does: of a
-smooth input, a sweep or a few lines nothing is left, and the least that is not linear passes for an answer to it."""
+FRESH = 1e-3
+"""Part of an input's power that all else must leave of a sample before it is asked what that sample alone does. Of a
+smooth input, a sweep or a few lines less is left than the noise of its own sensor, 3 % of it; samples to come then
+tell, by their mean, what the input was."""
 
 MOST_ORDER = 40
 MOST_COLUMNS = 130

@@ -55,17 +55,19 @@ def _start_of(s: Stretch, values: Array, tests: int) -> _Start:
     width = n // count
     apart = np.diff(periods, axis=0)[:, : width * count].reshape(p - 1, count, width)
     energy = np.mean(apart**2, axis=2)
-    later = energy[(p - 1 + 1) // 2 :]
+    later = energy[p // 2 :]
     noise = float(later.mean())
-    # how much the energies of later parts scatter tells how many independent numbers each holds
-    scatter = float(later.var(ddof=1)) if later.size > 1 else 0.0
-    free = float(np.clip(2.0 * noise**2 / scatter, 1.0, width)) if scatter > 0.0 else 1.0
     floor = max(noise, 0.5 * (LEAST * float(values.std())) ** 2)
-    parts = [2**k for k in range(count.bit_length()) if 2**k <= count]
+    parts = [k for k in (1, 2, 4, 8) if 2 * k <= count]
     chance = CHANCE / (len(parts) * tests)
-    differs = any(
-        energy[0, :k].mean() / floor > float(scipy.stats.f.isf(chance, k * free, later.size * free)) for k in parts
-    )
+    differs = False
+    for k in parts:
+        # by how much the means over so many later parts scatter tells how many independent numbers each holds
+        means = later[:, : count // k * k].reshape(-1, k).mean(axis=1)
+        scatter = float(means.var(ddof=1))
+        free = float(np.clip(2.0 * noise**2 / scatter, 1.0, k * width)) if scatter > 0.0 else 1.0
+        limit = float(scipy.stats.f.isf(chance, free, means.size * free))
+        differs |= bool(energy[0, :k].mean() / floor > limit)
     if not differs:
         return _Start(s.label, 0, n, p, False)
     series = energy.reshape(-1)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.campaigns.facts import drawn
 
 from campaigns.facts import Fact, found_in
+from tests.campaigns.facts import drawn
 
 KINDS = ("white", "coloured", "steps", "multisine", "repeated noise")
 
