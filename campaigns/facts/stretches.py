@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.facts.base import Array, Fact, Seen
-from campaigns.facts.period import claimed_period
+from campaigns.facts.period import claimed_period, difference
 
 LEAST_ROWS = 200
 """Rows of a segment below which nothing is asked of it: too few for a spectrum and a handful of lags."""
+
+VARIES = 0.1
+"""What inputs may differ by from period to period, against their size: a hundredth of the power of what they move."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,16 @@ def stretches_in(seen: Seen, known: Sequence[Fact]) -> list[Stretch]:
         if not (np.any(u) and np.any(y)):
             continue
         period = 0 if segment.label in forbidden else claimed_period(segment)
-        found.append(Stretch(segment.label, segment.start, u, y, r, period if 1 < period <= u.shape[0] // 2 else 0))
+        found.append(Stretch(segment.label, segment.start, u, y, r, period if _repeats(u, period) else 0))
     return found
+
+
+def _repeats(u: Array, period: int) -> bool:
+    """Tell whether all inputs (n, n_u) that move repeat after a period; those of a loop that learns do not."""
+    if not 1 < period <= u.shape[0] // 2:
+        return False
+    size = u.std(axis=0)
+    return difference(u[:, size > 0.0] / size[size > 0.0], period) < VARIES
 
 
 def _part(columns: Sequence[Array], start: int, stop: int) -> Array:

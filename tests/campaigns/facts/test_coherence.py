@@ -60,3 +60,11 @@ def test_of_two_inputs_both_explain():
     (both,), (alone,) = told(u, y), told(u[:, 1], y)
     assert both.numbers["explained"] > 0.99 and not both.remark
     assert alone.remark and alone.numbers["explained"] == pytest.approx(0.49 / 1.49, abs=0.1)
+
+
+def test_inputs_that_change_from_period_to_period_explain_what_does_not_repeat():
+    """A loop that learns plays the reference again, and other inputs: what repeats is then no measure of noise."""
+    rng = np.random.default_rng(105)
+    u = np.tile(rng.standard_normal(1000), 8) + rng.standard_normal(8000)
+    (fact,) = told(u, u + 0.01 * rng.standard_normal(u.size), 1000)
+    assert fact.numbers["explained"] > 0.99 and not fact.remark
