@@ -58,6 +58,16 @@ THOROUGH = (
     ("analysis/study/test_kinds.py::*diagnosis*", SEARCHED),
     ("analysis/diagnosis/search/test_pairs.py::test_friction_is_found_beside_a_rounded_command", SEARCHED),
     ("analysis/diagnosis/search/test_named_friction.py::*", SEARCHED),
+    *(
+        (f"campaigns/facts/test_{fact}*{part}]", DRAWN)
+        for fact in (
+            "loop.py::test_no_open_loop_",
+            "delay.py::test_what_is_told_",
+            "clock.py::test_one_clock_",
+            "coherence.py::test_a_quiet_linear_",
+        )
+        for part in (1, 2, 3)
+    ),
     ("analysis/diagnosis/spread/test_spread.py::test_one_rate_for_all_kinds_holds_on_noise_alone", DRAWN),
     ("analysis/diagnosis/spread/test_shaking.py::test_none_is_found_in_coloured_noise_alone", DRAWN),
     ("analysis/diagnosis/spread/test_shaking.py::test_an_amplifier_*", DRAWN),

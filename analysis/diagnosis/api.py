@@ -14,6 +14,7 @@ from analysis.diagnosis.records.checks import check_enough, check_inputs, check_
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.result import Diagnosis
+from campaigns.facts.clipping import cut_off_in
 from sim_backend.errors import ConfigError
 from sim_backend.model import Model
 
@@ -57,7 +58,13 @@ def diagnose(
         for i, (u, y, t) in enumerate(zip(us, ys, warm, strict=True))
     ]
     check_outputs(records, [p.name for p in model.outputs], "outputs")
-    records, cut = without_cut_off(records, [p.name for p in model.outputs])
+    facts = [
+        fact
+        for record in records
+        for o, port in enumerate(model.outputs)
+        for fact in cut_off_in(record.y[:, o], port.name, port.unit, record.name)
+    ]
+    records, cut = without_cut_off(records, [p.name for p in model.outputs], facts)
     notes = cut + check_inputs(records, [p.name for p in model.inputs])
     different, copies = without_copies(records, [p.name for p in model.outputs])
     held, note = with_held_out(different)

@@ -18,8 +18,8 @@ class Fact:
     """What was found, where, and what it means for identification and diagnosis.
 
     `name` says of which kind it is, `numbers` hold what programs need; `channel` and `segment` are empty where it is of
-    all. One that `forbids` makes wrong whatever is computed from the record as it is; one that is no `remark` is told
-    when asked for only.
+    all. One that `forbids` makes wrong whatever is computed from the record as it is; one that `refuses_import` as well
+    knows what to write into the map instead. One that is no `remark` is told when asked for only.
     """
 
     name: str
@@ -29,6 +29,7 @@ class Fact:
     segment: str = ""
     numbers: Mapping[str, float] = field(default_factory=dict)
     forbids: bool = False
+    refuses_import: bool = False
     remark: bool = True
 
     @property
@@ -66,6 +67,11 @@ def runs_of(at: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return where the stretches begin and end (exclusive) in which `at` (n,) holds."""
     edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def stretches_of(at: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+    """Return where the stretches of `least` rows and more begin and end (exclusive) in which `at` (n,) holds."""
+    return [(int(a), int(b)) for a, b in zip(*runs_of(at), strict=True) if b - a >= least]
 
 
 def by_segment(seen: Seen, values: Array) -> Iterator[tuple[LogSegment, Array]]:

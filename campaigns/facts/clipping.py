@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from campaigns.facts.base import Array, Fact, Seen, by_segment, runs_of
 from campaigns.facts.steps import step_of
+
+NAME = "clipping"
 
 COARSE = 0.1
 """Step of a channel that counts, against its standard deviation, from which on its extremes are held for long."""
@@ -16,22 +21,39 @@ SATURATED_SHARE = 1e-3
 
 def facts(seen: Seen) -> list[Fact]:
     """Return the outputs that are cut off, by segment."""
-    found = []
-    for name, values in seen.of_role("output").items():
-        unit = seen.channels[name].unit
-        for segment, part in by_segment(seen, values):
-            found += [
-                Fact(
-                    "clipping",
-                    f'{name} is cut off at {level:.6g} {unit} in {share:.2%} of the rows of "{segment.label}"',
-                    "the sensor is at its end there: such rows are no measurement and are left out of every fit",
-                    name,
-                    segment.label,
-                    {"share": share, "level": level},
-                )
-                for share, level in saturation(part)
-            ]
-    return found
+    return [
+        fact
+        for name, values in seen.of_role("output").items()
+        for segment, part in by_segment(seen, values)
+        for fact in cut_off_in(part, name, seen.channels[name].unit, segment.label)
+    ]
+
+
+def cut_off_in(values: Array, name: str, unit: str, segment: str) -> list[Fact]:
+    """Return at which ends an output (n,) is cut off in a segment."""
+    return [
+        Fact(
+            NAME,
+            f'{name} is cut off at {level:.6g} {unit} in {share:.2%} of the rows of "{segment}"',
+            "the sensor is at its end there: such rows are no measurement and are left out of every fit",
+            name,
+            segment,
+            {"share": share, "level": level},
+        )
+        for share, level in saturation(values)
+    ]
+
+
+def cut_off(found: Iterable[Fact], segment: str, rows: int, read: Callable[[str], Array]) -> NDArray[np.bool_]:
+    """Return (rows,) in which rows of a segment an output is at its end, by the facts `found` of the record.
+
+    `read` gives the segment's part of a channel (rows,).
+    """
+    cut = np.zeros(rows, dtype=bool)
+    for fact in found:
+        if fact.name == NAME and fact.segment == segment:
+            cut |= read(fact.channel) == fact.numbers["level"]
+    return cut
 
 
 def saturation(values: Array) -> list[tuple[float, float]]:

@@ -31,7 +31,7 @@ def facts(seen: Seen) -> list[Fact]:
     told: set[int] = set()
     played = _moving(seen.of_role("reference")) or _moving(seen.of_role("input"))
     for segment in seen.segments:
-        claimed = _claimed(segment)
+        claimed = claimed_period(segment)
         if claimed < 2 or segment.rows < 2 * claimed or not played or "frequency_hz" in segment.settings:
             continue
         parts = np.stack([values[segment.start : segment.stop] for values in played.values()], axis=1)
@@ -54,6 +54,7 @@ def facts(seen: Seen) -> list[Fact]:
                     segment=segment.label,
                     numbers={"claimed": claimed, "right": best if wrong else 0, "difference": off},
                     forbids=True,
+                    refuses_import=wrong,
                 )
             )
         elif claimed not in told:
@@ -73,7 +74,8 @@ def period_of(inputs: dict[str, Array]) -> int:
     return best if best and least < REPEATS else 0
 
 
-def _claimed(segment: LogSegment) -> int:
+def claimed_period(segment: LogSegment) -> int:
+    """Return the rows after which a segment says that it repeats, 0 where it says nothing."""
     value = segment.settings.get("period_samples")
     return int(value) if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else 0
 

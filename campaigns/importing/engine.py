@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.facts import Fact, Seen, found_in, whole
+from campaigns.facts import RELATIONS, Fact, Seen, found_in, whole
 from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
@@ -85,8 +85,8 @@ def import_run(
         rows = sum(part.layout.rows for part in parts)
         facts = found_in(Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz))
         for fact in facts:
-            # what repeats after nothing at all is refused where it is used: import and log keep what was measured
-            if fact.forbids and fact.numbers.get("right", 1):
+            # what has no better value is refused where it is used: import and log keep what was measured
+            if fact.refuses_import:
                 raise DataError(fact.refusal)
     except MccdError as error:
         kind = next(kind for kind in (DataError, ConfigError, type(error)) if isinstance(error, kind))
@@ -175,7 +175,7 @@ def _joined(found: ImportMap, parts: list[Part]) -> dict[str, Array]:
 def _configuration(text: str, files: Files, facts: Sequence[Fact]) -> str:
     sources = [{"file": name, "sha256": sha256_of(path)} for name, path in sorted(files.used.items())]
     told = [msgspec.to_builtins(fact, enc_hook=lambda number: number.item()) for fact in facts]
-    return json.dumps({"map": text, "sources": sources, "facts": told}, ensure_ascii=False)
+    return json.dumps({"map": text, "sources": sources, "facts": told, "asked": list(RELATIONS)}, ensure_ascii=False)
 
 
 def _write(

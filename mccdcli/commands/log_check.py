@@ -14,7 +14,10 @@ from mccdcli.output import emit, table
 @existing_file("run")
 @common_options("json")
 def check(run: Path, as_json: bool) -> int:
-    """Check what a log tells of itself: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps.
+    """Check what a log tells of itself, and what that means for identify and diagnose.
+
+    Of channels: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps. Of inputs and outputs together:
+    transients, clocks that differ, a closed loop, delays, coherence.
 
     Exit code 1 when something forbids its use by identify and diagnose.
 
@@ -23,13 +26,16 @@ def check(run: Path, as_json: bool) -> int:
       mccd log check RUN.h5
       mccd log check RUN.h5 --json
     """
-    from campaigns.facts import facts_of
+    from campaigns.facts import facts_of, missing_in
     from campaigns.log import read_run
 
     with read_run(run) as log:
-        facts, uid = facts_of(log), log.run_uid
+        facts, anew, uid = facts_of(log), missing_in(log), log.run_uid
     forbidden = any(fact.forbids for fact in facts)
     rows = [(fact.name, fact.finding, ("FORBIDS: " if fact.forbids else "") + fact.means) for fact in facts]
     text = table(rows, heads=("fact", "finding", "what it means"))
-    emit({"file": run, "run_uid": uid, "usable": not forbidden, "facts": list(facts)}, as_json=as_json, text=text)
+    if anew:
+        text += f"\n\nfound just now, for the log does not hold them: {', '.join(anew)}"
+    told = {"file": run, "run_uid": uid, "usable": not forbidden, "facts": list(facts), "found_anew": list(anew)}
+    emit(told, as_json=as_json, text=text)
     return 1 if forbidden else 0

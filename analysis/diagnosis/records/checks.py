@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.diagnosis.records.dataset import Mask, Record, Window
-from campaigns.facts.base import runs_of
-from campaigns.facts.clipping import saturation
+from campaigns.facts import Fact
+from campaigns.facts.base import stretches_of
+from campaigns.facts.clipping import NAME, cut_off
 from sim_backend.errors import DataError
 
 MIN_ROWS = 60
@@ -31,22 +32,23 @@ def check_outputs(records: Sequence[Record], names: Sequence[str], where: str) -
             )
 
 
-def without_cut_off(records: Sequence[Record], names: Sequence[str]) -> tuple[list[Record], list[str]]:
-    """Return the records without windows where an output is cut off, as a saturated sensor's is, and notes.
+def without_cut_off(
+    records: Sequence[Record], names: Sequence[str], facts: Sequence[Fact]
+) -> tuple[list[Record], list[str]]:
+    """Return the records without the rows where the `facts` say that an output is cut off, and notes.
 
-    Such rows are simulated like all others, but neither fitted nor judged.
+    Such rows are simulated like all others, but neither fitted nor judged. The outputs of the records have these
+    `names`, in order.
     """
-    kept, notes = [], []
+    told = [fact for fact in facts if fact.name == NAME and fact.channel in names]
+    kept = []
     for record in records:
         cut = np.zeros(record.n, dtype=bool)
-        for o, name in enumerate(names):
-            for share, level in saturation(record.y[:, o]):
-                cut |= record.y[:, o] == level
-                notes.append(
-                    f"{name} is cut off at {level:.6g} in {share:.2%} of the rows of '{record.windows[0].label}', as a "
-                    "saturated sensor is; those rows are left out"
-                )
+        for w in record.windows:
+            columns = dict(zip(names, record.y[w.start : w.stop].T, strict=True))
+            cut[w.start : w.stop] = cut_off(told, w.label, w.stop - w.start, columns.__getitem__)
         kept.append(replace(record, windows=_around(record.windows, cut), missing=cut) if cut.any() else record)
+    notes = [f"{fact.finding}, as a saturated sensor is; those rows are left out" for fact in told]
     if notes and not any(record.windows for record in kept):
         raise DataError(
             f"an output is cut off every few rows ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} rows is "
@@ -62,11 +64,9 @@ def _around(windows: Sequence[Window], cut: Mask) -> tuple[Window, ...]:
         if not cut[w.start : w.stop].any():
             pieces.append(w)
             continue
-        starts, stops = runs_of(~cut[w.start : w.stop])
         pieces += [
-            replace(w, start=w.start + int(a), stop=w.start + int(b), period=0)
-            for a, b in zip(starts, stops, strict=True)
-            if b - a >= SHORTEST
+            replace(w, start=w.start + a, stop=w.start + b, period=0)
+            for a, b in stretches_of(~cut[w.start : w.stop], SHORTEST)
         ]
     return tuple(pieces)
 

@@ -125,7 +125,7 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     for run, match, per_run in zip(runs, matches, stretches, strict=True):
         found = [_read(run, match, s, warm) for s in per_run]
         check_outputs(found, match.outputs, str(run.path))
-        found, cut = without_cut_off(found, match.outputs)
+        found, cut = without_cut_off(found, match.outputs, facts_of(run))
         notes += cut
         records += found
         sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, sum(r.n for r in found)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import analysis.recorded.folded
-import campaigns.facts
+import campaigns.facts.finding
 from analysis.frequency.frf_records import frequency_response_welch
 from analysis.identification.identify import identify_runs
 from analysis.linear.simulate import simulate_linear
@@ -50,7 +50,7 @@ def small(monkeypatch):
     monkeypatch.setattr(analysis.recorded.folded, "VALUES_AT_ONCE", 40_000)
     monkeypatch.setattr(analysis.recorded.folded, "BLOCK_VALUES", 8_000)
     monkeypatch.setattr(analysis.recorded.folded, "PIECE", 512)
-    monkeypatch.setattr(campaigns.facts, "MOST_NUMBERS", 8_000)
+    monkeypatch.setattr(campaigns.facts.finding, "MOST_NUMBERS", 8_000)
     most, read = [0], Run.read
 
     def watched(run, name, start=0, stop=None):

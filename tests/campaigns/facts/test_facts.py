@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import campaigns.facts
+import campaigns.facts.finding
 from campaigns.facts import Seen, facts_of, found_in, measured_segments, usable_segments
 from campaigns.log import Channel, LogSegment, LogWriter, read_run
 from sim_backend.errors import DataError
@@ -203,6 +203,6 @@ def test_facts_of_a_part_of_a_log_say_nothing_of_its_end(tmp_path, monkeypatch):
         log.segment("record", {}),
     ):
         log.append({"u": u, "y": y})
-    monkeypatch.setattr(campaigns.facts, "MOST_NUMBERS", 2000)
+    monkeypatch.setattr(campaigns.facts.finding, "MOST_NUMBERS", 2000)
     with read_run(tmp_path / "a.h5") as run:
         assert {fact.name for fact in facts_of(run)} & {"ended", "at-rest"} == set()

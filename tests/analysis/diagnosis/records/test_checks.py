@@ -9,6 +9,7 @@ from analysis import diagnose
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.checks import without_copies, without_cut_off
 from analysis.diagnosis.records.dataset import Record, Window
+from campaigns.facts.clipping import cut_off_in
 from sim_backend.errors import DataError
 from sim_backend.linear import discretise
 from sim_backend.model import Model
@@ -63,7 +64,8 @@ def test_rows_at_the_end_of_a_sensor_are_left_out(oscillator: Model) -> None:
     y = y + 1e-3 * y.std() * rng.standard_normal(y.shape)
     low, high = np.quantile(y, [0.02, 0.98])
     (record,) = (Record("r", u, np.clip(y, low, high), (Window("w", 0, 4000),)),)
-    (kept,), notes = without_cut_off([record], ["x"])
+    facts = cut_off_in(record.y[:, 0], "x", "rad", "w")
+    (kept,), notes = without_cut_off([record], ["x"], facts)
     assert len(notes) == 2 and all("cut off at" in note for note in notes)
     fitted = kept.fitted()
     assert not np.any(np.isin(kept.y[fitted], (low, high))) and fitted.mean() > 0.85

@@ -1,0 +1,163 @@
+"""Whether an input answers the output, as in a closed loop: then the noise of the output is in the input as well.
+
+What is new in the output at a sample cannot be foretold by inputs to come, unless these answer it. So the output is
+regressed on its own past and the inputs up to now, and asked whether the inputs to come hold more of it (C. Sims,
+"Money, income, and causality", 1972; with the output's own past, J. Geweke, R. Meese and W. Dent, 1983). Of a periodic
+excitation, that repeats and so is known for all time, only what differs from period to period is asked.
+
+A model that misses something of its inputs finds that in the inputs to come too, but as much in inputs farther past:
+these are asked as well, and must hold much less. Of an input that can be foretold from what came before, as a sweep,
+nothing is asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from campaigns.facts.base import Array, Fact, Seen
+from campaigns.facts.clock import NAME as CLOCK
+from campaigns.facts.regression import AHEAD, FRESH, Regression, regression_of
+from campaigns.facts.stretches import Stretch
+
+NAME = "closed-loop"
+
+CHANCE = 1e-6
+"""Chance at which inputs to come hold so much of an output that they do not answer."""
+
+LEAST_SHARE = 0.02
+"""Part of what is new in the output that the inputs to come hold at least: less biases a fit by less than that."""
+
+RATIO = 3.0
+"""By how much more they hold than the inputs farther past do."""
+
+ROUNDING = 1e-9
+"""Part of an input's power below which what its references leave of it may be rounding."""
+
+EXACT = 1e-9
+"""What an input may differ by from period to period, against its size, by rounding."""
+
+
+@dataclass(frozen=True)
+class _Answer:
+    output: str
+    share: float
+    chance: float
+    before: float
+    rows: float
+    always: bool = True
+
+    @property
+    def found(self) -> bool:
+        return self.always and self.chance < CHANCE and self.share > max(LEAST_SHARE, RATIO * self.before)
+
+
+def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:
+    """Return whether the inputs answer the outputs."""
+    if not stretches:
+        return []
+    if any(fact.name == CLOCK and fact.numbers["found"] for fact in known):
+        text = "whether the inputs answer the outputs is not told: their clocks differ"
+        return [Fact(NAME, text, remark=False)]
+    periodic = all(s.periods >= 2 for s in stretches)
+    varying = [_without_mean_period(s) for s in stretches] if periodic else list(stretches)
+    if periodic and not any(np.any(s.inputs) for s in varying):
+        if any(np.any(s.outputs) for s in varying):
+            text = "the inputs repeat exactly while the outputs do not: they answer nothing"
+            return [Fact(NAME, text, numbers={"found": 0}, remark=False)]
+        return []
+    worth = min(1.0 - 1.0 / s.periods for s in stretches) if periodic else 1.0
+    # what references leave of an input is small in any loop
+    least = ROUNDING if seen.of_role("reference") else FRESH
+    answers = []
+    for o, name in enumerate(seen.of_role("output")):
+        regression = regression_of(varying, o, worth=worth)
+        if regression is not None and regression.fresh() > least:
+            answer = _answer(name, regression)
+            answers.append(replace(answer, always=answer.found and _in_both_halves(varying, o, worth)))
+    return [_told(answers, bool(seen.of_role("reference")))]
+
+
+def _in_both_halves(stretches: Sequence[Stretch], o: int, worth: float) -> bool:
+    """Tell whether each half of all stretches holds it by itself: what is not linear varies with what is played."""
+    for half in (0, 1):
+        part = []
+        for s in stretches:
+            rows = slice(half * s.rows // 2, (half + 1) * s.rows // 2)
+            part.append(replace(s, inputs=s.inputs[rows], outputs=s.outputs[rows], references=s.references[rows]))
+        regression = regression_of(part, o, worth=worth)
+        if regression is not None:
+            answer = _answer("", regression)
+            if answer.share < max(LEAST_SHARE, RATIO * answer.before):
+                return False
+    return True
+
+
+def _answer(output: str, regression: Regression) -> _Answer:
+    """Return what the inputs to come hold of one output, beyond all that came before and the references."""
+    beside = regression.of <= -2
+    groups = [regression.past, beside, regression.before, regression.after]
+    _, plain, before, after = regression.left(groups)
+    tests = int(regression.after.sum())
+    free = regression.rows - sum(int(group.sum()) for group in groups)
+    if free <= tests or not after > 0.0:
+        return _Answer(output, 0.0, 1.0, 0.0, regression.rows)
+    ratio = (before - after) / tests / (after / free)
+    chance = float(scipy.stats.f.sf(ratio, tests, free))
+    # of so many numbers, that many parts of the rows are held by chance
+    share = (before - after) / before - tests / regression.rows
+    return _Answer(output, share, chance, (plain - before) / plain - tests / regression.rows, regression.rows)
+
+
+def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
+    if not answers:
+        text = "whether the inputs answer the outputs is not told: too few samples, or inputs that hold nothing new"
+        return Fact(NAME, text, remark=False)
+    worst = max(answers, key=lambda a: (a.found, a.share))
+    numbers = {"found": int(worst.found), "share": worst.share, "samples": worst.rows}
+    if not worst.found:
+        text = (
+            f"no sign of it: the {AHEAD} inputs to come hold {max(worst.share, 0.0):.1%} of what is new in "
+            f"{worst.output}; from {LEAST_SHARE:.0%} on it would be told"
+        )
+        return Fact(
+            NAME,
+            text,
+            "a loop that moves the input less than that is not seen",
+            worst.output,
+            "",
+            numbers,
+            remark=False,
+        )
+    names = ", ".join(a.output for a in answers if a.found)
+    return Fact(
+        NAME,
+        f"the inputs answer {names} (closed loop): inputs to come hold {worst.share:.0%} of what is new in it",
+        "the noise of the output is in the input too: averaged spectra and a delay of no sample are biased by it"
+        + ("; the reference was logged and is free of it" if with_references else "; log the reference as well"),
+        worst.output,
+        numbers=numbers,
+    )
+
+
+def _without_mean_period(s: Stretch) -> Stretch:
+    """Return whole periods without the mean over them, without the first of three or more; rounding is zero."""
+
+    def varying(values: Array) -> Array:
+        n = s.periods * s.period
+        blocks = values[:n].reshape(s.periods, s.period, -1)
+        blocks = blocks[1:] if s.periods >= 3 else blocks
+        off = (blocks - blocks.mean(axis=0)).reshape(blocks.shape[0] * s.period, values.shape[1])
+        size = np.abs(values).max(axis=0, initial=0.0)
+        return np.where(np.abs(off).max(axis=0, initial=0.0) > EXACT * size, off, 0.0)
+
+    return replace(
+        s,
+        inputs=varying(s.inputs),
+        outputs=varying(s.outputs),
+        references=varying(s.references),
+        period=0,
+    )
