@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from analysis.diagnosis.response.predicted import Predictor, changes_the_respons
 from analysis.diagnosis.response.search import Found, searched
 from analysis.diagnosis.response.verdict import Judged, causes_of, judged, of_levels
 from analysis.diagnosis.result import Diagnosis, Domain
+from analysis.diagnosis.search.rounds import Progress, silent
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from sim_backend.assembly import places_of, retuned
 from sim_backend.effects import effect_class, make_effect
@@ -50,7 +50,7 @@ def diagnose_response(
     options: Options | None = None,
     *,
     held: bool = False,
-    told: Callable[[str], None] = lambda _: None,
+    told: Progress = silent,
 ) -> tuple[Diagnosis, Responses]:
     """Return what `model` gets wrong about measured lines, why, and what correcting it gains, with what is drawn of it.
 
@@ -133,7 +133,7 @@ def _lowest(lines: Lines) -> Mask:
     return np.array([lines.level[k] == lowest[entry[k]] for k in range(lines.n)])
 
 
-def _searched(setting: Setting, options: Options, told: Callable[[str], None]) -> tuple[Setting, Found]:
+def _searched(setting: Setting, options: Options, told: Progress) -> tuple[Setting, Found]:
     """Return what a search finds; where noise is told by the residual, in that of what the first search has left."""
     effects = searched_effects(options)
     found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, told)
@@ -214,6 +214,6 @@ def _hold_remark(setting: Setting, model: Model, found: Found) -> str:
     if behind is None or behind.evidence < max(found.tuned.evidence, found.best.evidence - 2.0 * SURE_LEAD) + SURE_LEAD:
         return ""
     return (
-        f"behind a hold at the model's rate of {rate_hz:g} Hz the nominal model explains the table by itself: if it was "
-        "measured from commands to readings of that rate, say so with --held"
+        f"behind a hold at the model's rate of {rate_hz:g} Hz the nominal model explains the table by itself: if it "
+        "was measured from commands to readings of that rate, say so with --held"
     )

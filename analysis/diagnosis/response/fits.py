@@ -31,9 +31,15 @@ ComplexArray = NDArray[np.complex128]
 
 _STEP = 1e-6
 _ITERATIONS = 60
-_CLOSE = 1e-9
-_ROUNDS = 3
-"""Times that the level of the noise and the fit follow each other."""
+_CLOSE = 1e-4
+"""Fall of the sum of squares, in noises, that ends a descent: a ten-thousandth of what the data can tell."""
+_ROUNDS = 20
+"""Times at most that the level of the noise and the fit follow each other, until they agree to `_AGREED`."""
+
+_AGREED = 0.01
+
+_COARSE = 0.05
+"""Relative error beside the noise of the first descent, which only has to come near."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,8 @@ class Setting:
 
     def modelled(self, linear: ModalModel, effects: Sequence[Effect]) -> ComplexArray:
         """Return the response of every line (n,)."""
-        f, back = self._frequencies
-        whole = replace(self.predictor, frequency_hz=f).response(linear, (*self.known, *effects))
+        predictor, back = self._at_lines
+        whole = predictor.response(linear, (*self.known, *effects))
         return whole[back, self.lines.output, self.lines.input]
 
     def whitened(self, response: ComplexArray) -> Array:
@@ -73,10 +79,23 @@ class Setting:
         left = (self.lines.response - response) * turn
         return np.concatenate([left.real * per[:, 0], left.imag * per[:, 1]])
 
+    def apart(self, response: ComplexArray) -> Array:
+        """Return the logarithm of a response (n,) over the measured one, shape (2 n,), over a coarse error and noise.
+
+        From a peak that is off by many of its widths the sum of squares of `whitened` has a slope to nowhere; the
+        logarithm has one to the peak.
+        """
+        size = np.abs(self.lines.response)
+        ratio = response / self.lines.response
+        tiny = np.finfo(float).tiny
+        per = 1.0 / np.hypot(_COARSE, self.noise.sigma / size[:, None])
+        return np.concatenate([np.log(np.abs(ratio) + tiny) * per[:, 0], np.angle(ratio) * per[:, 1]])
+
     @cached_property
-    def _frequencies(self) -> tuple[Array, NDArray[np.int64]]:
+    def _at_lines(self) -> tuple[Predictor, NDArray[np.int64]]:
+        """Predictor of each frequency once, and which of these each line is at."""
         f, back = np.unique(self.lines.frequency_hz, return_inverse=True)
-        return f, back.reshape(-1)
+        return replace(self.predictor, frequency_hz=f), back.reshape(-1)
 
 
 @dataclass(frozen=True)
@@ -107,8 +126,16 @@ def log_likelihood(chi2: float, n: int, dof: float) -> float:
     return float(-0.5 * (dof + n) * np.log1p(chi2 / dof))
 
 
-def fit(setting: Setting, candidates: Sequence[Candidate] = (), sizes: Array | None = None) -> Fit | None:
-    """Return the hypothesis of `candidates`, `sizes` their first sizes in natural units; None where none can be."""
+def fit(
+    setting: Setting,
+    candidates: Sequence[Candidate] = (),
+    sizes: Array | None = None,
+    white: Array | None = None,
+) -> Fit | None:
+    """Return the hypothesis of `candidates`, `sizes` their first sizes in natural units; None where none can be.
+
+    `white` (n_knobs,) is where the knobs begin, by default at the nominal model.
+    """
     scales, start = parameters_of(candidates, np.zeros(0) if sizes is None else sizes)
     n_knobs, n = len(setting.knobs), 2 * setting.lines.n
     mean = np.concatenate([np.zeros(n_knobs), [s.mean for s in scales]])
@@ -117,23 +144,33 @@ def fit(setting: Setting, candidates: Sequence[Candidate] = (), sizes: Array | N
     high = np.concatenate([np.full(n_knobs, np.inf), [s.bound(s.high) for s in scales]])
     widest = np.concatenate([np.full(n_knobs, 5.0), [s.step() for s in scales]])
 
-    def left(x: Array) -> Array:
-        effects = _made(candidates, scales, x[n_knobs:])
-        return setting.whitened(setting.modelled(setting.tuned(x[:n_knobs]), effects))
+    def modelled(x: Array) -> ComplexArray:
+        return setting.modelled(setting.tuned(x[:n_knobs]), _made(candidates, scales, x[n_knobs:]))
 
-    x = np.clip(np.concatenate([np.zeros(n_knobs), start]), low, high)
+    def left(x: Array) -> Array:
+        return setting.whitened(modelled(x))
+
+    x = np.clip(np.concatenate([np.zeros(n_knobs) if white is None else white, start]), low, high)
     try:
-        data = left(x)
+        left(x)
     except ConfigError:
         return None
-    for _ in range(1 if np.isinf(setting.noise.dof) else _ROUNDS):
-        scale = 1.0 / np.sqrt(_level2(float(data @ data), n, setting.noise.dof))
 
-        def whole(x: Array, scale: float = scale) -> Array:
+    def coarse(x: Array) -> Array:
+        return np.concatenate([setting.apart(modelled(x)), (x - mean) / sd])
+
+    x, _ = descend(coarse, x, low, high, widest)
+    level2 = 1.0  # from noise that is too low: where the data are held for little, the prior keeps the knobs
+    for _ in range(_ROUNDS):
+
+        def whole(x: Array, scale: float = level2**-0.5) -> Array:
             return np.concatenate([left(x) * scale, (x - mean) / sd])
 
         x, jacobian = descend(whole, x, low, high, widest)
         data = left(x)
+        before, level2 = level2, _level2(float(data @ data), n, setting.noise.dof)
+        if abs(level2 - before) <= _AGREED * before:
+            break
     chi2, prior = float(data @ data), float(np.sum(((x - mean) / sd) ** 2))
     information = jacobian.T @ jacobian
     _, volume = np.linalg.slogdet(information)
@@ -202,7 +239,7 @@ def descend(
         if after < before:
             x, r, damping = trial, new, max(damping / 8.0, 1e-12)
             jacobian = slopes(residuals, x, r, low, high)
-            if before - after < _CLOSE * before:
+            if before - after < _CLOSE + 1e-12 * before:
                 break
         else:
             damping *= 6.0

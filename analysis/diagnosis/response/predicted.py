@@ -9,7 +9,7 @@ effect's, and closed around the plant at the effect's place.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,11 @@ def changes_the_response(effect: type[Effect]) -> bool:
     return effect.linear_form and effect.site in _PLACES and effect.aux in _AUXILIARY
 
 
+_MOST_KEPT = 8
+
+_Transfer = tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]
+
+
 @dataclass(frozen=True)
 class Predictor:
     """What a model with effects answers at some frequencies (n,), and where its effects can be.
@@ -43,6 +48,7 @@ class Predictor:
     places: Places
     frequency_hz: Array
     hold_rate_hz: float | None = None
+    _kept: dict[Effect, _Transfer] = field(init=False, default_factory=dict, repr=False, compare=False)
 
     def response(self, linear: ModalModel, effects: Sequence[Effect] = ()) -> ComplexArray:
         """Return the response (n, n_y, n_u), delays included."""
@@ -85,7 +91,15 @@ class Predictor:
             out[:, at, names.index(source)] += aux
         return out
 
-    def _transfer(self, effect: Effect) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+    def _transfer(self, effect: Effect) -> _Transfer:
+        """Return what an effect adds, kept while only numbers of the model change."""
+        if effect not in self._kept:
+            if len(self._kept) > _MOST_KEPT:
+                self._kept.clear()
+            self._kept[effect] = self._transferred(effect)
+        return self._kept[effect]
+
+    def _transferred(self, effect: Effect) -> _Transfer:
         """Return what an effect adds per unit of signal, position, rate and auxiliary signal, each (n_f,)."""
         dt_s = 1.0 / (_STEPS * float(self.frequency_hz.max()))
         p, n = effect.values(), effect.n_state

@@ -6,7 +6,7 @@ The library decides what is tried: every effect that is linear and acts where it
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
 from analysis.diagnosis.response.fits import Fit, Setting, fit, slopes
 from analysis.diagnosis.response.predicted import changes_the_response
+from analysis.diagnosis.search.rounds import Progress
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
@@ -28,7 +29,7 @@ _FREQUENCIES, _TIMES = 80, 12
 _SPREADS = (-0.5, 0.0, 0.75, 1.5)
 """Starts of a shape without dimension about its usual value, in standard deviations of its logarithm."""
 
-_BEST = 3
+_BEST = 2
 """Starts of a candidate that are fitted: those that promise most."""
 
 _SMALL = 1e-4
@@ -45,31 +46,43 @@ class Found:
     candidates: int
 
 
-def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told: Callable[[str], None]) -> Found:
+def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told: Progress) -> Found:
     """Return what adding effects one by one finds, at most `most`, each at a price that makes it sure."""
-    told("tuning the nominal model")
-    tuned = fit(setting)
-    assert tuned is not None  # without effects there is nothing that a model cannot hold
+    told("tuning the nominal model", 0.0)
+    tuned = _tuned(setting)
     keys = [(e, w) for e in effects if changes_the_response(e) for w in places_for(e, setting.predictor.places)]
     best, fits = tuned, [tuned]
     price = SURE_LEAD + float(np.log(max(len(keys), 1)))
     while len(best.candidates) < most:
-        told(f"comparing effects beside {len(best.candidates)}")
+        told("comparing effects", 0.1 + 0.2 * len(best.candidates))
         round_ = _beside(setting, best, keys)
         fits += round_
         better = max(round_, key=lambda one: one.evidence, default=best)
         if better.evidence - best.evidence < price:
             break
         best = better
+        # an effect that only led the knobs to where they belong is none
+        again = _tuned(setting, best.white)
+        if again.evidence > tuned.evidence:
+            tuned, fits = again, [again, *fits]
+            if tuned.evidence + price > best.evidence:
+                best = tuned
+                break
     if len(best.candidates) > 1:
-        told("exchanging effects")
+        told("exchanging effects", 0.8)
         for without in itertools.combinations(range(len(best.candidates)), len(best.candidates) - 1):
             kept = [best.candidates[i] for i in without]
-            base = fit(setting, kept, _sizes_of(best, without))
+            base = fit(setting, kept, _sizes_of(best, without), best.white)
             if base is not None:
                 fits += [base, *_beside(setting, base, keys)]
         best = max((one for one in fits if len(one.candidates) == len(best.candidates)), key=lambda one: one.evidence)
     return Found(tuned, best, tuple(fits), len(keys))
+
+
+def _tuned(setting: Setting, white: Array | None = None) -> Fit:
+    found = fit(setting, white=white)
+    assert found is not None  # without effects there is nothing that a model cannot hold
+    return found
 
 
 def _sizes_of(found: Fit, kept: Sequence[int]) -> Array:
@@ -89,7 +102,8 @@ def _beside(setting: Setting, base: Fit, keys: Sequence[tuple[type[Effect], str]
         tried = [
             one
             for candidate, size in _starts(setting, base, footing, effect, where)
-            if (one := fit(setting, [*base.candidates, candidate], np.concatenate([base.sizes, size]))) is not None
+            if (one := fit(setting, [*base.candidates, candidate], np.concatenate([base.sizes, size]), base.white))
+            is not None
         ]
         if tried:
             found.append(max(tried, key=lambda one: one.evidence))
