@@ -80,15 +80,29 @@ def diagnose(
       mccd diagnose FREE.h5 CHOP.h5 --model nominal.toml --without hysteresis --json
       mccd diagnose --frf response.csv --model nominal.toml -o OUT/
     """
-    from dataclasses import replace
-
     from sim_backend.model import load_model
 
     _require_one(runs, table_file, bench, level, held=held)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
+    settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
     if table_file is not None:
-        settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
         return _of_table(table_file, model, out or Path("diagnosis"), settings, level, held=held, as_json=as_json)
+    return _of_logs(runs, nominal, model, out or Path("diagnosis"), settings, rows, bench, as_json=as_json)
+
+
+def _of_logs(
+    runs: tuple[Path, ...],
+    nominal: str,
+    model: Model,
+    out: Path,
+    settings: dict[str, Any],
+    rows: int,
+    bench: str | None,
+    *,
+    as_json: bool,
+) -> int:
+    """Judge the model by logs, write the files, chop on a bench where one is named, and show the answer."""
+    from dataclasses import replace
 
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.answer.page import write_page
@@ -98,15 +112,15 @@ def diagnose(
     from sim_backend.memory import keep_long_arrays
 
     keep_long_arrays()
-    folder = prepare_folder(out or Path("diagnosis"))
+    folder = prepare_folder(out)
     loaded, heard = load_logs(runs, model, max_rows=rows)
     with progress("diagnosing") as report:
         found = judge(
             loaded.data,
             model,
-            Options(tolerance=nominal_tolerance, without=without, seed=seed),
+            Options(**settings),
             progress=lambda what, part: report(part, 1.0, what),
-            bench=None if bench is None else _face(bench, seed),
+            bench=None if bench is None else _face(bench, settings["seed"]),
             heard=heard,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
@@ -114,7 +128,7 @@ def diagnose(
     chops: tuple[ChopGain, ...] = ()
     if bench is not None:
         # the diagnosis is safe by then, whatever the bench does
-        chops, why = _chops(bench, seed, nominal, files["extended.toml"], model)
+        chops, why = _chops(bench, settings["seed"], nominal, files["extended.toml"], model)
         found = replace(found, notes=(*found.notes, *why))
         files = write_page(found, model, loaded.sources, folder, chops)
         files |= write_files(found, model, loaded.sources, folder, chops)

@@ -171,13 +171,27 @@ def fit(
         before, level2 = level2, _level2(float(data @ data), n, setting.noise.dof)
         if abs(level2 - before) <= _AGREED * before:
             break
-    chi2, prior = float(data @ data), float(np.sum(((x - mean) / sd) ** 2))
+    effects = _made(candidates, scales, x[n_knobs:])
+    prior = float(np.sum(((x - mean) / sd) ** 2)) + 2.0 * float(np.sum(np.log(sd)))
+    return _fit_at(setting, candidates, effects, scales, x[:n_knobs], jacobian, float(data @ data), prior)
+
+
+def _fit_at(
+    setting: Setting,
+    candidates: Sequence[Candidate],
+    effects: tuple[Effect, ...],
+    scales: Sequence[Scale],
+    white: Array,
+    jacobian: Array,
+    chi2: float,
+    prior: float,
+) -> Fit:
+    """Return a fit from where its descent has ended; `prior` is minus twice the logarithm of the prior there."""
     information = jacobian.T @ jacobian
     _, volume = np.linalg.slogdet(information)
-    evidence = log_likelihood(chi2, n, setting.noise.dof) - 0.5 * (prior + volume) - float(np.sum(np.log(sd)))
+    evidence = log_likelihood(chi2, 2 * setting.lines.n, setting.noise.dof) - 0.5 * (prior + volume)
     covariance = np.linalg.pinv(information, hermitian=True)
-    effects = _made(candidates, scales, x[n_knobs:])
-    spread = np.sqrt(np.maximum(np.diag(covariance)[n_knobs:], 0.0))
+    spread = np.sqrt(np.maximum(np.diag(covariance)[white.size :], 0.0))
     values = np.array([float(getattr(effects[s.effect], s.name)) for s in scales])
     per = np.array([value if s.log else s.unit for s, value in zip(scales, values, strict=True)])
     return Fit(
@@ -186,15 +200,15 @@ def fit(
             for c, e in zip(candidates, effects, strict=True)
         ),
         effects=effects,
-        white=x[:n_knobs],
-        linear=setting.tuned(x[:n_knobs]),
+        white=white,
+        linear=setting.tuned(white),
         names=tuple((s.effect, s.name) for s in scales),
         values=values,
         std=np.abs(per) * spread,
         covariance=np.asarray(covariance, dtype=float),
         sizes=_sizes(candidates, effects),
         chi2=chi2,
-        evidence=evidence,
+        evidence=float(evidence),
     )
 
 
