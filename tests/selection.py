@@ -56,6 +56,10 @@ THOROUGH = (
     ("analysis/diagnosis/verdict/test_general_rival.py::test_a_right_name_is_never_behind_*", SEARCHED),
     ("analysis/diagnosis/verdict/test_stranger.py::test_a_cause_that_is_left_out_is_not_shared_out_*", SEARCHED),
     ("analysis/study/test_kinds.py::*diagnosis*", SEARCHED),
+    (
+        "analysis/diagnosis/response/test_diagnose_response.py::test_what_no_linear_effect_*",
+        "more than a minute of search",
+    ),
     ("analysis/diagnosis/search/test_pairs.py::test_friction_is_found_beside_a_rounded_command", SEARCHED),
     ("analysis/diagnosis/search/test_named_friction.py::*", SEARCHED),
     *(

@@ -20,19 +20,17 @@ from numpy.typing import NDArray
 from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
 from analysis.identification.axes import Axes, fit_axes
 from analysis.identification.between_samples import fit_between_samples
-from analysis.identification.determined import SIGNIFICANT, without_undetermined
+from analysis.identification.determined import without_undetermined
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
 from analysis.identification.in_time import fit_in_time, in_a_loop
 from analysis.identification.line_fit import fit_lines, pooled_variance
-from analysis.identification.modal_parameters import Structure
-from analysis.identification.rational import fit_rational
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
-from analysis.identification.response_fit import RationalFit
+from analysis.identification.sweep_fit import fit_sweep
 from analysis.identification.swing import without_swing
 from analysis.recorded.folded import averaged_response, too_long
-from analysis.recorded.sweep import Sweep, sweep_of
+from analysis.recorded.sweep import sweep_of
 from campaigns.facts import measured_segments, remarks_on
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
@@ -50,9 +48,6 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 MANY_ROWS = 50_000
 """Rows of a segment from which on the number of modes is not chosen in time: each takes minutes, and what is not linear
 makes for more of them."""
-
-RELATIVE_START = 1e-3
-"""Relative error of the first fit of a sweep: only its size against the noise matters, and only for that fit."""
 
 
 def identify_runs(
@@ -103,12 +98,14 @@ def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report
     """One axis per run: the modes of all axes side by side, without coupling."""
     fits: dict[str, Fitted] = {}
     inputs, outputs, curves = [], [], []
+    remarks: list[str] = []
     for i, run in enumerate(runs):
         report(i, len(runs), f"fitting {run.path.name}")
         sweep = sweep_of(run)
         if sweep.axis in fits:
             raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
-        fits[sweep.axis] = _fit_sweep(sweep, run.sample_rate_hz, orders)
+        fits[sweep.axis], told = fit_sweep(sweep, run.sample_rate_hz, orders)
+        remarks += told
         axis = [next(c.name for c in run.channels.values() if c.role == role and c.dof == sweep.axis) for role in ROLES]
         curves.append(curve_of_sweep(sweep, *axis))
         inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
@@ -118,39 +115,8 @@ def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report
     std = side_by_side([fit.std for fit in fits.values()], each, each)
     whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
-    return identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
-
-
-def _fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Fitted:
-    """Fit one axis, with what no number of modes explains counted as a relative error beside the noise.
-
-    Sines tell their noise to parts in 1e5, hysteresis and a last trace of the transient are larger: weighted by the
-    noise alone, those would be taken for modes. So the largest order is fitted first with equal relative weights, and
-    its relative misfit joins the noise in the weights of the choice. That misfit varies smoothly with frequency, which
-    the criterion cannot know, so a mode whose damping is not significant is given up.
-    """
-    usable = tuple(n for n in orders if 4 * n < sweep.frequency_hz.size) or orders[:1]
-    magnitude2 = np.abs(sweep.response) ** 2
-
-    def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
-        return fit_rational(
-            sweep.frequency_hz,
-            sweep.response[:, None, None],
-            choice,
-            variance=(sweep.variance + relative2 * magnitude2)[:, None, None],
-            hold_rate_hz=rate_hz,
-            structure=Structure("mechanical", feedthrough=False),
-        )
-
-    largest = fitted(usable[-1:], RELATIVE_START**2)
-    missed = largest.model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0] - sweep.response
-    # the median, because near a resonance the misfit is that of its frequency; of |error|², exponential, it is ln 2
-    relative2 = float(np.median(np.abs(missed) ** 2 / magnitude2) / np.log(2.0))
-    fit = fitted(usable, relative2)
-    while fit.model.n_blocks > usable[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
-        fit = fitted((fit.model.n_blocks - 1,), relative2)
-    std = deviations(fit)
-    return Fitted(fit.model, std, fit.chi2, fit.dof)
+    found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
+    return replace(found, remarks=tuple(remarks))
 
 
 def _from_periods(

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import sys
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,6 +22,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
+from campaigns.importing.matlab_objects import Variable, class_of, refusal, variables_in
 from campaigns.importing.packing import PACKING, unpacked
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.log.child import bound_memory, tell_ready
@@ -43,7 +46,8 @@ class Hdf5Source:
     def names(self) -> list[str]:
         """Return the names at the top of the file."""
         with open_h5(self.path) as file:
-            return [name for name in link_names(file, self.path) if not name.startswith("#")]
+            names = [name for name in link_names(file, self.path) if not name.startswith("#")]
+            return [n for n in names if not self.matlab or class_of(member(file, n, self.path)) is None]
 
     def array(self, name: str) -> AnyArray | None:
         """Return the dataset at that path, None when there is none; raises DataError when it is refused."""
@@ -51,6 +55,8 @@ class Hdf5Source:
             found, fields = self._find(file, name)
             if found is None:
                 return None
+            if self.matlab and (kind := class_of(found)) is not None:
+                raise refusal(self.path, name, kind)
             check_dataset(found, self.path, name)
             try:
                 values = np.asarray(found[()])
@@ -222,15 +228,32 @@ class MatSource:
     _shapes: dict[str, tuple[int, ...]] = field(default_factory=dict, repr=False)
 
     def names(self) -> list[str]:
-        """Return the names of the variables; raises DataError when the file is damaged."""
-        if not self._shapes:
+        """Return the names of the variables but objects; raises DataError when the file is damaged."""
+        if not self._shapes and self._objects:  # scipy's list fails on an object
+            self._shapes.update({one.name: one.shape for one in self._walked if not one.object_of and one.name})
+        elif not self._shapes:
             found = self._parse(lambda: scipy.io.whosmat(self.path))
             self._shapes.update({name: tuple(shape) for name, shape, _ in found})
         return list(self._shapes)
 
+    @cached_property
+    def _objects(self) -> dict[str, str]:
+        """Classes of objects by name."""
+        return {one.name: one.object_of for one in self._walked if one.object_of}
+
+    @cached_property
+    def _walked(self) -> list[Variable]:
+        """All variables; none of a file that has another form, of which scipy's parser tells what is wrong."""
+        try:
+            return variables_in(self.path)
+        except (ValueError, OSError, zlib.error, struct.error):
+            return []
+
     def array(self, name: str) -> AnyArray | None:
         """Return the variable or field of that name, None when there is none; raises DataError when damaged."""
         variable, *fields = name.split(".")
+        if variable in self._objects:
+            raise refusal(self.path, variable, self._objects[variable])
         if variable not in self.names():
             return None
         size = 8 * math.prod(int(length) for length in self._shapes[variable])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import BenchAddress, common_options, existing_file
+from mccdcli.options import BenchAddress, common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import progress
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@existing_file("runs", nargs=-1, metavar="RUN.h5…")
+@click.argument("runs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RUN.h5…")
 @click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
 @click.option(
@@ -41,9 +41,23 @@ if TYPE_CHECKING:
     metavar="BENCH",
     help="Propose what this bench can do next, and chop on it with feed-forwards designed on both models, to compare.",
 )
+@click.option(
+    "--frf",
+    "table_file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Judge by a table of frequency response (frequency, magnitude, phase; levels) instead of logs.",
+)
+@click.option("--level", type=float, help="With --frf: level of excitation to look at.  [default: all]")
+@click.option(
+    "--held", is_flag=True, help="With --frf: it was measured at the model's rate, behind the hold of its input."
+)
 @common_options("out", "seed", "json")
 def diagnose(
     runs: tuple[Path, ...],
+    table_file: Path | None,
+    level: float | None,
+    held: bool,
     out: Path | None,
     seed: int,
     as_json: bool,
@@ -64,12 +78,31 @@ def diagnose(
     Examples:
       mccd diagnose RUN.h5 --model nominal.toml -o OUT/
       mccd diagnose FREE.h5 CHOP.h5 --model nominal.toml --without hysteresis --json
+      mccd diagnose --frf response.csv --model nominal.toml -o OUT/
     """
-    from dataclasses import replace
-
     from sim_backend.model import load_model
 
+    _require_one(runs, table_file, bench, level, held=held)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
+    settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
+    if table_file is not None:
+        return _of_table(table_file, model, out or Path("diagnosis"), settings, level, held=held, as_json=as_json)
+    return _of_logs(runs, nominal, model, out or Path("diagnosis"), settings, rows, bench, as_json=as_json)
+
+
+def _of_logs(
+    runs: tuple[Path, ...],
+    nominal: str,
+    model: Model,
+    out: Path,
+    settings: dict[str, Any],
+    rows: int,
+    bench: str | None,
+    *,
+    as_json: bool,
+) -> int:
+    """Judge the model by logs, write the files, chop on a bench where one is named, and show the answer."""
+    from dataclasses import replace
 
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.answer.page import write_page
@@ -79,15 +112,15 @@ def diagnose(
     from sim_backend.memory import keep_long_arrays
 
     keep_long_arrays()
-    folder = prepare_folder(out or Path("diagnosis"))
+    folder = prepare_folder(out)
     loaded, heard = load_logs(runs, model, max_rows=rows)
     with progress("diagnosing") as report:
         found = judge(
             loaded.data,
             model,
-            Options(tolerance=nominal_tolerance, without=without, seed=seed),
+            Options(**settings),
             progress=lambda what, part: report(part, 1.0, what),
-            bench=None if bench is None else _face(bench, seed),
+            bench=None if bench is None else _face(bench, settings["seed"]),
             heard=heard,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
@@ -95,11 +128,51 @@ def diagnose(
     chops: tuple[ChopGain, ...] = ()
     if bench is not None:
         # the diagnosis is safe by then, whatever the bench does
-        chops, why = _chops(bench, seed, nominal, files["extended.toml"], model)
+        chops, why = _chops(bench, settings["seed"], nominal, files["extended.toml"], model)
         found = replace(found, notes=(*found.notes, *why))
         files = write_page(found, model, loaded.sources, folder, chops)
         files |= write_files(found, model, loaded.sources, folder, chops)
     content = document(found, loaded.sources, chops)
+    emit(content, as_json=as_json, text=_text(content, files))
+    return 0 if found.verdict == "consistent" else 1
+
+
+def _require_one(
+    runs: tuple[Path, ...], table_file: Path | None, bench: str | None, level: float | None, *, held: bool
+) -> None:
+    """End with a usage error unless logs or a table are given, and what goes with them."""
+    if runs and table_file is not None:
+        raise click.UsageError("give logs or a table of frequency response, not both")
+    if table_file is not None and bench is not None:
+        raise click.UsageError("--bench goes with logs: a table proposes no experiment")
+    if table_file is None and (level is not None or held):
+        raise click.UsageError(f"--{'held' if held else 'level'} goes with --frf")
+    if not runs and table_file is None:
+        raise click.UsageError("Missing argument 'RUN.h5…': give logs, or a table of frequency response with --frf.")
+
+
+def _of_table(
+    file: Path, model: Model, out: Path, settings: dict[str, Any], level: float | None, *, held: bool, as_json: bool
+) -> int:
+    """Judge the model by a table of frequency response, write the files and show the answer."""
+    from analysis.diagnosis.answer.output import document, prepare_folder, write_files
+    from analysis.diagnosis.pipeline import Options
+    from analysis.diagnosis.records.loading import Source
+    from analysis.diagnosis.response.diagnose import diagnose_response
+    from analysis.diagnosis.response.lines import load_lines
+    from analysis.diagnosis.response.page import write_response_page
+    from campaigns.log import sha256_of
+
+    options = Options(**settings)
+    folder = prepare_folder(out)
+    lines = load_lines(file, model, level=level)
+    sources = [Source(str(file), sha256_of(file), file.name, lines.n)]
+    with progress("diagnosing") as report:
+        found, drawn = diagnose_response(
+            lines, model, file, options, held=held, told=lambda what, part: report(part, 1.0, what)
+        )
+    files = write_response_page(found, drawn, model, sources, folder) | write_files(found, model, sources, folder)
+    content = document(found, sources)
     emit(content, as_json=as_json, text=_text(content, files))
     return 0 if found.verdict == "consistent" else 1
 

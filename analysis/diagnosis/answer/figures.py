@@ -41,6 +41,7 @@ QUANTITIES = {
     "time": "time",
     "temperature": "temperature",
     "cross-axis": "other axis",
+    "level": "level of excitation",
 }
 
 

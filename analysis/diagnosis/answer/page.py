@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,6 +76,19 @@ def write_page(
     """Write `index.html` and its figures (SVG and CSV) into the folder `out` and return the paths by name."""
     files = {s.run_uid: Path(s.file).name for s in sources}
     figures, explorers = _drawings(diagnosis, model, files)
+    return write_drawn(diagnosis, model, sources, out, figures, explorers, chops)
+
+
+def write_drawn(
+    diagnosis: Diagnosis,
+    model: Model,
+    sources: Sequence[Source],
+    out: Path,
+    figures: tuple[list[Drawn], list[Drawn]],
+    explorers: Mapping[str, Explorer] | None = None,
+    chops: Sequence[ChopGain] = (),
+) -> dict[str, Path]:
+    """Write `index.html` with figures of the residual and of the evidence; return the paths of all files by name."""
     folder = out / "figures"
     folder.mkdir(exist_ok=True)
     runs = ", ".join(s.run_uid[:8] for s in sources[:2]) + (" …" if len(sources) > 2 else "")
@@ -87,7 +100,7 @@ def write_page(
         paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
         write_text(folder / f"{figure.name}.csv", figure.canvas.numbers().to_csv(index=False))
         drawings[figure.name] = Markup(inlined(svg, figure.name, str(escape(figure.title))))
-    page = render(diagnosis, model, sources, Drawings(figures, drawings, explorers), chops)
+    page = render(diagnosis, model, sources, Drawings(figures, drawings, dict(explorers or {})), chops)
     return paths | {"index.html": write_text(out / "index.html", page)}
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.identification.from_table import identify_table, read_table
+from analysis.identification.from_table import identify_table
+from analysis.identification.response_table import read_table
 from sim_backend.errors import ConfigError, DataError
 
 F = np.concatenate([np.arange(5.0, 60.0, 0.5), np.arange(60.0, 400.0, 2.0)])

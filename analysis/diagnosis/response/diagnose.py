@@ -1,0 +1,219 @@
+"""The diagnosis of a table of frequency response, from lines and model to verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.answer.sentence import sentence
+from analysis.diagnosis.nominal.tuning import Knob, deviations, knobs_of, own_knobs_of
+from analysis.diagnosis.pipeline import Options, searched_effects
+from analysis.diagnosis.records.dataset import Dataset
+from analysis.diagnosis.response.evidence import by_frequency, gain_of
+from analysis.diagnosis.response.fits import Fit, Setting, fit
+from analysis.diagnosis.response.levels import compare_levels, depends_on_level, describe_levels
+from analysis.diagnosis.response.lines import Lines
+from analysis.diagnosis.response.noise import Noise, noise_of
+from analysis.diagnosis.response.predicted import Predictor, changes_the_response
+from analysis.diagnosis.response.search import Found, searched
+from analysis.diagnosis.response.verdict import Judged, causes_of, judged, of_levels
+from analysis.diagnosis.result import Diagnosis, Domain
+from analysis.diagnosis.search.rounds import Progress, silent
+from analysis.diagnosis.search.shortlist import SURE_LEAD
+from sim_backend.assembly import places_of, retuned
+from sim_backend.effects import effect_class, make_effect
+from sim_backend.effects.base import Site
+from sim_backend.model import Model, Quantity, number
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Responses:
+    """What a page draws: all lines with their noise, and the responses (n,) of the tuned nominal and extended model."""
+
+    lines: Lines
+    noise: Noise
+    nominal: ComplexArray
+    extended: ComplexArray
+
+
+def diagnose_response(
+    lines: Lines,
+    model: Model,
+    path: Path,
+    options: Options | None = None,
+    *,
+    held: bool = False,
+    told: Progress = silent,
+) -> tuple[Diagnosis, Responses]:
+    """Return what `model` gets wrong about measured lines, why, and what correcting it gains, with what is drawn of it.
+
+    `held` says that the table was measured from samples to samples behind a hold at the model's rate; by default it is
+    a response of continuous signals. `told` hears what is being done.
+    """
+    options = options or Options()
+    setting = _setting(lines, model, path, options, held=held)
+    tuned = _tuned(setting)
+    setting = _heard(setting, tuned)
+    levels = compare_levels(setting, setting.modelled(tuned.linear, ()), model, path.name)
+    if depends_on_level(levels):
+        words = describe_levels(_only(setting, ~lines.held_out), model)
+        first = _only(setting, _lowest(lines))
+        found = searched(_only(_heard(first, tuned), ~first.lines.held_out), (), 0, told)
+        judgement = of_levels(words)
+    else:
+        setting, found = _searched(setting, options, told)
+        judgement = judged(_only(setting, ~lines.held_out), found)
+    notes = _notes(setting, judgement, model, found, levels)
+    return _answer(setting, model, path, found, judgement, levels, notes, options.seed)
+
+
+def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: bool) -> Setting:
+    """Return all lines with the noise about the model as it is given."""
+    places = places_of(model)
+    known = [
+        make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()})
+        for e in model.effects
+        if changes_the_response(effect_class(e.effect))
+    ]
+    linear = retuned(model.linear(), known, places)
+    own = _fitted_to(model, path.name)
+    knobs: list[Knob] = own_knobs_of(linear, _late(model)) if own else knobs_of(linear, options.tolerance)
+    hold = model.sample_rate_hz if held else None
+    rest = tuple(e for e in known if e.site is not Site.MODEL)
+    setting = Setting(
+        lines,
+        Noise(np.ones((lines.n, 2)), np.inf, ""),
+        linear,
+        rest,
+        knobs,
+        Predictor(places, lines.frequency_hz, hold),
+    )
+    return replace(setting, noise=noise_of(lines, setting.modelled(linear, ())))
+
+
+def _fitted_to(model: Model, name: str) -> bool:
+    """Tell whether a number of the model was fitted to the table of this name, which then stands in its source."""
+    numbers = [n for mode in model.modes for n in (mode.frequency_hz, mode.decay_rate_1_s)]
+    return any(isinstance(n, Quantity) and n.origin == "fitted" and name in n.source for n in numbers)
+
+
+def _late(model: Model) -> list[int]:
+    """Return the numbers of the inputs whose delay was fitted."""
+    delays = [model.delay_s.get(port.name, 0.0) for port in model.inputs]
+    return [j for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted" and d.value and d.std]
+
+
+def _only(setting: Setting, keep: Mask) -> Setting:
+    noise = replace(setting.noise, sigma=setting.noise.sigma[keep])
+    return replace(setting, lines=setting.lines.only(keep), noise=noise)
+
+
+def _heard(setting: Setting, found: Fit) -> Setting:
+    """Return the setting with the noise about what a fit has found."""
+    return replace(setting, noise=noise_of(setting.lines, setting.modelled(found.linear, found.effects)))
+
+
+def _tuned(setting: Setting) -> Fit:
+    found = fit(_only(setting, ~setting.lines.held_out))
+    assert found is not None  # without effects there is nothing that a model cannot hold
+    return found
+
+
+def _lowest(lines: Lines) -> Mask:
+    """Return which lines (n,) are of the lowest level of their entry."""
+    entry = lines.output * (lines.input.max() + 1) + lines.input
+    lowest = {e: np.nanmin(lines.level[entry == e]) for e in np.unique(entry)}
+    return np.array([lines.level[k] == lowest[entry[k]] for k in range(lines.n)])
+
+
+def _searched(setting: Setting, options: Options, told: Progress) -> tuple[Setting, Found]:
+    """Return what a search finds; where noise is told by the residual, in that of what the first search has left."""
+    effects = searched_effects(options)
+    found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, told)
+    if found.best.candidates and not np.isinf(setting.noise.dof):
+        setting = _heard(setting, found.best)
+        found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, told)
+    return setting, found
+
+
+def _answer(
+    setting: Setting,
+    model: Model,
+    path: Path,
+    found: Found,
+    judgement: Judged,
+    levels: tuple[Domain, ...],
+    notes: tuple[str, ...],
+    seed: int,
+) -> tuple[Diagnosis, Responses]:
+    best, lines = found.best, setting.lines
+    both = [setting.modelled(one.linear, one.effects) for one in (found.tuned, best)]
+    drawn = Responses(lines, setting.noise, both[0], both[1])
+    evidence = {"frequency": by_frequency(lines, setting.noise, both[0], model, path.name)}
+    if levels:
+        evidence["level"] = levels
+    dependent = depends_on_level(levels)
+    gain = None if dependent else gain_of(lines, setting.noise, both[0], both[1], path.name, seed)
+    causes, n = causes_of(judgement, best, model), len(setting.knobs)
+    std = np.sqrt(np.maximum(np.diag(setting.turn @ best.covariance[:n, :n] @ setting.turn.T), 0.0))
+    said = sentence(judgement.verdict, causes, judgement.tied, gain, evidence)
+    diagnosis = Diagnosis(
+        verdict=judgement.verdict,
+        sentence=f"The simulation is wrong: {judgement.objection}." if dependent else said,
+        causes=causes,
+        ambiguous=judgement.tied,
+        evidence=evidence,
+        gain=gain,
+        next_experiment=None,
+        data=Dataset(model.sample_rate_hz, ()),
+        nominal=model.linear(),
+        linear=best.linear,
+        effects=best.effects,
+        before=(),
+        after=(),
+        considered=judgement.rivals,
+        notes=notes,
+        linear_std=deviations(best.linear, setting.knobs, std),
+    )
+    return diagnosis, drawn
+
+
+def _notes(
+    setting: Setting, judgement: Judged, model: Model, found: Found, levels: tuple[Domain, ...]
+) -> tuple[str, ...]:
+    """Return what a reader has to know of the table, the noise and the verdict."""
+    nonlinear = [e.effect for e in model.effects if not changes_the_response(effect_class(e.effect))]
+    notes = [
+        *setting.lines.remarks,
+        judgement.objection if not depends_on_level(levels) else "",
+        f"the noise is known from: {setting.noise.source}",
+        _hold_remark(setting, model, found) if judgement.verdict != "consistent" else "",
+    ]
+    if not levels:
+        notes.append("one level of excitation: whether anything nonlinear acts cannot be seen")
+    if nonlinear:
+        notes.append(f"effects of the model that no response at one level shows are left out: {', '.join(nonlinear)}")
+    return tuple(filter(None, notes))
+
+
+def _hold_remark(setting: Setting, model: Model, found: Found) -> str:
+    """Return a remark where the nominal model behind a hold explains the table, though it is taken for continuous."""
+    rate_hz = model.sample_rate_hz
+    if setting.predictor.hold_rate_hz or setting.lines.frequency_hz.max() > 0.5 * rate_hz:
+        return ""
+    lines = _only(replace(setting, predictor=replace(setting.predictor, hold_rate_hz=rate_hz)), ~setting.lines.held_out)
+    behind = fit(lines)
+    # better than nothing is not enough: half a sample of delay is part of any longer one
+    if behind is None or behind.evidence < max(found.tuned.evidence, found.best.evidence - 2.0 * SURE_LEAD) + SURE_LEAD:
+        return ""
+    return (
+        f"behind a hold at the model's rate of {rate_hz:g} Hz the nominal model explains the table by itself: if it "
+        "was measured from commands to readings of that rate, say so with --held"
+    )

@@ -1,0 +1,213 @@
+"""Tables of frequency response as lines to be compared with a model: one number a line, some held out of every fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.identification.response_files import load_response
+from analysis.identification.response_table import Table, read_table
+from sim_backend.errors import ConfigError, DataError
+from sim_backend.model import Model
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LEAST_LINES = 8
+"""Lines of a response with which anything can be told, as for an identification."""
+
+BLOCKS, EVERY = 60, 5
+"""A response is cut into so many blocks of neighbouring lines at most; every so many blocks one is held out."""
+
+ENOUGH_TO_HOLD = 40
+"""Lines of a response from which on some are held out: of fewer, each is needed."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Measured lines (n,) in SI units, by entry (output, input), then level, then rising frequency.
+
+    `curve` numbers the curves of one entry at one level, `level` is NaN where none is told. `count` is how often a line
+    was measured, `response` the mean, `scatter` (rows, 3) the differences from it, in magnitude and along the phase,
+    with the magnitude of their line. `std` (n,) is the deviation of either part of a line, `coherence` (n,) the
+    ordinary one; None where the file has none.
+    """
+
+    frequency_hz: Array
+    response: ComplexArray
+    output: Indices
+    input: Indices
+    level: Array
+    curve: Indices
+    count: Array
+    scatter: Array
+    std: Array | None
+    coherence: Array | None
+    held_out: Mask
+    level_unit: str = ""
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of lines."""
+        return int(self.frequency_hz.size)
+
+    def only(self, keep: Mask) -> Lines:
+        """Return the lines that `keep` (n,) marks."""
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[keep],
+            response=self.response[keep],
+            output=self.output[keep],
+            input=self.input[keep],
+            level=self.level[keep],
+            curve=self.curve[keep],
+            count=self.count[keep],
+            std=None if self.std is None else self.std[keep],
+            coherence=None if self.coherence is None else self.coherence[keep],
+            held_out=self.held_out[keep],
+        )
+
+
+def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines:
+    """Return the lines of a table, of `level` alone where it is given, each at its entry of `model`.
+
+    A table has one response, which is that of a model of one input and one output; one with the columns output and
+    input, as `mccd identify --response` writes them, has any of those that the model names. Raises ConfigError where
+    table and model do not go together, DataError as `read_table` and for fewer than eight lines.
+    """
+    entries = _entries(path, model)
+    parts = [_merged(table, o, i) for table, o, i in entries]
+    unit = next((table.level_unit for table, _, _ in entries if table.level_unit), "")
+    remarks = tuple(dict.fromkeys(remark for table, _, _ in entries for remark in table.remarks))
+    lines = _joined(parts, unit, remarks)
+    if level is not None:
+        keep = np.isclose(lines.level, level, rtol=1e-6)
+        if not keep.any():
+            there = ", ".join(f"{one:g}" for one in np.unique(lines.level[np.isfinite(lines.level)])[:10])
+            raise ConfigError(f"{path} has no level {level:g}: it has {there or 'no column of levels'}")
+        lines = lines.only(keep)
+    lines = lines.only(lines.frequency_hz > 0.0)  # at rest a rigid body has no response
+    sizes = np.bincount(lines.curve)
+    few = int(sizes[sizes > 0].min()) if lines.n else 0
+    if few < LEAST_LINES:
+        raise DataError(f"{path} has {few} lines of a response above 0 Hz; {LEAST_LINES} are needed to judge a model")
+    if np.any(lines.response == 0.0):
+        f = lines.frequency_hz[lines.response == 0.0][0]
+        raise DataError(f"{path}: the response at {f:g} Hz is zero; leave lines out at which nothing was measured")
+    return replace(lines, held_out=_held_out(lines.curve))
+
+
+def _entries(path: Path, model: Model) -> list[tuple[Table, int, int]]:
+    outputs, inputs = [p.name for p in model.outputs], [p.name for p in model.inputs]
+    if _names_ports(path):
+        found = []
+        for curve in load_response(path):
+            for what, name, known in (("output", curve.output, outputs), ("input", curve.input, inputs)):
+                if name not in known:
+                    raise ConfigError(f"{path} has the {what} '{name}', the model has {', '.join(known)}; rename it")
+            response = curve.magnitude * np.exp(1j * curve.phase_rad)
+            std = curve.std if np.isfinite(curve.std).all() and np.all(curve.std > 0.0) else None
+            table = Table(curve.frequency_hz, response, None, ("1", "1"), std=std)
+            found.append((table, outputs.index(curve.output), inputs.index(curve.input)))
+        return found
+    table = read_table(path)
+    if (len(outputs), len(inputs)) != (1, 1):
+        raise ConfigError(
+            f"{path} has one response, the model {len(inputs)} inputs and {len(outputs)} outputs; give a model of one "
+            "of each, or columns 'output' and 'input' as mccd identify --response writes them"
+        )
+    ports = model.outputs[0].unit, model.inputs[0].unit
+    if table.units != ("1", "1") and table.units != ports:
+        told, wanted = (f"{over} per {under}" for over, under in (table.units, ports))
+        raise ConfigError(f"{path} is in {told}, the model in {wanted}; give both in the same quantities")
+    return [(table, 0, 0)]
+
+
+def _names_ports(path: Path) -> bool:
+    """Tell whether the columns of a table name outputs and inputs."""
+    if path.suffix.lower() != ".csv":
+        return False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return {"output", "input"} <= {name.strip() for name in file.readline().split(",")}
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One response with its repeated lines merged; arrays as in Lines."""
+
+    arrays: dict[str, Array]
+    response: ComplexArray
+    scatter: Array
+    output: int
+    input: int
+
+
+def _merged(table: Table, output: int, input_: int) -> _Part:
+    """Return a table with lines that were measured several times at one level merged into their mean."""
+    f, level = table.frequency_hz, np.full(table.frequency_hz.size, np.nan)
+    if table.level is not None:
+        level = table.level
+    key = np.stack([np.nan_to_num(level), f], axis=1)
+    _, first, back, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    back = back.reshape(-1)
+    mean = (np.bincount(back, table.response.real) + 1j * np.bincount(back, table.response.imag)) / count
+    again = count[back] > 1
+    off = (
+        (table.response - mean[back])
+        * np.exp(-1j * np.angle(mean[back]))
+        * np.sqrt(count / np.maximum(count - 1, 1))[back]
+    )
+    scatter = np.stack([off.real, off.imag, np.abs(mean[back])], axis=1)[again]
+    arrays = {"frequency_hz": f[first], "level": level[first], "count": count.astype(float)}
+    if table.std is not None:
+        # repeated lines are averaged; each had its own deviation
+        arrays["std"] = np.sqrt(np.bincount(back, table.std**2)) / count
+    if table.coherence is not None:
+        arrays["coherence"] = np.bincount(back, table.coherence) / count
+    return _Part(arrays, mean.astype(np.complex128), scatter, output, input_)
+
+
+def _joined(parts: list[_Part], unit: str, remarks: tuple[str, ...]) -> Lines:
+    def all_of(name: str) -> Array:
+        return np.concatenate([part.arrays[name] for part in parts])
+
+    def told(name: str) -> Array | None:
+        return all_of(name) if all(name in part.arrays for part in parts) else None
+
+    sizes = [part.response.size for part in parts]
+    places = np.array([(part.output, part.input) for part in parts]).repeat(sizes, axis=0).astype(np.int64)
+    level = all_of("level")
+    entry = np.arange(len(parts)).repeat(sizes)
+    _, curve = np.unique(np.stack([entry, np.nan_to_num(level)], axis=1), axis=0, return_inverse=True)
+    return Lines(
+        frequency_hz=all_of("frequency_hz"),
+        response=np.concatenate([part.response for part in parts]),
+        output=places[:, 0],
+        input=places[:, 1],
+        level=level,
+        curve=curve.reshape(-1).astype(np.int64),
+        count=all_of("count"),
+        scatter=np.concatenate([part.scatter for part in parts]),
+        std=told("std"),
+        coherence=told("coherence"),
+        held_out=np.zeros(level.size, dtype=bool),
+        level_unit=unit,
+        remarks=remarks,
+    )
+
+
+def _held_out(curve: Indices) -> Mask:
+    """Return which lines (n,) no fit may see: every fifth block of neighbours of each curve that has lines enough."""
+    held = np.zeros(curve.size, dtype=bool)
+    for number in np.unique(curve):
+        rows = np.flatnonzero(curve == number)
+        if rows.size >= ENOUGH_TO_HOLD:
+            length = -(-rows.size // BLOCKS)
+            held[rows] = (np.arange(rows.size) // length) % EVERY == EVERY // 2
+    return held

@@ -1,0 +1,89 @@
+"""The page of a diagnosis of frequency responses: the Bode picture of data and both models, then the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from analysis.diagnosis.answer.figures import AFTER, BEFORE, Drawn, evidence_figures, file_names
+from analysis.diagnosis.answer.page import write_drawn
+from analysis.diagnosis.records.loading import Source
+from analysis.diagnosis.response.diagnose import Responses
+from analysis.diagnosis.response.evidence import by_frequency
+from analysis.diagnosis.result import Diagnosis
+from analysis.pages.canvas import INK, QUIET, Canvas
+from sim_backend.model import Model
+
+SIZE = (4.4, 5.6)
+"""As wide as the other figures of the page, and three panels high."""
+
+
+def write_response_page(
+    diagnosis: Diagnosis, drawn: Responses, model: Model, sources: Sequence[Source], out: Path
+) -> dict[str, Path]:
+    """Write `index.html` and its figures (SVG and CSV) into the folder `out` and return the paths by name."""
+    record = next((curve.record for curve in diagnosis.evidence["frequency"]), "")
+    after = {"frequency": by_frequency(drawn.lines, drawn.noise, drawn.extended, model, record)}
+    figures = bode_figures(drawn, model), evidence_figures(diagnosis.evidence, after, model)
+    return write_drawn(diagnosis, model, sources, out, figures)
+
+
+def bode_figures(drawn: Responses, model: Model) -> list[Drawn]:
+    """Return one figure per entry: magnitude, phase, and what either model leaves over the response, with the noise."""
+    lines = drawn.lines
+    places = sorted(set(zip(lines.output.tolist(), lines.input.tolist(), strict=True)))
+    pairs = [(model.inputs[i], model.outputs[o]) for o, i in places]
+    names = file_names([f"{one.dof}-{other.dof}" for one, other in pairs])
+    figures = []
+    for (o, i), (source, target), name in zip(places, pairs, names, strict=True):
+        rows = np.flatnonzero((lines.output == o) & (lines.input == i))
+        title = f"{source.dof} → {target.dof}"
+        canvas = Canvas(f"Response {title}", "", rows=3, size=SIZE, share_x=True)
+        unit = "" if (source.unit, target.unit) == ("1", "1") else f" ({target.unit} per {source.unit})"
+        canvas.panel(0, title, "", f"magnitude{unit}")
+        canvas.panel(1, "", "", "phase (°)")
+        canvas.panel(2, "", "frequency (Hz)", "error ÷ response")
+        _draw(canvas, drawn, rows)
+        caption = (
+            f"The measured response {title}, the nominal model with its own numbers re-tuned, and the extended model. "
+            "Below: what each leaves over the size of the response, and the standard deviation of the noise (grey)."
+        )
+        levels = np.unique(lines.level[rows])
+        if levels.size > 1:
+            told = ", ".join(f"{level:g}" for level in levels[:8])
+            caption += f" Levels of excitation: {told}{f' {lines.level_unit}' if lines.level_unit else ''}."
+        figures.append(Drawn(f"response-{name}", f"Response {title}", caption, canvas))
+    return figures
+
+
+def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
+    lines = drawn.lines
+    measured, size = lines.response[rows], np.abs(lines.response[rows])
+    dots = {"color": INK, "marker": ".", "markersize": 2.5}
+    canvas.points(0, "measured", lines.frequency_hz[rows], size, **dots)
+    canvas.points(1, "measured", lines.frequency_hz[rows], np.degrees(np.angle(measured)), **dots)
+    sigma = np.sqrt(np.mean(drawn.noise.sigma[rows] ** 2, axis=1)) / size
+    canvas.points(2, "noise", lines.frequency_hz[rows], sigma, color=QUIET, marker="_", markersize=3.0)
+    for label, modelled, colour in (("nominal", drawn.nominal, BEFORE), ("extended", drawn.extended, AFTER)):
+        # a model has one response: that at the lines of all levels together
+        f, first = np.unique(lines.frequency_hz[rows], return_index=True)
+        curve = modelled[rows][first]
+        canvas.line(0, label, f, np.abs(curve), color=colour, linewidth=1.0)
+        canvas.line(1, label, f, _unbroken(np.degrees(np.angle(curve))), color=colour, linewidth=1.0)
+        off = np.abs(modelled[rows] - measured) / size
+        canvas.points(2, label, lines.frequency_hz[rows], off, color=colour, marker=".", markersize=2.5)
+    for axes in canvas.axes:
+        axes.set_xscale("log")
+    canvas.axes[0].set_yscale("log")
+    canvas.axes[2].set_yscale("log")
+    canvas.axes[1].set_yticks([-180, -90, 0, 90, 180])
+    canvas.legend(0, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, borderpad=0.0, columnspacing=1.0)
+
+
+def _unbroken(phase_deg: np.ndarray) -> np.ndarray:
+    """Return a phase (n,) that is not drawn across the picture where it wraps."""
+    out = phase_deg.copy()
+    out[1:][np.abs(np.diff(phase_deg)) > 180.0] = np.nan
+    return out

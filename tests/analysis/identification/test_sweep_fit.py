@@ -1,0 +1,63 @@
+"""A stepped sine behind a delay and an amplifier gives both back; what a model misses is told."""
+
+from __future__ import annotations
+
+import control
+import numpy as np
+import pytest
+
+from analysis.identification.sweep_fit import fit_sweep
+from analysis.recorded.sweep import Sweep
+
+F = np.geomspace(5.0, 400.0, 80)
+RATE = 4000.0
+NOISE = 1e-4
+
+
+def measured(samples: float, lag_s: float) -> np.ndarray:
+    """Samples to samples of two modes behind a lag and a hold, by python-control, `samples` late."""
+    modes = (control.tf([g], [1.0, 2.0 * z * w, w * w]) for w, z, g in ((195.0, 0.02, 40.0), (880.0, 0.01, 300.0)))
+    plant = sum(modes, control.tf([0.0], [1.0]))
+    if lag_s:
+        plant = plant * control.tf([1.0], [lag_s, 1.0])
+    held = control.sample_system(control.tf2ss(plant), 1.0 / RATE, "zoh")
+    return held(np.exp(2j * np.pi * F / RATE)) * np.exp(-2j * np.pi * F * samples / RATE)
+
+
+def sweep(response: np.ndarray, seed: int) -> Sweep:
+    rng = np.random.default_rng(seed)
+    std = NOISE * np.abs(response)
+    noise = std / np.sqrt(2.0) * (rng.standard_normal(F.size) + 1j * rng.standard_normal(F.size))
+    return Sweep("x", F, response + noise, std**2, np.ones(F.size))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drawn_delay_is_found(seed):
+    drawn = np.random.default_rng(seed + 10)
+    samples = float(drawn.integers(1, 5)) if seed == 0 else float(drawn.uniform(0.3, 5.0))
+    fit, told = fit_sweep(sweep(measured(samples, 0.0), seed), RATE, (1, 2, 3, 4))
+    assert fit.linear.delay_s[0] * RATE == pytest.approx(samples, abs=0.01)
+    assert told == ()
+
+
+@pytest.mark.parametrize(("seed", "late"), [(3, 0.0), (4, 2.4)])
+def test_an_amplifier_behind_a_drawn_pole_is_followed(seed, late):
+    lag_s = float(np.random.default_rng(seed).uniform(3e-4, 2e-3))
+    exact = measured(late, lag_s)
+    fit, told = fit_sweep(sweep(exact, seed), RATE, (1, 2, 3, 4))
+    found = fit.linear.frequency_response(F, RATE)[:, 0, 0]
+    # what parts a lag and delay from each other is below the noise; the response is what has to be right
+    np.testing.assert_allclose(found, exact, rtol=10.0 * NOISE)
+    assert told == ()
+    modes = fit.linear.omega_rad_s[fit.linear.sigma_1_s < 0.1 * fit.linear.omega_rad_s]
+    np.testing.assert_allclose(np.sort(modes), [195.0, 880.0], rtol=1e-4)
+    if late == 0.0:
+        real = fit.linear.poles_1_s()[fit.linear.sigma_1_s > fit.linear.omega_rad_s]
+        # the block has two; the other stands where it changes nothing
+        assert np.abs(1.0 + lag_s * real).min() < 0.01
+
+
+def test_what_one_mode_misses_is_told():
+    fit, told = fit_sweep(sweep(measured(0.0, 0.0), 5), RATE, (1,))
+    assert fit.linear.n_blocks == 1
+    assert len(told) == 1 and told[0].startswith("the model of x misses") and "give --modes" in told[0]
