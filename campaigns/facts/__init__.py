@@ -4,7 +4,17 @@ Facts are found when data are imported and kept in the log; identification and d
 """
 
 from campaigns.facts.base import Fact, Seen
-from campaigns.facts.finding import FACTS, RELATIONS, facts_of, found_in, missing_in, seen_in, stored_facts, whole
+from campaigns.facts.finding import (
+    FACTS,
+    RELATIONS,
+    all_facts_of,
+    facts_of,
+    found_in,
+    missing_in,
+    seen_in,
+    stored_facts,
+    whole,
+)
 from campaigns.facts.usable import measured_segments, remarks_on, usable_segments
 
 __all__ = [
@@ -12,6 +22,7 @@ __all__ = [
     "RELATIONS",
     "Fact",
     "Seen",
+    "all_facts_of",
     "facts_of",
     "found_in",
     "measured_segments",

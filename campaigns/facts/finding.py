@@ -65,12 +65,20 @@ def found_in(seen: Seen, asked: Sequence[str] = tuple(RELATIONS)) -> tuple[Fact,
 
 
 def facts_of(run: Run) -> tuple[Fact, ...]:
-    """Return the facts of a log, found once per open run; raises DataError where the log cannot be read."""
-    return run.once("facts", _facts)
+    """Return the facts of a log, found once per open run; raises DataError where the log cannot be read.
+
+    Of `RELATIONS` those that an import has asked: to ask them takes longer than a diagnosis of a short log.
+    """
+    return run.once("facts", lambda run: _facts(run, ()))
+
+
+def all_facts_of(run: Run) -> tuple[Fact, ...]:
+    """Return the facts of a log, those of `missing_in` asked now; raises DataError where the log cannot be read."""
+    return run.once("all facts", lambda run: _facts(run, missing_in(run)))
 
 
 def missing_in(run: Run) -> tuple[str, ...]:
-    """Return which of `RELATIONS` an import has not asked, so that they are found anew whenever they are wanted."""
+    """Return which of `RELATIONS` an import has not asked."""
     try:
         asked = json.loads(run.header.configuration)["asked"]
         whole = run.status == "complete" and isinstance(asked, list)
@@ -79,13 +87,13 @@ def missing_in(run: Run) -> tuple[str, ...]:
     return tuple(name for name in RELATIONS if not whole or name not in asked)
 
 
-def _facts(run: Run) -> tuple[Fact, ...]:
+def _facts(run: Run, asked: Sequence[str]) -> tuple[Fact, ...]:
     columns = sum(channel.role != "aux" for channel in run.channels.values())
     stored = stored_facts(run)
     if stored and run.rows * columns > MOST_NUMBERS:
         return stored
     missing = missing_in(run)
-    found = found_in(seen_in(run), missing)
+    found = found_in(seen_in(run), asked)
     return (*found, *(fact for fact in stored if fact.name in RELATIONS and fact.name not in missing))
 
 

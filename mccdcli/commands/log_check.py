@@ -26,11 +26,11 @@ def check(run: Path, as_json: bool) -> int:
       mccd log check RUN.h5
       mccd log check RUN.h5 --json
     """
-    from campaigns.facts import facts_of, missing_in
+    from campaigns.facts import all_facts_of, missing_in
     from campaigns.log import read_run
 
     with read_run(run) as log:
-        facts, anew, uid = facts_of(log), missing_in(log), log.run_uid
+        facts, anew, uid = all_facts_of(log), missing_in(log), log.run_uid
     forbidden = any(fact.forbids for fact in facts)
     rows = [(fact.name, fact.finding, ("FORBIDS: " if fact.forbids else "") + fact.means) for fact in facts]
     text = table(rows, heads=("fact", "finding", "what it means"))

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from campaigns.facts import RELATIONS, Fact, facts_of, missing_in
+from campaigns.facts import RELATIONS, Fact, all_facts_of, missing_in
 from campaigns.log import Channel, LogWriter, read_run
 
 RATE_HZ = 500.0
@@ -33,7 +33,7 @@ def test_what_was_asked_is_taken_from_the_log_and_the_rest_is_found(tmp_path):
     write(tmp_path / "a.h5", json.dumps(asked))
     with read_run(tmp_path / "a.h5") as run:
         assert missing_in(run) == tuple(name for name in RELATIONS if name not in ("coherence", "clock"))
-        facts = facts_of(run)
+        facts = all_facts_of(run)
     assert [fact for fact in facts if fact.name == "coherence"] == [kept]
     assert {fact.name for fact in facts} == {"size", "closed-loop", "delay", "coherence"}
 
@@ -43,4 +43,4 @@ def test_a_log_that_holds_nothing_is_asked_everything(tmp_path, configuration):
     write(tmp_path / "a.h5", configuration)
     with read_run(tmp_path / "a.h5") as run:
         assert missing_in(run) == tuple(RELATIONS)
-        assert {"clock", "coherence", "delay"} < {fact.name for fact in facts_of(run)}
+        assert {"clock", "coherence", "delay"} < {fact.name for fact in all_facts_of(run)}
