@@ -60,7 +60,8 @@ def gain_of(
     drawn = np.random.default_rng(seed).integers(0, sums[0].size, (DRAWS, sums[0].size))
     ratio = np.sqrt(sums[1][drawn].sum(axis=1) / np.maximum(sums[0][drawn].sum(axis=1), np.finfo(float).tiny))
     low, high = np.quantile(1.0 - ratio, [0.025, 0.975])
-    floor = float(np.sqrt(np.mean(np.sum(noise.sigma[held] ** 2, axis=1) / size2)))
+    # noise that is known from other lines may seem larger than the error that it is part of
+    floor = min(float(np.sqrt(np.mean(np.sum(noise.sigma[held] ** 2, axis=1) / size2))), first, last)
     return Gain(
         held_out=(f"{record}#one of {EVERY} blocks of neighbouring lines, {int(held.sum())} of {lines.n} lines",),
         rms_before=first,
