@@ -1,0 +1,81 @@
+"""What a law would do to first order: its torques along a motion that is known, through the linear plant."""
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.challenge.second.campaign import Campaign
+from analysis.challenge.second.integrate import Motion, Placed, split_delay
+from sim_backend.jit import njit
+
+Array = NDArray[np.float64]
+
+_SUBSTEPS = 6
+
+
+def first_order(one: Placed, campaign: Campaign, motion: Motion, index: int) -> Array:
+    """Return the change (n, axes) of the readings of a run by a law that acts along the run's `motion`."""
+    how = one.law.how
+    if how == "record":
+        rng = np.random.default_rng([campaign.chance, index])
+        change = np.zeros_like(motion.reading)
+        reading = motion.reading[:, one.i]
+        change[:, one.i] = one.law.function(reading, motion.v[:, one.i], one.p, campaign.rate_hz, rng) - reading
+        return change
+    if how == "delay":
+        later = replace(campaign.plant, delay_s=campaign.plant.delay_s + float(one.p[0]))
+        return campaign.answer(motion.command, later) - campaign.answer(motion.command)
+    command = _arrived(campaign, motion.command)
+    out = np.zeros_like(motion.y)
+    code = one.law.function.made
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "First-class function type", Warning)
+        if how == "reading":
+            _read(code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
+            return out
+        _push(code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
+    held = 0.5 * (out + np.vstack([out[1:], out[-1:]]))
+    return campaign.answer(held, replace(campaign.plant, delay_s=0.0))
+
+
+def _arrived(campaign: Campaign, command: Array) -> Array:
+    """Return the commands that act right after each sample, (n, axes)."""
+    whole, part = split_delay(campaign.plant.delay_s, campaign.rate_hz)
+    late = whole + (1 if part > 0.5 else 0)
+    return np.vstack([np.zeros((late, command.shape[1])), command])[: command.shape[0]]
+
+
+@njit
+def _read(law, y, v, u, x, p, i, j, rate_hz, out):
+    r = np.zeros(y.shape[1])
+    for k in range(y.shape[0]):
+        r[:] = y[k]
+        law(k / rate_hz, y[k], v[k], u[k], x, p, r, i, j)
+        out[k] = r - y[k]
+
+
+@njit
+def _push(law, y, v, u, z, p, i, j, rate_hz, out):
+    n, axes = y.shape
+    h = 1.0 / (rate_hz * _SUBSTEPS)
+    here, rate, f, first, second = np.zeros(axes), np.zeros(axes), np.zeros(axes), np.zeros(z.size), np.zeros(z.size)
+    for k in range(n):
+        f[:] = 0.0
+        law(k / rate_hz, y[k], v[k], u[k], z, first, p, f, i, j)
+        out[k] = f
+        if z.size == 0 or k == n - 1:
+            continue
+        for s in range(_SUBSTEPS):
+            w = (s + 0.5) / _SUBSTEPS
+            for a in range(axes):
+                here[a] = (1.0 - w) * y[k, a] + w * y[k + 1, a]
+                rate[a] = (1.0 - w) * v[k, a] + w * v[k + 1, a]
+            t = k / rate_hz + w / rate_hz
+            law(t, here, rate, u[k], z, first, p, f, i, j)
+            law(t, here, rate, u[k], z + 0.5 * h * first, second, p, f, i, j)
+            z += h * second
