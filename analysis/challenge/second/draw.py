@@ -24,7 +24,7 @@ CLEAR = (2.0, 30.0)
 UNSEEN = (0.2, 0.6)
 """Sizes in detection limits of the mode that most benches have and no nominal model."""
 
-_TRIES = 80
+_TRIES = 300
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ class Law:
 
     `effect` is what a diagnosis should call it: the listed name, or the law's own where none is listed. `size` tells
     what would be a plain disturbance of a scene, `cap` how many times that is the most that is plausible. `shapes`
-    follow the size in the parameters. `rate` (1/s) is how fast a law reacts, which steps must resolve. `springy` laws need an axis with a stiffness; `axes` is how many they join.
+    follow the size in the parameters. `rate` (1/s) is how fast a law reacts, which steps must resolve. `springy` laws need an axis with a stiffness; `axes` is how many they join;
+    `alone` is false for those that have a twin on any bench.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Law:
     springy: bool = False
     cap: float = 4.0
     parameter: str | None = None
+    alone: bool = True
     rate: Callable[[Array, Scene], float] = lambda p, s: 0.0
 
 

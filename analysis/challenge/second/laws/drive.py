@@ -10,7 +10,7 @@ from analysis.challenge.second.law import law, log_uniform
 _PART = "drive"
 
 
-@law("drive-gain", "listed", _PART, lambda s: 0.1, effect="actuator-gain", parameter="relative", cap=5.0)
+@law("drive-gain", "listed", _PART, lambda s: 0.1, effect="actuator-gain", parameter="relative", cap=5.0, alone=False)
 def drive_gain(t, y, v, u, z, dz, p, f, i, j):
     """A gain that is off."""
     f[i] += p[0] * u[i]
