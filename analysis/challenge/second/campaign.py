@@ -130,7 +130,7 @@ def draw_campaign(rng: np.random.Generator, axes: int) -> Campaign:
     """Return a random bench with what is played on it; its noise is 0.03 to 2 % of the motion."""
     rate_hz = float(rng.choice(RATES_HZ))
     period = int(rng.choice([1024, 1500, 2000, 2048, 3000]))
-    rigid, closed = rng.random() < 0.35, rng.random() < 0.4
+    rigid, closed = rng.random() < 0.35, rng.random() < 0.5
     closed = closed or (rigid and rng.random() < 0.8)
     plant = draw_plant(rng, rate_hz, axes, bool(rigid), 4.0 * rate_hz / period)
     kind = REPEATING if rng.random() < 0.5 else str(rng.choice(SINGLE))

@@ -96,7 +96,7 @@ def _steady(campaign: Campaign) -> list[Motion]:
             raise _BadDraw("unstable")
         if campaign.control is not None:
             asked = campaign.scale * np.sqrt(np.mean(record.wave**2, axis=0))
-            if np.any(swing > 2.5 * asked) or np.any(swing < 0.2 * asked):
+            if np.any(swing > 2.5 * asked) or np.any(swing < 0.05 * asked):
                 raise _BadDraw("the loop does not follow")
             apart = motion.reading - campaign.scale * record.wave
             if np.any(np.sqrt(np.mean(apart**2, axis=0)) > 2.0 * asked):
