@@ -14,7 +14,9 @@ from mccdcli.progress import Report, progress
 
 @click.command("make")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
-@click.option("--generator", type=click.Choice(["first", "second"]), default="first", show_default=True, help="By which.")
+@click.option(
+    "--generator", type=click.Choice(["first", "second"]), default="first", show_default=True, help="By which."
+)
 @click.option("--one", type=click.IntRange(0), default=1, show_default=True, help="Cases of one effect per family.")
 @click.option("--faint", type=click.IntRange(0), default=0, show_default=True, help="Cases near detection per family.")
 @click.option("--two", "--pairs", type=click.IntRange(0), default=0, show_default=True, help="Cases of two effects.")
@@ -22,7 +24,9 @@ from mccdcli.progress import Report, progress
 @click.option("--outside", type=click.IntRange(0), default=0, show_default=True, help="Cases per family left out.")
 @click.option("--twisted", type=click.IntRange(0), default=0, help="Second: cases per listed law with a twist.")
 @click.option("--unlisted", type=click.IntRange(0), default=0, help="Second: cases per law that no library lists.")
-@click.option("--reserved", is_flag=True, help="Second: take the unlisted laws that are kept back, in place of the others.")
+@click.option(
+    "--reserved", is_flag=True, help="Second: take the unlisted laws that are kept back, in place of the others."
+)
 @click.option("--family", "families", multiple=True, metavar="NAME", help="Hide only this family; may be repeated.")
 @click.option("--shape", type=click.Choice(["full", "aperiodic", "short"]), help="Play only campaigns of this shape.")
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases to make at the same time.")
@@ -94,9 +98,7 @@ def _first(
 
     from analysis.challenge.make import Counts, make_challenge
 
-    return make_challenge(
-        folder, Counts(*counts), seed=seed, families=families, shape=shape, jobs=jobs, report=report
-    )
+    return make_challenge(folder, Counts(*counts), seed=seed, families=families, shape=shape, jobs=jobs, report=report)
 
 
 def _second(
@@ -110,9 +112,7 @@ def _second(
 ) -> str:
     from analysis.challenge.second.make import Counts, make_challenge
 
-    return make_challenge(
-        folder, Counts(*counts), seed=seed, names=names, kept_back=reserved, jobs=jobs, report=report
-    )
+    return make_challenge(folder, Counts(*counts), seed=seed, names=names, kept_back=reserved, jobs=jobs, report=report)
 
 
 def _drawn_again(folder: Path) -> int:

@@ -36,7 +36,9 @@ def first_order(one: Placed, campaign: Campaign, motion: Motion, index: int) -> 
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "First-class function type", Warning)
         if how == "reading":
-            _read(code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
+            _read(
+                code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out
+            )
             return out
         _push(code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
     held = 0.5 * (out + np.vstack([out[1:], out[-1:]]))

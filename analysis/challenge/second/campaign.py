@@ -1,4 +1,4 @@
-"""A bench and what is played on it, in open loop or in a position loop; and what its record would be with laws hidden."""
+"""A bench and what is played on it, in open loop or in a position loop, and its motion with laws hidden."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ RATES_HZ = (500.0, 1000.0, 2000.0, 2500.0, 4000.0, 5000.0, 10000.0, 20000.0)
 class Campaign:
     """Plant, runs and noise. `control` (axes, 4) is None in open loop, where records are commands, else references.
 
-    `scale` (axes,) is what a waveform of level 1 is in its unit. `starts` has modal states (m, 2) for every run, `noise` (n, axes) for every run what the sensor adds; `louder` is by
-    how much the noise grows with the level.
+    `scale` (axes,) is what a waveform of level 1 is in its unit. `starts` has modal states (m, 2) for every run, `noise`
+    (n, axes) for every run what the sensor adds; `louder` is by how much the noise grows with the level.
     """
 
     plant: Plant
@@ -77,7 +77,7 @@ class Campaign:
         return np.vstack([start, np.zeros((self.plant.omega.size - start.shape[0], 2))])
 
     def linear(self, command: Array, plant: Plant | None = None) -> Array:
-        """Return what the linear plant answers from rest, each mode by itself, (n, modes, inputs), to commands (n, inputs)."""
+        """Return how each mode answers commands (n, inputs) from rest, (n, modes, inputs)."""
         plant = plant or self.plant
         whole, part = split_delay(plant.delay_s, self.rate_hz)
         period = 1.0 / self.rate_hz

@@ -1,4 +1,4 @@
-"""What a case hides: laws at sizes in proportion to their limits on the case's own bench, drawn anew where they fail."""
+"""What a case hides: laws at sizes in proportion to their limits on the case's own bench; bad draws are drawn anew."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Drawn:
     redrawn: dict[str, int]
 
 
-class _BadDraw(Exception):
+class BadDrawError(Exception):
     """A draw that is given up, with the reason."""
 
 
@@ -57,7 +57,7 @@ def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
     for _ in range(_TRIES):
         try:
             return replace(_draw(plan, rng), redrawn=dict(redrawn))
-        except _BadDraw as reason:
+        except BadDrawError as reason:
             redrawn[str(reason)] += 1
     raise MccdError(f"no case of {' and '.join(plan.laws) or 'no law'} in {_TRIES} draws ({dict(redrawn)}): {_ADVICE}")
 
@@ -72,7 +72,7 @@ def _draw(plan: Plan, rng: np.random.Generator) -> Drawn:
     base = _steady(campaign)
     axes = [[a for a in range(campaign.plant.axes) if applicable(law, campaign, a)] for law in laws]
     if not all(axes):
-        raise _BadDraw("the bench has no place for the law")
+        raise BadDrawError("the bench has no place for the law")
     metric = Metric(campaign, base)
     if rng.random() < 0.7:
         campaign = _with_unknown_mode(campaign, metric, rng)
@@ -93,14 +93,14 @@ def _steady(campaign: Campaign) -> list[Motion]:
     for motion, record in zip(motions, campaign.records, strict=True):
         swing = np.sqrt(np.mean(motion.y**2, axis=0))
         if not np.all(np.isfinite(motion.y)) or np.any(np.max(np.abs(motion.y), axis=0) > 12.0 * swing):
-            raise _BadDraw("unstable")
+            raise BadDrawError("unstable")
         if campaign.control is not None:
             asked = campaign.scale * np.sqrt(np.mean(record.wave**2, axis=0))
             if np.any(swing > 2.5 * asked) or np.any(swing < 0.05 * asked):
-                raise _BadDraw("the loop does not follow")
+                raise BadDrawError("the loop does not follow")
             apart = motion.reading - campaign.scale * record.wave
             if np.any(np.sqrt(np.mean(apart**2, axis=0)) > 2.0 * asked):
-                raise _BadDraw("unstable")
+                raise BadDrawError("unstable")
     return motions
 
 
@@ -121,11 +121,11 @@ def _sized(
 ) -> Placed:
     cap = one.law.cap * float(one.p[0])
     if not np.isfinite(limit.detection):
-        raise _BadDraw("too small or too quick to be seen")
+        raise BadDrawError("too small or too quick to be seen")
     if CLEAR[0] * limit.naming > cap:
-        raise _BadDraw("not to be told at a plausible size")
+        raise BadDrawError("not to be told at a plausible size")
     if limit.twins and plan.stratum != "one":
-        raise _BadDraw("has a twin")
+        raise BadDrawError("has a twin")
     size = min(log_uniform(rng, *CLEAR) * limit.naming, cap)
     return resized(one, size, campaign.scene(base, one.i))
 
@@ -135,8 +135,8 @@ def _played(campaign: Campaign, base: list[Motion], hidden: Sequence[Placed]) ->
     motions = campaign.play(list(hidden))
     for now, before in zip(motions, base, strict=True):
         if not np.all(np.isfinite(now.reading)):
-            raise _BadDraw("unstable with the law")
+            raise BadDrawError("unstable with the law")
         for what in ("y", "command"):
             if np.any(np.max(np.abs(getattr(now, what)), axis=0) > 4.0 * np.max(np.abs(getattr(before, what)), axis=0)):
-                raise _BadDraw("out of range with the law")
+                raise BadDrawError("out of range with the law")
     return motions

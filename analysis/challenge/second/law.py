@@ -59,8 +59,9 @@ class Law:
 
     `effect` is what a diagnosis should call it: the listed name, or the law's own where none is listed. `size` tells
     what would be a plain disturbance of a scene, `cap` how many times that is the most that is plausible. `shapes`
-    follow the size in the parameters. `rate` (1/s) is how fast a law reacts, which steps must resolve. `springy` laws need an axis with a stiffness; `axes` is how many they join;
-    `alone` is false for those that have a twin on any bench.
+    follow the size in the parameters. `rate` (1/s) is how fast a law reacts, which steps must resolve. `springy` laws
+    need an axis with a stiffness; `axes` is how many they join; `alone` is false for those that have a twin on any
+    bench.
     """
 
     name: str

@@ -11,8 +11,8 @@ prior as wide as the motion. d² is the energy left on the rows that may be fitt
   the same axis, by two draws of its shapes to first order; whatever weighted sum of these counts.
 - *Twin*: a rival that leaves less than 2.576 even at the largest plausible size.
 
-What the limit leaves out: rivals are few draws along the undisturbed motion, one name at a time; rivals at other axes do
-not count; the part that a rival leaves is taken to grow in proportion to the size; where samples are lost or late at
+What the limit leaves out: rivals are few draws along the undisturbed motion, one name at a time; rivals at other axes
+do not count; the part that a rival leaves is taken to grow in proportion to the size; where samples are lost or late at
 random the signature counts as known. All of these make the limit too low rather than too high.
 """
 

@@ -1,4 +1,4 @@
-"""Benches of one to six modes and one to three axes, rigid ones too; and the nominal model of one, with wrong numbers."""
+"""Benches of one to six modes and one to three axes, rigid ones too; and their nominal models, with wrong numbers."""
 
 from __future__ import annotations
 
@@ -114,7 +114,10 @@ def nominal_text(plant: Plant, rng: np.random.Generator, rate_hz: float) -> str:
             lines += ["", f"[[{kind}]]", f'name = "{prefix}{dof}"', f'unit = "{unit}"', f'dof = "{dof}"']
     for m in range(plant.known):
         lines += ["", "[[modes]]", f'label = "mode {m + 1}"']
-        lines += [f"frequency_hz = {wrong(plant.omega[m] / (2.0 * np.pi))}", f"decay_rate_1_s = {wrong(plant.decay[m])}"]
+        lines += [
+            f"frequency_hz = {wrong(plant.omega[m] / (2.0 * np.pi))}",
+            f"decay_rate_1_s = {wrong(plant.decay[m])}",
+        ]
         lines += [f"input.command_{d} = {wrong(b)}" for d, b in zip(plant.names, plant.drive[m], strict=True) if b]
         lines += [f"output.{d} = {wrong(c)}" for d, c in zip(plant.names, plant.shape[:, m], strict=True) if c]
     if plant.delay_s:

@@ -62,7 +62,9 @@ def lagging_amplifier(t, y, v, u, z, dz, p, f, i, j):
     f[i] += z[0] - u[i]
 
 
-@law("later-drive", "listed", _PART, lambda s: 0.3 / s.rate_hz, how="delay", effect="delay", parameter="seconds", cap=30)
+@law(
+    "later-drive", "listed", _PART, lambda s: 0.3 / s.rate_hz, how="delay", effect="delay", parameter="seconds", cap=30
+)
 def later_drive() -> None:
     """A delay that the nominal model does not state: it is the simulator's own."""
 
@@ -76,9 +78,7 @@ def soft_dead_zone(t, y, v, u, z, dz, p, f, i, j):
     f[i] += copysign(through, u[i]) - u[i]
 
 
-@law(
-    "rounded-command", "listed", _PART, lambda s: 0.05 * s.u_rms, effect="command-quantisation", parameter="step_size"
-)
+@law("rounded-command", "listed", _PART, lambda s: 0.05 * s.u_rms, effect="command-quantisation", parameter="step_size")
 def rounded_command(t, y, v, u, z, dz, p, f, i, j):
     """A converter of few bits."""
     f[i] += p[0] * floor(u[i] / p[0] + 0.5) - u[i]

@@ -80,7 +80,7 @@ def magnetic_pull(t, y, v, u, z, dz, p, f, i, j):
     rate=lambda p, s: 5.0 * s.v_peak / p[2],
 )
 def flag_loop(t, y, v, u, z, dz, p, f, i, j):
-    """A wire of shape-memory alloy that is pulled one way only: it yields beyond `p[1]` and comes back by another path."""
+    """A wire of shape-memory alloy, pulled one way only: it yields beyond `p[1]` and comes back by another path."""
     stretch = (y[i] - p[1]) / p[2]
     high, low = min(max(stretch, 0.0), 1.0), min(max(stretch + 0.6, 0.0), 1.0)
     goal = high if v[i] > 0.0 else low

@@ -61,7 +61,7 @@ def lost_samples(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Ge
     cap=3.0,
 )
 def jitter_bursts(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Generator) -> Array:
-    """Bursts in which samples are taken late by thirds of `p[0]` samples; `p[1]` is their share, `p[2]` their number."""
+    """Bursts in which samples come late by thirds of `p[0]` samples; `p[1]` is their share, `p[2]` their number."""
     n, bursts = y.size, int(p[2])
     burst = np.zeros(n)
     length = max(int(n * p[1] / bursts), 1)

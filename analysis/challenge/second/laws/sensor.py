@@ -10,13 +10,25 @@ from analysis.challenge.second.law import law, log_uniform
 _PART = "sensor"
 
 
-@law("reading-gain", "listed", _PART, lambda s: 0.1, how="reading", effect="sensor-gain", parameter="relative", cap=5.0, alone=False)
+@law(
+    "reading-gain",
+    "listed",
+    _PART,
+    lambda s: 0.1,
+    how="reading",
+    effect="sensor-gain",
+    parameter="relative",
+    cap=5.0,
+    alone=False,
+)
 def reading_gain(t, y, v, u, z, p, r, i, j):
     """A gain that is off."""
     r[i] += p[0] * y[i]
 
 
-@law("turned-sensor", "listed", _PART, lambda s: 0.05, how="reading", effect="sensor-rotation", axes=2, parameter="angle")
+@law(
+    "turned-sensor", "listed", _PART, lambda s: 0.05, how="reading", effect="sensor-rotation", axes=2, parameter="angle"
+)
 def turned_sensor(t, y, v, u, z, p, r, i, j):
     """A sensor that sees another axis."""
     r[i] += p[0] * y[j]
