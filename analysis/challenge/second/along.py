@@ -30,26 +30,28 @@ def first_order(one: Placed, campaign: Campaign, motion: Motion, index: int) -> 
     if how == "delay":
         later = replace(campaign.plant, delay_s=campaign.plant.delay_s + float(one.p[0]))
         return campaign.answer(motion.command, later) - campaign.answer(motion.command)
-    command = _arrived(campaign, motion.command)
     out = np.zeros_like(motion.y)
-    code = one.law.function.made
+    rest = (np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
+    code, late = one.law.function.made, _late(campaign)
+    command = np.vstack([np.zeros((late, out.shape[1])), motion.command])[: out.shape[0]]
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "First-class function type", Warning)
         if how == "reading":
-            _read(
-                code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out
-            )
+            _read(code, motion.y, motion.v, command, *rest)
             return out
-        _push(code, motion.y, motion.v, command, np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
+        if one.law.site == "drive":  # its torque is held as the command is, and comes as late
+            y, v = (np.vstack([x[late:], np.repeat(x[-1:], late, axis=0)]) for x in (motion.y, motion.v))
+            _push(code, y, v, motion.command, *rest)
+            return campaign.answer(out)
+        _push(code, motion.y, motion.v, command, *rest)
     held = 0.5 * (out + np.vstack([out[1:], out[-1:]]))
     return campaign.answer(held, replace(campaign.plant, delay_s=0.0))
 
 
-def _arrived(campaign: Campaign, command: Array) -> Array:
-    """Return the commands that act right after each sample, (n, axes)."""
+def _late(campaign: Campaign) -> int:
+    """Return the delay of commands in whole samples, rounded."""
     whole, part = split_delay(campaign.plant.delay_s, campaign.rate_hz)
-    late = whole + (1 if part > 0.5 else 0)
-    return np.vstack([np.zeros((late, command.shape[1])), command])[: command.shape[0]]
+    return whole + (1 if part > 0.5 else 0)
 
 
 @njit

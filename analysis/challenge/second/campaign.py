@@ -23,8 +23,8 @@ RATES_HZ = (500.0, 1000.0, 2000.0, 2500.0, 4000.0, 5000.0, 10000.0, 20000.0)
 class Campaign:
     """Plant, runs and noise. `control` (axes, 4) is None in open loop, where records are commands, else references.
 
-    `scale` (axes,) is what a waveform of level 1 is in its unit. `starts` has modal states (m, 2) for every run, `noise`
-    (n, axes) for every run what the sensor adds; `louder` is by how much the noise grows with the level.
+    `scale` (axes,) is what a waveform of level 1 is in its unit. `starts` has modal states (m, 2) for every run,
+    `noise` (n, axes) for every run what the sensor adds; `louder` is by how much the noise grows with the level.
     """
 
     plant: Plant

@@ -171,7 +171,7 @@ def appended_mass(t, y, v, u, z, dz, p, f, i, j):
 @law(
     "crosstalk",
     "listed",
-    _PART,
+    "drive",
     lambda s: 0.1,
     effect="cross-coupling",
     axes=2,
