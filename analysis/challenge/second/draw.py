@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from analysis.challenge.second.campaign import Campaign, draw_campaign
 from analysis.challenge.second.integrate import Motion, Placed
-from analysis.challenge.second.law import LAWS, log_uniform
+from analysis.challenge.second.law import log_uniform
+from analysis.challenge.second.laws import LAWS
 from analysis.challenge.second.limits import THRESHOLD, Limits, Metric, applicable, length, limits_of, placed, resized
 from analysis.challenge.truth import Stratum
 from sim_backend.errors import MccdError

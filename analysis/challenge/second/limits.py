@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from analysis.challenge.second.along import first_order
 from analysis.challenge.second.campaign import Campaign
 from analysis.challenge.second.integrate import Motion, Placed
-from analysis.challenge.second.law import LAWS, Law, Scene
+from analysis.challenge.second.law import Law, Scene
+from analysis.challenge.second.laws import LAWS
 from analysis.challenge.second.nuisances import Left, Projection, tune, whitened
 from analysis.challenge.second.plant import Plant
 
