@@ -31,7 +31,7 @@ def challenge(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_same_seed_makes_the_same_cases(challenge: Path, tmp_path: Path) -> None:
-    make_challenge(tmp_path, COUNTS, seed=SEED, names=NAMES, jobs=2)
+    make_challenge(tmp_path, COUNTS, seed=SEED, names=NAMES)
     files = sorted(p.relative_to(challenge) for p in challenge.rglob("*") if p.is_file())
     assert files == sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
     for file in files:
