@@ -29,7 +29,8 @@ def first_order(one: Placed, campaign: Campaign, motion: Motion, index: int) -> 
         return change
     if how == "delay":
         later = replace(campaign.plant, delay_s=campaign.plant.delay_s + float(one.p[0]))
-        return campaign.answer(motion.command, later) - campaign.answer(motion.command)
+        own = np.where(np.arange(campaign.plant.axes) == one.i, motion.command, 0.0)
+        return campaign.answer(own, later) - campaign.answer(own)
     out = np.zeros_like(motion.y)
     rest = (np.zeros(one.law.states), one.p, one.i, one.j, campaign.rate_hz, out)
     code, late = one.law.function.made, _late(campaign)

@@ -60,7 +60,8 @@ class Law:
     `effect` is what a diagnosis should call it: the listed name, or the law's own where none is listed. `size` tells
     what would be a plain disturbance of a scene, `cap` how many times that is the most that is plausible. `shapes`
     follow the size in the parameters. `rate` (1/s) is how fast a law reacts, which steps must resolve. `springy` laws
-    need an axis with a stiffness; `axes` is how many they join; `alone` is false for those that have a twin on any
+    need an axis with a stiffness; `axes` is how many they join,
+    `most_axes` how many the bench may have; `alone` is false for those that have a twin on any
     bench.
     """
 
@@ -74,6 +75,7 @@ class Law:
     shapes: Shapes
     states: int = 0
     axes: int = 1
+    most_axes: int = 3
     springy: bool = False
     cap: float = 4.0
     parameter: str | None = None

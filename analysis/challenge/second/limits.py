@@ -98,7 +98,7 @@ def left_by(vector: Array, others: Array) -> float:
 
 def applicable(law: Law, campaign: Campaign, axis: int) -> bool:
     """Tell whether a law can act at an axis."""
-    return law.axes <= campaign.plant.axes and not (law.springy and campaign.plant.rigid(axis))
+    return law.axes <= campaign.plant.axes <= law.most_axes and not (law.springy and campaign.plant.rigid(axis))
 
 
 def placed(law: Law, campaign: Campaign, motions: list[Motion], axis: int, rng: np.random.Generator) -> Placed:
@@ -171,7 +171,11 @@ def _rivals(one: Placed, metric: Metric, rng: np.random.Generator) -> dict[str, 
     campaign = metric.campaign
     found: dict[str, list[Array]] = {}
     for law in LAWS.values():
-        if law.group != "listed" or law.effect == one.law.effect or not applicable(law, campaign, one.i):
+        if (
+            law.group != "listed"
+            or law.effect == one.law.effect
+            or not applicable(replace(law, most_axes=3), campaign, one.i)
+        ):
             continue
         for _ in range(_DRAWS if law.shapes(rng, campaign.scene(metric.base, one.i)) else 1):
             rival = placed(law, campaign, metric.base, one.i, rng)

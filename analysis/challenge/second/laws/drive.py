@@ -63,10 +63,18 @@ def lagging_amplifier(t, y, v, u, z, dz, p, f, i, j):
 
 
 @law(
-    "later-drive", "listed", _PART, lambda s: 0.3 / s.rate_hz, how="delay", effect="delay", parameter="seconds", cap=30
+    "later-drive",
+    "listed",
+    _PART,
+    lambda s: 0.3 / s.rate_hz,
+    how="delay",
+    effect="delay",
+    parameter="seconds",
+    cap=30.0,
+    most_axes=1,
 )
 def later_drive() -> None:
-    """A delay that the nominal model does not state: it is the simulator's own."""
+    """A delay that the nominal model does not state: it is the simulator's own, of all drives."""
 
 
 @law("soft-dead-zone", "listed", _PART, lambda s: 0.05 * s.u_rms, effect="dead-zone", parameter="width", cap=10.0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.challenge.second.along import first_order
 from analysis.challenge.second.campaign import Campaign, draw_campaign
 from analysis.challenge.second.excite import Record, Stretch
 from analysis.challenge.second.integrate import Placed
@@ -96,3 +97,35 @@ def test_noise_has_its_size_and_is_white_when_filtered_back() -> None:
         assert np.std(white) == pytest.approx(1.0, rel=0.02)
         assert abs(np.mean(white[1:] * white[:-1])) < 0.02
     assert slopes == {"white", "1/f", "1/f^2", "hump"}
+
+
+def test_a_small_lag_of_one_drive_has_a_delay_of_that_drive_for_a_rival() -> None:
+    """To first order both are a derivative of the command; what tells them apart is (ω τ)² / 2, at ω τ below 0.1."""
+    campaign = replace(bench(), noises=(Noise("white", 1e-6, np.ones(1), np.ones(1)),))
+    metric = Metric(campaign, campaign.play([]))
+    lag = Placed(LAWS["lagging-amplifier"], np.array([4e-4]), 0, 0, 2500.0)
+    left = metric.left([lag])
+    assert left is not None
+    delay = Placed(LAWS["later-drive"], np.array([4e-4]), 0, 0)
+    own = float(np.linalg.norm(left.vector))
+    assert left_by(left.vector, left.projection.beyond(metric.first_order(delay)[:, None])) < 0.1 * own
+
+
+def test_a_delay_at_one_axis_is_that_of_its_own_drive() -> None:
+    """Two axes without cross terms: where a rival delays one drive, the other axis reads what it read."""
+    one = bench()
+    plant = replace(one.plant, drive=np.diag([2.0, 2.0]), shape=np.eye(2))
+    plant = replace(plant, omega=np.repeat(plant.omega, 2), decay=np.repeat(plant.decay, 2))
+    (record,) = one.records
+    two = replace(
+        one,
+        plant=plant,
+        records=(replace(record, wave=np.repeat(record.wave, 2, axis=1)),),
+        scale=np.repeat(one.scale, 2),
+        noises=one.noises * 2,
+        noise=(np.zeros((N, 2)),),
+        starts=(np.zeros((2, 2)),),
+    )
+    change = first_order(Placed(LAWS["later-drive"], np.array([4e-4]), 1, 0), two, two.play([])[0], 0)
+    assert np.max(np.abs(change[:, 0])) == 0.0
+    assert np.max(np.abs(change[:, 1])) > 0.0
