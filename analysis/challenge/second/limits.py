@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 THRESHOLD = 2.575829303548901
 """Half of all effects are detected where d is this, at 1 % false alarms (two-sided)."""
 
-_ROUNDS, _CLOSE, _DRAWS = 8, 0.05, 2
+_ROUNDS, _CLOSE, _DRAWS = 14, 0.05, 2
 
 _QUICKEST = 30.0
 """How fast a law may react, times the sample rate: what is quicker is not drawn."""
@@ -159,7 +159,7 @@ def _detection(one: Placed, metric: Metric, others: list[Array]) -> tuple[float,
         power = 1.0
         if before is not None and before[0] != size:
             power = float(np.clip(np.log(d / before[1]) / np.log(size / before[0]), 0.5, 4.0))
-        before = (size, d)
+        before = (size, d) if d > 0.1 else None  # below, a law has hardly begun to act, and its slope tells nothing
         target = size * float(np.clip((THRESHOLD / d) ** (1.0 / power), 1e-3, 30.0))
         inside = low < target < high
         size = min(cap, target if inside else (np.sqrt(low * high) if low > 0.0 else 0.3 * high))
