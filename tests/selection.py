@@ -110,6 +110,7 @@ THOROUGH = (
     ("benchmarks/test_study_cost.py::test_trials_that_do_nothing_go_through_a_cluster", "starts a cluster to time it"),
     ("benchmarks/test_study_cost.py::test_one_small_study_*", "a study that is timed"),
     ("analysis/challenge/test_end_to_end.py::*", "test_schema.py and the blind families run the commands"),
+    ("analysis/challenge/second/test_end_to_end.py::*", "a whole diagnosis; test_schema.py runs the commands"),
     ("analysis/challenge/test_make.py::*", "makes many cases; test_schema.py and the blind families make one each"),
     ("campaigns/log/test_hostile.py::test_mutated_logs_*", "as the mutated HDF5 sources, which stay"),
     ("campaigns/playing/test_campaign_run.py::test_killed_and_resumed_*30 Hz*", "killed in one place of three"),

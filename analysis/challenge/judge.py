@@ -26,7 +26,8 @@ class Judged:
     probability and whether it is in the truth. `pulls` are errors of parameters in their stated standard deviations, by
     effect, `without_std` the number of those that none was stated for; `spreads` are the stated variances and `misses`
     the squared errors, both over the Cramér–Rao bound; `held_out` is the error after over that of the truth, None when
-    it was not right.
+    it was not right. `remainder` tells whether the names were said to leave something, None of a diagnosis that does
+    not say.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Judged:
     spreads: tuple[float, ...]
     misses: tuple[float, ...]
     held_out: float | None
+    remainder: bool | None = None
 
     @property
     def right(self) -> bool:
@@ -66,7 +68,8 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
     truth = [(effect.effect, effect.where) for effect in case.effects]
     by_name = tuple(key in causes for key in truth)
     found = tuple(named or _tied(e, groups) for e, named in zip(case.effects, by_name, strict=True))
-    wrong = tuple(key for key in causes if key not in truth)
+    granted = set(case.granted)
+    wrong = tuple(key for key in causes if key not in truth and key not in granted)
     pairs = [
         (causes[key]["parameters"], effect) for key, effect in zip(truth, case.effects, strict=True) if key in causes
     ]
@@ -79,12 +82,13 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
         found=found,
         by_name=by_name,
         wrong=wrong,
-        stated=tuple((float(cause["probability"]), key in truth) for key, cause in causes.items()),
+        stated=tuple((float(cause["probability"]), key not in wrong) for key, cause in causes.items()),
         pulls=tuple(row[0] for row in compared if row[0] is not None),
         without_std=sum(row[0] is None for row in compared),
         spreads=tuple(row[1] for row in compared if row[1] is not None),
         misses=tuple(row[2] for row in compared if row[2] is not None),
         held_out=_held_out(said, case) if by_name and all(by_name) and not wrong else None,
+        remainder=said["remainder"] is not None if "remainder" in said else None,
     )
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,9 +16,10 @@ from analysis.challenge.bounds import bound_deviations, held_out_floor
 from analysis.challenge.draw import Drawn, Plan, draw_case, separable
 from analysis.challenge.experiment import Run
 from analysis.challenge.families import members, slugs
+from analysis.challenge.folder import fill, require_empty
 from analysis.challenge.metric import Metric
 from analysis.challenge.plant import AXES, nominal_model
-from analysis.challenge.truth import Buried, Case, Number, Stratum, Truth, seal
+from analysis.challenge.truth import Buried, Case, Number, Stratum
 from campaigns.log import Channel, LogWriter
 from campaigns.log.checksum import sidecar_of, write_sidecar
 from sim_backend.errors import ConfigError
@@ -80,34 +79,9 @@ def make_challenge(
     """
     for family in families:
         members(family)
-    if folder.exists() and any(folder.iterdir()):
-        raise ConfigError(f"{folder} is not empty and a challenge never overwrites: choose another folder")
+    require_empty(folder)
     plans = plans_of(counts, tuple(families) or slugs(), np.random.default_rng([seed, 0]), shape)
-    if not plans:
-        raise ConfigError("a challenge of no cases: ask for at least one case of some stratum")
-    names = [f"{i + 1:04d}" for i in range(len(plans))]
-    for name in names:
-        (folder / "cases" / name).mkdir(parents=True)
-    truths: dict[str, Case] = {}
-    for done, (name, case) in enumerate(_made(folder, names, plans, seed, jobs), start=1):
-        truths[name] = case
-        report(done, len(plans), f"case {name}")
-    salt = np.random.default_rng([seed, 1]).bytes(16).hex()
-    digest = seal(folder, Truth(seed=seed, salt=salt, cases=dict(sorted(truths.items()))))
-    public = {"schema": "mccd-challenge/1", "cases": names, "seal": digest}
-    (folder / "challenge.json").write_text(json.dumps(public, indent=1) + "\n", encoding="utf-8")
-    return digest
-
-
-def _made(folder: Path, names: list[str], plans: list[Plan], seed: int, jobs: int) -> Iterator[tuple[str, Case]]:
-    work = [(folder / "cases" / name, plan, seed, i) for i, (name, plan) in enumerate(zip(names, plans, strict=True))]
-    if jobs == 1:
-        yield from ((item[0].name, make_case(*item)) for item in work)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(make_case, *item): item[0].name for item in work}
-        for future in as_completed(waiting):
-            yield waiting[future], future.result()
+    return fill(folder, plans, make_case, seed=seed, jobs=jobs, report=report, public={})
 
 
 def make_case(folder: Path, plan: Plan, seed: int, index: int) -> Case:

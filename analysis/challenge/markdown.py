@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from analysis.challenge.breakdown import Group
 from analysis.challenge.measures import Measure
 from analysis.challenge.score import FamilyScore, Score
 
@@ -24,6 +25,7 @@ def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> s
             ("family", "right", "interval", "wrong names", "left out: unknown", "detection / bound", "said"),
             [_family(f) for f in score.families],
         ),
+        *_broken_down(score),
         "## Cases that were not right",
         _table(
             ("case", "stratum", "campaign", "hidden", "verdict", "wrong names"),
@@ -31,6 +33,33 @@ def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> s
         ),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _broken_down(score: Score) -> list[str]:
+    """Return the tables of the second generator's laws and traits and of stated probabilities, where there are any."""
+    heads = ("right", "interval", "wrong names", "said")
+    parts: list[str] = []
+    if score.reliability:
+        rows = [
+            (f"{b.low:g} to {b.high:g}", f"{b.stated:.4f}", str(b.n), f"{b.right / b.n:.3g}", _interval(b.interval))
+            for b in score.reliability
+        ]
+        table = _table(("stated", "mean", "names", "share that is right", "interval"), rows)
+        parts += ["## Stated probability and how often names are right", table]
+    if score.laws:
+        parts += ["## Laws", _table(("stratum", "law", *heads), [_group(g) for g in score.laws])]
+    if score.traits:
+        parts += ["## Traits", _table(("trait", "value", *heads), [_group(g) for g in score.traits])]
+    return parts
+
+
+def _group(g: Group) -> tuple[str, ...]:
+    said = ", ".join(f"{name} {n}" for name, n in sorted(g.said.items(), key=lambda item: -item[1]))
+    return (g.kind, g.name, f"{g.right}/{g.n}", _interval(g.interval), str(g.wrong), said)
+
+
+def _interval(interval: tuple[float, float]) -> str:
+    return f"{interval[0]:.2f} – {interval[1]:.2f}"
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -55,7 +84,7 @@ def _family(f: FamilyScore) -> tuple[str, ...]:
 
 def _case(c: dict[str, object]) -> tuple[str, ...]:
     hidden = ", ".join(
-        f"{h['effect']} at {h['where']} ({h['times_naming']:.1f} × naming limit)"
+        f"{h['law'] or h['effect']} at {h['where']} ({h['times_naming']:.1f} × naming limit)"
         for h in c["hidden"]  # type: ignore[attr-defined]
     )
     wrong = ", ".join(" at ".join(key) for key in c["wrong"])  # type: ignore[attr-defined]

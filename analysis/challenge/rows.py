@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from analysis.challenge.breakdown import right
 from analysis.challenge.judge import Judged
 from analysis.challenge.run import Outcome
 from analysis.challenge.truth import Buried, Case
@@ -26,11 +27,14 @@ def row_of(j: Judged) -> dict[str, Any]:
                 "times_detection": e.size / e.detection_limit,
                 "times_naming": e.size / e.naming_limit,
                 "twins": [slug for slug, _ in e.twins],
+                "law": e.law,
             }
             for e in j.case.effects
         ],
         "verdict": j.verdict,
-        "right": {"none": j.verdict == "consistent", "outside": j.verdict == "unknown"}.get(j.case.stratum, j.right),
+        "traits": j.case.traits,
+        "remainder": j.remainder,
+        "right": right(j),
         "found": list(j.found),
         "by_name": list(j.by_name),
         "wrong": [list(key) for key in j.wrong],
@@ -64,12 +68,20 @@ def judged_of(row: dict[str, Any]) -> Judged:
             naming_limit=h["size"] / h["times_naming"],
             rival="",
             twins=[(slug, h["where"]) for slug in h["twins"]],
+            law=h.get("law", ""),
         )
         for h in row["hidden"]
     ]
     return Judged(
         name=row["case"],
-        case=Case(stratum=row["stratum"], effects=hidden, held_out_floor=0.0, shape=row["shape"], axes=row["axes"]),
+        case=Case(
+            stratum=row["stratum"],
+            effects=hidden,
+            held_out_floor=0.0,
+            shape=row["shape"],
+            axes=row["axes"],
+            traits=row.get("traits", {}),
+        ),
         outcome=Outcome(
             row["case"], row["exit_code"], row["wall_s"], row["cpu_s"], row["tool_version"], row["tool_commit"]
         ),
@@ -83,4 +95,5 @@ def judged_of(row: dict[str, Any]) -> Judged:
         spreads=tuple(row["spreads"]),
         misses=tuple(row["misses"]),
         held_out=row["held_out"],
+        remainder=row.get("remainder"),
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.challenge.breakdown import Bin, Group, laws, reliability, traits
 from analysis.challenge.families import slugs
 from analysis.challenge.intervals import half_points, share_interval
 from analysis.challenge.judge import Judged, judge
@@ -50,12 +51,18 @@ class FamilyScore:
 
 @dataclass(frozen=True)
 class Score:
-    """All measures, by family, and what every case came to."""
+    """All measures, by family, and what every case came to.
+
+    `laws` and `traits` break the cases of the second generator down, `reliability` the names by what was stated.
+    """
 
     seal: str
     measures: tuple[Measure, ...]
     families: tuple[FamilyScore, ...]
     cases: tuple[dict[str, Any], ...]
+    laws: tuple[Group, ...] = ()
+    traits: tuple[Group, ...] = ()
+    reliability: tuple[Bin, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -99,7 +106,9 @@ def score_of(judged: Sequence[Judged], seal: str) -> Score:
     """Return the score of judged cases, whose truth was sealed as `seal`."""
     ratios = _limit_ratios(judged)
     families = tuple(_family(slug, judged, ratios.get(slug)) for slug in _slugs(judged))
-    return Score(seal, tuple(_measures(judged, families, ratios)), families, tuple(row_of(j) for j in judged))
+    measures = (*_measures(judged, families, ratios), *_beyond_the_library(judged))
+    rows = tuple(row_of(j) for j in judged)
+    return Score(seal, measures, families, rows, laws(judged), traits(judged), reliability(judged))
 
 
 def _of(judged: Sequence[Judged], *strata: str) -> list[Judged]:
@@ -140,6 +149,27 @@ def _measures(judged: Sequence[Judged], families: Sequence[FamilyScore], ratios:
             "named outright although a twin exists",
             [all(j.by_name) for j in one if any(e.twins for e in j.case.effects)],
         ),
+    ]
+
+
+def _beyond_the_library(judged: Sequence[Judged]) -> list[Measure]:
+    """Return what becomes of laws that no library lists and of listed ones with a twist: the second generator's.
+
+    Its campaigns have no shape of the first one's, so processor time is that of all cases.
+    """
+    if not any(j.case.traits for j in judged):
+        return []
+    unlisted, twisted = _of(judged, "unlisted"), _of(judged, "twisted")
+    told = [j.remainder for j in twisted if all(j.by_name) and j.remainder is not None]
+    cpu = [j.outcome.cpu_s for j in judged]
+    return [
+        share("laws that no library lists: unknown", [j.verdict == "unknown" for j in unlisted], ">= 92 %", low=0.92),
+        share("  of these with a wrong name", [bool(j.wrong) for j in unlisted]),
+        share("listed with a twist: named and nothing else", _right(twisted)),
+        share("  of the named: a remainder is told", told),
+        quantile("processor time of any diagnosis, median (s)", cpu, 0.5),
+        quantile("  90th percentile (s)", cpu, 0.9),
+        largest("  largest (s)", cpu),
     ]
 
 

@@ -11,7 +11,9 @@ import msgspec
 
 from sim_backend.errors import ConfigError, DataError
 
-Stratum = Literal["one", "faint", "two", "none", "outside"]
+Stratum = Literal["one", "faint", "two", "none", "outside", "twisted", "unlisted"]
+"""What a case is: one listed effect, one near detection, a pair, nothing, one listed effect that is left out of the
+search, one listed effect with a twist, or a law that no library lists."""
 
 SEAL, TRUTH = "seal.txt", "truth/truth.bin"
 
@@ -28,7 +30,10 @@ class Number(_Strict, frozen=True, kw_only=True):
 
 
 class Buried(_Strict, frozen=True, kw_only=True):
-    """One hidden effect: cause, place, parameters, size, and the limits of its size in this campaign."""
+    """One hidden effect: cause, place, parameters, size, and the limits of its size in this campaign.
+
+    `law` is what the second generator calls it: several of its laws are one cause, an unlisted one is none.
+    """
 
     effect: str
     where: str
@@ -38,16 +43,25 @@ class Buried(_Strict, frozen=True, kw_only=True):
     naming_limit: float
     rival: str
     twins: list[tuple[str, str]] = []
+    law: str = ""
 
 
 class Case(_Strict, frozen=True, kw_only=True):
-    """One case: its stratum, what is hidden, and the relative error that the truth leaves held out."""
+    """One case: its stratum, what is hidden, and the relative error that the truth leaves held out.
+
+    `traits` are what scores are broken down by, `granted` names that are true besides and no wrong ones; `noise_rms`
+    is that of every reading, `redrawn` counts draws that were given up, by reason.
+    """
 
     stratum: Stratum
     effects: list[Buried]
     held_out_floor: float
     shape: str
     axes: int
+    traits: dict[str, str] = {}
+    granted: list[tuple[str, str]] = []
+    noise_rms: list[float] = []
+    redrawn: dict[str, int] = {}
 
 
 class Truth(_Strict, frozen=True, kw_only=True):

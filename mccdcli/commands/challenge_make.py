@@ -3,32 +3,45 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from mccdcli.options import common_options
 from mccdcli.output import emit
-from mccdcli.progress import progress
+from mccdcli.progress import Report, progress
 
 
 @click.command("make")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option(
+    "--generator", type=click.Choice(["first", "second"]), default="first", show_default=True, help="By which."
+)
 @click.option("--one", type=click.IntRange(0), default=1, show_default=True, help="Cases of one effect per family.")
 @click.option("--faint", type=click.IntRange(0), default=0, show_default=True, help="Cases near detection per family.")
-@click.option("--two", type=click.IntRange(0), default=0, show_default=True, help="Cases of two effects at once.")
+@click.option("--two", "--pairs", type=click.IntRange(0), default=0, show_default=True, help="Cases of two effects.")
 @click.option("--none", "null", type=click.IntRange(0), default=1, show_default=True, help="Cases without any effect.")
 @click.option("--outside", type=click.IntRange(0), default=0, show_default=True, help="Cases per family left out.")
+@click.option("--twisted", type=click.IntRange(0), default=0, help="Second: cases per listed law with a twist.")
+@click.option("--unlisted", type=click.IntRange(0), default=0, help="Second: cases per law that no library lists.")
+@click.option(
+    "--reserved", is_flag=True, help="Second: take the unlisted laws that are kept back, in place of the others."
+)
 @click.option("--family", "families", multiple=True, metavar="NAME", help="Hide only this family; may be repeated.")
 @click.option("--shape", type=click.Choice(["full", "aperiodic", "short"]), help="Play only campaigns of this shape.")
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases to make at the same time.")
 @common_options("seed", "json")
 def make(
     folder: Path,
+    generator: str,
     one: int,
     faint: int,
     two: int,
     null: int,
     outside: int,
+    twisted: int,
+    unlisted: int,
+    reserved: bool,
     families: tuple[str, ...],
     shape: str | None,
     jobs: int,
@@ -41,7 +54,43 @@ def make(
     Examples:
       mccd challenge make DIR
       mccd challenge make DIR --one 20 --faint 10 --two 60 --none 300 --outside 3 --jobs 2
+      mccd challenge make DIR --generator second --one 2 --pairs 20 --outside 1 --twisted 3 --unlisted 3
     """
+    _refuse(generator, {"--faint": faint, "--shape": shape}, "second")
+    _refuse(generator, {"--twisted": twisted, "--unlisted": unlisted, "--reserved": reserved}, "first")
+    with progress("making") as report:
+        if generator == "second":
+            seal = _second(folder, (null, one, two, outside, twisted, unlisted), reserved, families, seed, jobs, report)
+        else:
+            seal = _first(folder, (one, faint, two, null, outside), families, shape, seed, jobs, report)
+    cases = len(list((folder / "cases").iterdir()))
+    again = _drawn_again(folder)
+    emit(
+        {"folder": folder, "cases": cases, "seal": seal, "drawn_again": again},
+        as_json=as_json,
+        text=f"{folder}: {cases} cases, their truth sealed as {seal[:16]}…"
+        + (f"; {again} draws were given up and drawn again" if again else ""),
+    )
+
+
+def _refuse(generator: str, given: dict[str, Any], lacks: str) -> None:
+    """Raise ConfigError for an option that the generator lacks."""
+    from sim_backend.errors import ConfigError
+
+    for option, value in given.items():
+        if generator == lacks and value:
+            raise ConfigError(f"the {lacks} generator has no {option}: leave it out, or take the other generator")
+
+
+def _first(
+    folder: Path,
+    counts: tuple[int, ...],
+    families: tuple[str, ...],
+    shape: str | None,
+    seed: int,
+    jobs: int,
+    report: Report,
+) -> str:
     from analysis.challenge.families import members
 
     for family in families:
@@ -49,12 +98,25 @@ def make(
 
     from analysis.challenge.make import Counts, make_challenge
 
-    counts = Counts(one=one, faint=faint, two=two, none=null, outside=outside)
-    with progress("making") as report:
-        seal = make_challenge(folder, counts, seed=seed, families=families, shape=shape, jobs=jobs, report=report)
-    cases = len(list((folder / "cases").iterdir()))
-    emit(
-        {"folder": folder, "cases": cases, "seal": seal},
-        as_json=as_json,
-        text=f"{folder}: {cases} cases, their truth sealed as {seal[:16]}…",
-    )
+    return make_challenge(folder, Counts(*counts), seed=seed, families=families, shape=shape, jobs=jobs, report=report)
+
+
+def _second(
+    folder: Path,
+    counts: tuple[int, ...],
+    reserved: bool,
+    names: tuple[str, ...],
+    seed: int,
+    jobs: int,
+    report: Report,
+) -> str:
+    from analysis.challenge.second.make import Counts, make_challenge
+
+    return make_challenge(folder, Counts(*counts), seed=seed, names=names, kept_back=reserved, jobs=jobs, report=report)
+
+
+def _drawn_again(folder: Path) -> int:
+    """Return how many draws were given up; the number alone says nothing of what is hidden."""
+    from analysis.challenge.truth import reveal
+
+    return sum(n for case in reveal(folder).cases.values() for n in case.redrawn.values())

@@ -1,0 +1,67 @@
+"""A challenge on disk: its cases made one by one or several at a time, then the sealed truth and the public list."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from analysis.challenge.truth import Case, Truth, seal
+from sim_backend.errors import ConfigError
+
+Plan = TypeVar("Plan")
+Maker = Callable[[Path, Plan, int, int], Case]
+"""Writes one case (its folder, plan, the challenge's seed, its number) and returns its truth."""
+
+Report = Callable[[float, float, str], None]
+
+
+def require_empty(folder: Path) -> None:
+    """Raise ConfigError when `folder` holds something."""
+    if folder.exists() and any(folder.iterdir()):
+        raise ConfigError(f"{folder} is not empty and a challenge never overwrites: choose another folder")
+
+
+def fill(
+    folder: Path,
+    plans: Sequence[Plan],
+    maker: Maker[Plan],
+    *,
+    seed: int,
+    jobs: int,
+    report: Report,
+    public: Mapping[str, Any],
+) -> str:
+    """Make every case, seal the truth, write `challenge.json` with `public` besides; return the hash of the truth.
+
+    Raises ConfigError for no case at all.
+    """
+    if not plans:
+        raise ConfigError("a challenge of no cases: ask for at least one case of some stratum")
+    names = [f"{i + 1:04d}" for i in range(len(plans))]
+    for name in names:
+        (folder / "cases" / name).mkdir(parents=True)
+    truths: dict[str, Case] = {}
+    work = [(folder / "cases" / name, plan, seed, i) for i, (name, plan) in enumerate(zip(names, plans, strict=True))]
+    for done, (name, case) in enumerate(_made(work, maker, jobs), start=1):
+        truths[name] = case
+        report(done, len(plans), f"case {name}")
+    salt = np.random.default_rng([seed, 1]).bytes(16).hex()
+    digest = seal(folder, Truth(seed=seed, salt=salt, cases=dict(sorted(truths.items()))))
+    listed = {"schema": "mccd-challenge/1", "cases": names, "seal": digest, **public}
+    (folder / "challenge.json").write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+    return digest
+
+
+def _made(work: list[tuple[Path, Plan, int, int]], maker: Maker[Plan], jobs: int) -> Iterator[tuple[str, Case]]:
+    if jobs == 1:
+        yield from ((item[0].name, maker(*item)) for item in work)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(maker, *item): item[0].name for item in work}
+        for future in as_completed(waiting):
+            yield waiting[future], future.result()
