@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
-from analysis.diagnosis.result import Diagnosis
+from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
 from analysis.diagnosis.search.rounds import Found, Progress, search, silent
@@ -229,11 +229,7 @@ def diagnose(
     floor = _noise_of_evidence(found, data, before, remaining)
     begun = without_unseen_starts(data, first, floor, before)
     shown = evidence(data, begun, floor, model, workers=options.workers)
-    unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
-    if growing := scatter_follows_play(data, after):
-        unsteady, played = growing, True
-    judgement = doubted(judgement, gain, setting.whitener.repeats, unsteady, played)
-    judgement = beside_doubts(judgement, data.doubts)
+    judgement, unsteady = _checked(judgement, data, after, gain, shown, repeats=setting.whitener.repeats)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
@@ -257,6 +253,22 @@ def diagnose(
         sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
     )
+
+
+def _checked(
+    judgement: Judgement,
+    data: Dataset,
+    after: Sequence[Array],
+    gain: Gain | None,
+    shown: Mapping[str, Sequence[Domain]],
+    *,
+    repeats: bool,
+) -> tuple[Judgement, str]:
+    """Return the verdict that held-out rows and evidence leave of one, and in words what is no steady noise."""
+    unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
+    if growing := scatter_follows_play(data, after):
+        unsteady, played = growing, True
+    return beside_doubts(doubted(judgement, gain, repeats, unsteady, played), data.doubts), unsteady
 
 
 def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
