@@ -32,7 +32,7 @@ from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines
-from analysis.diagnosis.verdict.barely import beside_doubts, doubted, follows_play
+from analysis.diagnosis.verdict.barely import beside_doubts, doubted, follows_play, loses
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
 from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, objection, shortfall
@@ -217,19 +217,15 @@ def diagnose(
     found, judgement, remark = hear(found, judgement, heard, model, bench)
     judgement = spread.joined(judgement)
     setting, (tuned, best) = found.setting, _answered(found, judgement, model)
-    linear = turned(setting.nominal, setting.knobs, best.change)
-    first, last = (linear_of(setting, fit) for fit in (tuned, best))
-    before, after = (residuals_on(data, setting, fit) for fit in (tuned, best))
-    # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
-    own = setting.whitener.repeats and not setting.added
-    remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
-    noise = setting.whitener if own else remaining
-    names = [p.dof for p in model.outputs]
-    gain = gain_of(data, before, after, noise, first, last, names, options.seed)
-    floor = _noise_of_evidence(found, data, before, remaining)
-    begun = without_unseen_starts(data, first, floor, before)
+    answer = _answer(found, data, tuned, best, model, options.seed)
+    floor = _noise_of_evidence(found, data, answer.before, answer.remaining)
+    begun = without_unseen_starts(data, linear_of(setting, tuned), floor, answer.before)
     shown = evidence(data, begun, floor, model, workers=options.workers)
-    judgement, unsteady = _checked(judgement, data, after, gain, shown, repeats=setting.whitener.repeats)
+    judgement, unsteady = _checked(judgement, data, answer, shown, repeats=setting.whitener.repeats)
+    if loses(answer.gain):  # what is worse than the model without it is not offered
+        best = tuned
+        answer = _answer(found, data, tuned, tuned, model, options.seed)
+    gain, linear = answer.gain, turned(setting.nominal, setting.knobs, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
     causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
@@ -245,8 +241,8 @@ def diagnose(
         nominal=model.linear(),
         linear=linear,
         effects=(*best.effects, *spread.effects),
-        before=before,
-        after=after,
+        before=answer.before,
+        after=answer.after,
         considered=judgement.rivals,
         notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
         remainder=judgement.remainder,
@@ -255,20 +251,36 @@ def diagnose(
     )
 
 
+@dataclass(frozen=True)
+class _Answer:
+    """What the model before and the one after leave of every record, the noise beside the latter, and the gain."""
+
+    before: tuple[Array, ...]
+    after: tuple[Array, ...]
+    remaining: Whitener
+    gain: Gain | None
+
+
+def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, seed: int) -> _Answer:
+    setting = found.setting
+    before, after = (residuals_on(data, setting, fit) for fit in (tuned, best))
+    # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
+    own = setting.whitener.repeats and not setting.added
+    remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
+    noise = setting.whitener if own else remaining
+    first, last = (linear_of(setting, fit) for fit in (tuned, best))
+    gain = gain_of(data, before, after, noise, first, last, [p.dof for p in model.outputs], seed)
+    return _Answer(before, after, remaining, gain)
+
+
 def _checked(
-    judgement: Judgement,
-    data: Dataset,
-    after: Sequence[Array],
-    gain: Gain | None,
-    shown: Mapping[str, Sequence[Domain]],
-    *,
-    repeats: bool,
+    judgement: Judgement, data: Dataset, answer: _Answer, shown: Mapping[str, Sequence[Domain]], *, repeats: bool
 ) -> tuple[Judgement, str]:
     """Return the verdict that held-out rows and evidence leave of one, and in words what is no steady noise."""
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
-    if growing := scatter_follows_play(data, after):
+    if growing := scatter_follows_play(data, answer.after):
         unsteady, played = growing, True
-    return beside_doubts(doubted(judgement, gain, repeats, unsteady, played), data.doubts), unsteady
+    return beside_doubts(doubted(judgement, answer.gain, repeats, unsteady, played), data.doubts), unsteady
 
 
 def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:

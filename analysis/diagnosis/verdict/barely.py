@@ -45,6 +45,11 @@ def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
     return played * len(evidence) < ONE_IN_A_MILLION and played <= _chance(evidence, ("time",))
 
 
+def loses(gain: Gain | None) -> bool:
+    """Tell whether the extended model is surely worse on held-out rows than the one before."""
+    return gain is not None and gain.ci95[1] < 0.0
+
+
 def beyond_noise(gain: Gain | None) -> bool:
     """Tell whether the error on held-out rows is surely no noise alone."""
     return gain is not None and gain.least_error > HELD_OUT * gain.noise_floor
@@ -68,7 +73,7 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
     against = ""
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
         against = f"on held-out rows the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
-    elif gain is not None and judgement.named and gain.ci95[1] < 0.0:
+    elif judgement.verdict in ("named", "ambiguous") and loses(gain):
         against = (
             "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
             "worse than the model without it"
