@@ -45,7 +45,9 @@ def test_a_wrong_unit_is_refused_with_file_output_and_factor(oscillator, gain: f
 
 def test_a_bench_of_other_modes_is_refused(oscillator) -> None:
     linear = oscillator.linear()
-    other = replace(linear, omega_rad_s=linear.omega_rad_s * 6.0, b=linear.b * 500.0)
+    other = replace(
+        linear, omega_rad_s=linear.omega_rad_s * 6.0, sigma_1_s=linear.omega_rad_s * 3.0, b=linear.b * 1000.0
+    )
     with pytest.raises(DataError, match="record of another bench"):
         check_same_bench(recorded(other, 0), oscillator)
 
@@ -53,3 +55,25 @@ def test_a_bench_of_other_modes_is_refused(oscillator) -> None:
 def test_what_does_not_follow_the_drive_is_not_judged_here(oscillator) -> None:
     """A disturbance a hundred times as large as the motion: its size says nothing of the model."""
     check_same_bench(recorded(oscillator.linear(), 3, noise=100.0), oscillator)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_loop_that_answers_the_noise_is_its_own_bench(oscillator, seed: int) -> None:
+    """Far above its motion the input answers the noise alone: there it agrees with what is read, but not by the plant."""
+    rng = np.random.default_rng(seed)
+    model = discretise(oscillator.linear(), RATE_HZ)
+    (a,), (b,), c = model.a, model.b, model.c[0, 0]
+    linear = oscillator.linear()
+    omega, mobility = float(linear.omega_rad_s[0]), float(linear.b[0, 0] * linear.c[0, 0])
+    stiffness, drag = 0.5 * omega**2 / mobility, 0.5 * omega / mobility
+    reference, state, before = np.repeat(rng.standard_normal(ROWS // 400), 400), np.zeros(2), 0.0
+    u, y = np.zeros((ROWS, 1)), np.zeros((ROWS, 1))
+    for k in range(ROWS):
+        y[k] = c @ state + 0.02 * rng.standard_normal()
+        error = reference[k] - y[k, 0]
+        u[k] = stiffness * error + drag * (error - before) * RATE_HZ
+        before = error
+        state = a @ state + b @ u[k]
+    record = Record("uid-1", u, y, (Window("steps", 0, ROWS),))
+    loaded = Loaded(Dataset(RATE_HZ, (record,)), (Source("mine.h5", "", "uid-1", ROWS),), ())
+    check_same_bench(loaded, oscillator)
