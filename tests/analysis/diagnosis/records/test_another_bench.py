@@ -59,7 +59,7 @@ def test_what_does_not_follow_the_drive_is_not_judged_here(oscillator) -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_loop_that_answers_the_noise_is_its_own_bench(oscillator, seed: int) -> None:
-    """Far above its motion the input answers the noise alone: there it agrees with what is read, but not by the plant."""
+    """Far above its motion the input answers the noise alone, and so agrees with what is read, not by the plant."""
     rng = np.random.default_rng(seed)
     model = discretise(oscillator.linear(), RATE_HZ)
     (a,), (b,), c = model.a, model.b, model.c[0, 0]
