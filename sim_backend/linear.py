@@ -247,14 +247,17 @@ def _exponentials(generators: Array) -> Array:
     scaled = generators * units[:, None, :] / units[:, :, None]
     units[:, 2:] = 1.0 / _nonzero(np.abs(scaled[:, :2, 2:]).max(axis=1))
     scaled = generators * units[:, None, :] / units[:, :, None]
-    halvings = max(0, int(np.ceil(np.log2(max(np.abs(scaled).sum(axis=2).max(initial=0.0), 0.5) / 0.5))))
+    # each by its own, or what one block is would depend on the others, in its last digits
+    size = np.abs(scaled).sum(axis=2).max(axis=1, initial=0.5)
+    halvings = np.ceil(np.log2(size / 0.5)).astype(int)[:, None, None]
+    scaled = scaled / 2.0**halvings
     term = np.broadcast_to(np.eye(n), scaled.shape)
     total = term
     for k in range(1, _TERMS + 1):
-        term = term @ scaled / (k * 2.0**halvings)
+        term = term @ scaled / k
         total = total + term
-    for _ in range(halvings):
-        total = total @ total
+    for k in range(int(halvings.max(initial=0))):
+        total = np.where(k < halvings, total @ total, total)
     return np.asarray(total * units[:, :, None] / units[:, None, :])
 
 

@@ -147,6 +147,11 @@ THOROUGH = (
     ("sim_backend/test_jit.py::test_processes_that_fill_one_cache_*", "four processes compile at once"),
     ("sim_backend/test_jit.py::test_no_kernel_compiles_the_text_*", "compiles many kernels anew"),
     ("campaigns/serial/test_faulty_line.py::test_drawn_faults_keep_the_promises*", LINE),
+    ("analysis/challenge/second/test_make.py::test_the_same_seed_*", "makes many cases twice; whole cases stay"),
+    (
+        "analysis/diagnosis/response/test_diagnose_response.py::test_a_cause_is_named_where_nothing_*",
+        "a whole search, as others that stay",
+    ),
 )
 """Patterns of node IDs below tests/, and why these tests are left to the longer run."""
 

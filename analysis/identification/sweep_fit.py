@@ -134,9 +134,8 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
     fit = fitted(orders, relative2)
     while fit.model.n_blocks > orders[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
         fewer = fitted((fit.model.n_blocks - 1,), relative2)
-        if missed2(fewer) > CLEARER**2 * missed2(
-            fit
-        ):  # two real poles, of which one is far off, are there all the same
+        # of two real poles one may be far off and the block be there; a mode of no width is the error of a line
+        if structure.form == "general" and missed2(fewer) > CLEARER**2 * missed2(fit):
             break
         fit = fewer
     return _Try(fit, whole, missed2(fit))

@@ -14,10 +14,10 @@ from mccdcli.output import emit, table
 @existing_file("run")
 @common_options("json")
 def check(run: Path, as_json: bool) -> int:
-    """Check what a log tells of itself, and what that means for identify and diagnose.
+    """Check what a log tells of itself: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps.
 
-    Of channels: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps. Of inputs and outputs together:
-    transients, clocks that differ, a closed loop, delays, coherence.
+    Of inputs and outputs together: transients, clocks that differ, a closed loop, delays, coherence; and what all of
+    it means for identify and diagnose.
 
     Exit code 1 when something forbids its use by identify and diagnose.
 
