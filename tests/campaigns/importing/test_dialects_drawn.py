@@ -79,6 +79,8 @@ def text_of(values: np.ndarray, names: list[str], dialect: dict[str, object]) ->
 
 def comes_back_or_is_refused(values: np.ndarray, names: list[str], dialect: dict[str, object]) -> None:
     told = {"separator": dialect["separator"], "decimal": dialect["decimal"]} if dialect["told"] else {}
+    if dialect["head"] == "names" and all(name.isdecimal() for name in names):
+        told["header"] = True  # without it nobody could tell whole numbers that name columns from data
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.txt"
         path.write_bytes(text_of(values, names, dialect).encode(str(dialect["encoding"])))
