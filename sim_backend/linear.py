@@ -243,9 +243,10 @@ def _exponentials(generators: Array) -> Array:
     """
     n = generators.shape[1]
     units = np.ones((generators.shape[0], n))
-    units[:, 1] = np.sqrt(np.maximum(np.abs(generators[:, 1, 0] / _nonzero(generators[:, 0, 1])), 1.0))
+    # the position's rate is the rate itself, so that this entry is a sample's time and never zero
+    units[:, 1] = np.sqrt(np.maximum(np.abs(generators[:, 1, 0] / generators[:, 0, 1]), 1.0))
     scaled = generators * units[:, None, :] / units[:, :, None]
-    units[:, 2:] = 1.0 / _nonzero(np.abs(scaled[:, :2, 2:]).max(axis=1))
+    units[:, 2:] = 1.0 / nonzero(np.abs(scaled[:, :2, 2:]).max(axis=1))
     scaled = generators * units[:, None, :] / units[:, :, None]
     # each by its own, or what one block is would depend on the others, in its last digits
     size = np.abs(scaled).sum(axis=2).max(axis=1, initial=0.5)
@@ -261,8 +262,9 @@ def _exponentials(generators: Array) -> Array:
     return np.asarray(total * units[:, :, None] / units[:, None, :])
 
 
-def _nonzero(values: Array) -> Array:
-    return np.where(values == 0.0, 1.0, values)
+def nonzero(lengths: Array) -> Array:
+    """Return `lengths`, one for what has none: something to divide by."""
+    return np.where(lengths > 0.0, lengths, 1.0)
 
 
 def discretise(model: ModalModel, rate_hz: float) -> DiscreteModel:

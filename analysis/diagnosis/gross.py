@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
@@ -27,7 +26,7 @@ from analysis.diagnosis.noise.estimate import above_noise, even_weights
 from analysis.diagnosis.noise.independent import independent_rows
 from analysis.diagnosis.nominal.tuning import reach_of
 from analysis.diagnosis.result import Remainder
-from analysis.diagnosis.search.adequacy import uncertainty
+from analysis.diagnosis.search.adequacy import chance_of, uncertainty
 from analysis.diagnosis.search.gram import Gram
 from analysis.diagnosis.search.rounds import Found, Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
@@ -338,8 +337,7 @@ def _rest(found: Found) -> Remainder | None:
     if noises <= 1.0 + uncertainty(found):
         return None
     share = found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
-    chance = float(scipy.stats.norm.sf(4.0 * (noises**2 - 1.0) / uncertainty(found)))
-    return Remainder(share, max(chance, 1e-300), f"all records, {noises:.2g} times the noise")
+    return Remainder(share, chance_of(found, noises**2 - 1.0), f"all records, {noises:.2g} times the noise")
 
 
 def _independent_rows(setting: Setting, fit: Fit) -> float:

@@ -100,8 +100,9 @@ def search_causes(
     )
     linear = retuned(linear, known, places)
     known = tuple(e for e in known if e.site is not Site.MODEL)  # the linear model has those already
-    own = fitted_here(model, data)
-    knobs = own_knobs_of(linear, fitted_delays(model, data)) if own else knobs_of(linear, options.tolerance)
+    runs = [record.name for record in data.records]
+    own = fitted_to(model, runs)
+    knobs = own_knobs_of(linear, fitted_delays(model, runs)) if own else knobs_of(linear, options.tolerance)
     discrete = discretise(linear, data.rate_hz)
     residuals = [r.left_by(simulate(discrete, r.u)) for r in data.records]
     rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
@@ -164,26 +165,25 @@ def found_and_spread(data: Dataset, model: Model, options: Options, progress: Pr
     return found, replace(again, causes=(*again.causes, *more))
 
 
-def fitted_here(model: Model, data: Dataset) -> bool:
-    """Tell whether a number of the model was fitted to a run among the data, whose name then stands in its source."""
+def fitted_to(model: Model, data: Sequence[str]) -> bool:
+    """Tell whether a number of the model was fitted to runs or tables of these names, one of which its source has."""
     numbers = [
         value
         for mode in model.modes
         for value in (mode.frequency_hz, mode.decay_rate_1_s, *mode.input.values(), *mode.output.values())
     ]
     sources = {n.source or "" for n in numbers if isinstance(n, Quantity) and n.origin == "fitted"}
-    return any(record.name in source for record in data.records for source in sources)
+    return any(name in source for name in data for source in sources)
 
 
-def fitted_delays(model: Model, data: Dataset) -> list[int]:
-    """Return the numbers of the inputs whose delay was fitted to a run among the data.
+def fitted_delays(model: Model, data: Sequence[str]) -> list[int]:
+    """Return the numbers of the inputs whose delay was fitted to runs or tables of these names.
 
     One that was set before the rest was fitted has no deviation.
     """
-    names = [record.name for record in data.records]
     delays = [model.delay_s.get(port.name, 0.0) for port in model.inputs]
     known = [(j, d) for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted"]
-    return [j for j, d in known if d.value and d.std and any(name in (d.source or "") for name in names)]
+    return [j for j, d in known if d.value and d.std and any(name in (d.source or "") for name in data)]
 
 
 def scales_of(data: Dataset, linear: ModalModel) -> Scales:
@@ -263,7 +263,8 @@ class _Answer:
 
 def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, seed: int) -> _Answer:
     setting = found.setting
-    before, after = (residuals_on(data, setting, fit) for fit in (tuned, best))
+    before = residuals_on(data, setting, tuned)
+    after = before if best is tuned else residuals_on(data, setting, best)
     # without repeated periods the noise is known from residuals alone: from those of the best model, not of the first
     own = setting.whitener.repeats and not setting.added
     remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
@@ -301,7 +302,7 @@ def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fi
         return found.tuned, found.tuned if judgement.verdict == "unknown" else found.best
     tuned = found.tuned
     # a noise that is known makes the tuned numbers the better ones
-    if not whitener.repeats and fitted_here(model, found.setting.data):
+    if not whitener.repeats and fitted_to(model, [record.name for record in found.setting.data.records]):
         tuned = plainly_better(found.setting, tuned)
     return tuned, found.best if found.best.candidates else tuned
 

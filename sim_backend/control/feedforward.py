@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sim_backend.errors import ConfigError
-from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from sim_backend.linear import DiscreteModel, ModalModel, discretise, nonzero
 
 Array = NDArray[np.float64]
 
@@ -53,10 +53,6 @@ def _matrices(plant: DiscreteModel) -> tuple[Array, Array, Array]:
     return a, plant.b.reshape(2 * m, n_u), plant.c.reshape(n_y, 2 * m)
 
 
-def _nonzero(lengths: Array) -> Array:
-    return np.where(lengths > 0.0, lengths, 1.0)
-
-
 def rest_state(plant: DiscreteModel, output: ArrayLike) -> tuple[Array, Array]:
     """Return the state (2m,) at rest with the given output (n_y,) and the holding input (n_u,) that keeps it there.
 
@@ -68,8 +64,8 @@ def rest_state(plant: DiscreteModel, output: ArrayLike) -> tuple[Array, Array]:
     n, n_u = b.shape
     system = np.block([[np.eye(n) - a, -b], [c, plant.d]])
     wanted = np.concatenate([np.zeros(n), y])
-    row = _nonzero(np.linalg.norm(system, axis=1))
-    column = _nonzero(np.linalg.norm(system / row[:, None], axis=0))
+    row = nonzero(np.linalg.norm(system, axis=1))
+    column = nonzero(np.linalg.norm(system / row[:, None], axis=0))
     solution = np.linalg.lstsq(system / row[:, None] / column, wanted / row, rcond=None)[0] / column
     reached = c @ solution[:n] + plant.d @ solution[n:]
     if np.max(np.abs(reached - y)) > 1e-6 * max(np.max(np.abs(y)), np.finfo(float).tiny):
@@ -104,7 +100,7 @@ def least_norm(
     w = reach_matrix(plant, n_samples)
     _require_samples(w, n_samples)
     # rows made orthonormal: q' u = wanted, which no scaling of the states can spoil
-    scale = 1.0 / _nonzero(np.linalg.norm(w, axis=1))
+    scale = 1.0 / nonzero(np.linalg.norm(w, axis=1))
     q, r = np.linalg.qr((w * scale[:, None]).T)
     wanted = np.linalg.solve(r.T, target * scale)
     u = q @ wanted if peak is None else _bounded(q, wanted, peak)
@@ -197,7 +193,7 @@ def least_peak_within(
     n = w.shape[1]
     no_peak, peak = np.zeros((output.shape[0], 1)), np.ones((n, 1))
     rows = np.block([[output, no_peak], [-output, no_peak], [np.eye(n), -peak], [-np.eye(n), -peak]])
-    scale = 1.0 / _nonzero(np.linalg.norm(w, axis=1))
+    scale = 1.0 / nonzero(np.linalg.norm(w, axis=1))
     found = scipy.optimize.linprog(
         np.concatenate([np.zeros(n), [1.0]]),
         rows,

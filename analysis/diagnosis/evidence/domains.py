@@ -130,11 +130,7 @@ def _curves(o: int, joined: list[_Series]) -> list[tuple[str, Domain]]:
 
 def _noise_rows(data: Dataset) -> int:
     """Return how many rows the differences between periods gave."""
-    rows = 0
-    for w in (w for r in data.records for w in r.windows if w.period):
-        whole = (w.stop - w.start) // w.period
-        rows += max(whole - (2 if whole >= 3 else 1), 0) * w.period
-    return rows
+    return sum(max(w.repeated[1] - 1, 0) * w.period for r in data.records for w in r.windows)
 
 
 def _force(plant: DiscreteModel, o: int, model: Model) -> Force | None:

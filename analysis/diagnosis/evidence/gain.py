@@ -156,14 +156,12 @@ def _noise_rms(
     """Return the noise's rms per output, (n_y,): from repeated periods of the held-out rows, else from its model."""
     square, rows = np.zeros(n_outputs), 0
     for i, w in windows:
-        whole = (w.stop - w.start) // w.period if w.period else 0
-        first = 1 if whole >= 3 else 0  # which holds what is left of the transient
-        if whole - first < 2:
+        begin, count = w.repeated
+        if count < 2:
             continue
-        part = residuals[i][w.start + first * w.period : w.start + whole * w.period]
-        periods = part.reshape(whole - first, w.period, -1)
+        periods = residuals[i][begin : begin + count * w.period].reshape(count, w.period, -1)
         square += np.sum((periods - periods.mean(axis=0)) ** 2, axis=(0, 1))
-        rows += (whole - first - 1) * w.period
+        rows += (count - 1) * w.period
     if rows:
         return np.sqrt(square / rows)
     return model_rms(whitener, max(w.stop - w.start for _, w in windows))

@@ -111,17 +111,13 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
 
 
 def _differences(windows: Sequence[Window], x: Array) -> list[tuple[Array, Mask]]:
-    """Return the differences of consecutive periods over √2: noise alone, of the same colour and size.
-
-    With three periods or more the first difference is left out, which holds what is left of the transient.
-    """
+    """Return the differences of consecutive periods over √2: noise alone, of the same colour and size."""
     parts = []
     for w in windows:
-        whole = (w.stop - w.start) // w.period if w.period else 0
-        if whole < 2:
+        begin, count = w.repeated
+        if count < 2:
             continue
-        first = w.period if whole >= 3 else 0
-        stretch = x[w.start + first : w.start + whole * w.period]
+        stretch = x[begin : begin + count * w.period]
         difference = (stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0)
         parts.append((difference, np.ones(difference.size, dtype=bool)))
     return parts

@@ -25,6 +25,16 @@ class Window:
     held_out: bool = False
     period: int = 0
 
+    @property
+    def repeated(self) -> tuple[int, int]:
+        """Row in which the first of the whole periods begins that differ by noise alone, and how many they are.
+
+        Of three or more the first is left out, which holds what is left of the transient. No two of them, no noise.
+        """
+        whole = (self.stop - self.start) // self.period if self.period else 0
+        first = 1 if whole >= 3 else 0
+        return self.start + first * self.period, whole - first
+
 
 @dataclass(frozen=True)
 class Record:

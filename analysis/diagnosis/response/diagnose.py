@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.sentence import sentence
-from analysis.diagnosis.nominal.tuning import Knob, deviations, knobs_of, own_knobs_of
-from analysis.diagnosis.pipeline import Options, searched_effects
+from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of
+from analysis.diagnosis.pipeline import Options, fitted_delays, fitted_to, searched_effects
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.response.evidence import by_frequency, gain_of
-from analysis.diagnosis.response.fits import Fit, Setting, fit
+from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal
 from analysis.diagnosis.response.levels import compare_levels, depends_on_level, describe_levels
 from analysis.diagnosis.response.lines import Lines
 from analysis.diagnosis.response.noise import Noise, noise_of
@@ -26,7 +26,7 @@ from analysis.diagnosis.search.shortlist import SURE_LEAD
 from sim_backend.assembly import places_of, retuned
 from sim_backend.effects import effect_class, make_effect
 from sim_backend.effects.base import Site
-from sim_backend.model import Model, Quantity, number
+from sim_backend.model import Model, number
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -59,7 +59,7 @@ def diagnose_response(
     """
     options = options or Options()
     setting = _setting(lines, model, path, options, held=held)
-    tuned = _tuned(setting)
+    tuned = fit_nominal(_only(setting, ~setting.lines.held_out))
     setting = _heard(setting, tuned)
     levels = compare_levels(setting, setting.modelled(tuned.linear, ()), model, path.name)
     if depends_on_level(levels):
@@ -83,8 +83,9 @@ def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: 
         if changes_the_response(effect_class(e.effect))
     ]
     linear = retuned(model.linear(), known, places)
-    own = _fitted_to(model, path.name)
-    knobs: list[Knob] = own_knobs_of(linear, _late(model)) if own else knobs_of(linear, options.tolerance)
+    table = [path.name]
+    late = fitted_delays(model, table)
+    knobs = own_knobs_of(linear, late) if fitted_to(model, table) else knobs_of(linear, options.tolerance)
     hold = model.sample_rate_hz if held else None
     rest = tuple(e for e in known if e.site is not Site.MODEL)
     setting = Setting(
@@ -98,18 +99,6 @@ def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: 
     return replace(setting, noise=noise_of(lines, setting.modelled(linear, ())))
 
 
-def _fitted_to(model: Model, name: str) -> bool:
-    """Tell whether a number of the model was fitted to the table of this name, which then stands in its source."""
-    numbers = [n for mode in model.modes for n in (mode.frequency_hz, mode.decay_rate_1_s)]
-    return any(isinstance(n, Quantity) and n.origin == "fitted" and name in n.source for n in numbers)
-
-
-def _late(model: Model) -> list[int]:
-    """Return the numbers of the inputs whose delay was fitted."""
-    delays = [model.delay_s.get(port.name, 0.0) for port in model.inputs]
-    return [j for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted" and d.value and d.std]
-
-
 def _only(setting: Setting, keep: Mask) -> Setting:
     noise = replace(setting.noise, sigma=setting.noise.sigma[keep])
     return replace(setting, lines=setting.lines.only(keep), noise=noise)
@@ -118,12 +107,6 @@ def _only(setting: Setting, keep: Mask) -> Setting:
 def _heard(setting: Setting, found: Fit) -> Setting:
     """Return the setting with the noise about what a fit has found."""
     return replace(setting, noise=noise_of(setting.lines, setting.modelled(found.linear, found.effects)))
-
-
-def _tuned(setting: Setting) -> Fit:
-    found = fit(_only(setting, ~setting.lines.held_out))
-    assert found is not None  # without effects there is nothing that a model cannot hold
-    return found
 
 
 def _lowest(lines: Lines) -> Mask:

@@ -176,6 +176,13 @@ def fit(
     return _fit_at(setting, candidates, effects, scales, x[:n_knobs], jacobian, float(data @ data), prior)
 
 
+def fit_nominal(setting: Setting, white: Array | None = None) -> Fit:
+    """Return the nominal model tuned, its knobs begun at `white` (n_knobs,)."""
+    found = fit(setting, white=white)
+    assert found is not None  # without effects there is nothing that a model cannot hold
+    return found
+
+
 def _fit_at(
     setting: Setting,
     candidates: Sequence[Candidate],

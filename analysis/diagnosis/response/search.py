@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
-from analysis.diagnosis.response.fits import Fit, Setting, fit, slopes
+from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal, slopes
 from analysis.diagnosis.response.predicted import changes_the_response
 from analysis.diagnosis.search.rounds import Progress
 from analysis.diagnosis.search.shortlist import SURE_LEAD
@@ -49,7 +49,7 @@ class Found:
 def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told: Progress) -> Found:
     """Return what adding effects one by one finds, at most `most`, each at a price that makes it sure."""
     told("tuning the nominal model", 0.0)
-    tuned = _tuned(setting)
+    tuned = fit_nominal(setting)
     keys = [(e, w) for e in effects if changes_the_response(e) for w in places_for(e, setting.predictor.places)]
     best, fits = tuned, [tuned]
     price = SURE_LEAD + float(np.log(max(len(keys), 1)))
@@ -62,7 +62,7 @@ def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told:
             break
         best = better
         # an effect that only led the knobs to where they belong is none
-        again = _tuned(setting, best.white)
+        again = fit_nominal(setting, best.white)
         if again.evidence > tuned.evidence:
             tuned, fits = again, [again, *fits]
             if tuned.evidence + price > best.evidence:
@@ -77,12 +77,6 @@ def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told:
                 fits += [base, *_beside(setting, base, keys)]
         best = max((one for one in fits if len(one.candidates) == len(best.candidates)), key=lambda one: one.evidence)
     return Found(tuned, best, tuple(fits), len(keys))
-
-
-def _tuned(setting: Setting, white: Array | None = None) -> Fit:
-    found = fit(setting, white=white)
-    assert found is not None  # without effects there is nothing that a model cannot hold
-    return found
 
 
 def _sizes_of(found: Fit, kept: Sequence[int]) -> Array:

@@ -10,19 +10,15 @@ import scipy
 
 from analysis.diagnosis.response.fits import Fit, Setting
 from analysis.diagnosis.response.search import Found
-from analysis.diagnosis.result import Cause, Estimate, Verdict
+from analysis.diagnosis.result import Cause, Verdict
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
+from analysis.diagnosis.verdict.judging import cause_of, stand_in
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
-from sim_backend.effects.base import UNLISTED
 from sim_backend.model import Model
-from sim_backend.modes import units_at
 
 _SUREST = 0.999
 """Highest probability that is told: what no hypothesis here holds has a share of its own."""
-
-_NEAR = 0.05
-"""So near the limit of a shape, as a part of it, an effect may stand for another."""
 
 
 @dataclass(frozen=True)
@@ -98,41 +94,16 @@ def _objection(setting: Setting, found: Found) -> str:
             f"the best linear model{_names(best)} needs nominal numbers that are off by "
             f"{np.sqrt(strain / count):.2g} times their tolerance (rms of {count})"
         )
-    return _stands_in(best)
+    return stand_in(best)
 
 
 def _names(best: Fit) -> str:
     return f", with {' and '.join(f'{e.reported()} at {e.where}' for e in best.effects)}," if best.effects else ""
 
 
-def _stands_in(best: Fit) -> str:
-    """Return which effect is shaped so far beyond what its name says that it stands for what has no name."""
-    for effect, candidate in zip(best.effects, best.candidates, strict=True):
-        for shape, other in effect.beyond.items():
-            value, limit = float(getattr(effect, shape)), candidate.limits.get(shape, (0.0, np.inf))[1]
-            if other == UNLISTED and value > (1.0 - _NEAR) * limit:
-                return (
-                    f"{effect.reported()} at {effect.where} fits best with {shape} {value:.3g}, up to whose limit of "
-                    f"{limit:.3g} it has that name: it may stand for what is not in the library"
-                )
-    return ""
-
-
 def causes_of(judgement: Judged, best: Fit, model: Model) -> tuple[Cause, ...]:
     """Return the named causes with their parameters in units of the model's ports."""
-    return tuple(_cause(i, best, model, judgement.probability) for i in judgement.named)
-
-
-def _cause(i: int, best: Fit, model: Model, probability: float) -> Cause:
-    effect = best.effects[i]
-    u, y = units_at(model, effect.where)
-    units = {p.name: p.dimension.unit(u, y) for p in effect.parameters()}
-    estimates = {
-        name: Estimate(float(value), float(std), units[name])
-        for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True)
-        if owner == i
-    }
-    return Cause(effect.reported(), effect.where, probability, estimates, f"the residual {effect.symptom}")
+    return tuple(cause_of(i, best, model, judgement.probability) for i in judgement.named)
 
 
 def of_levels(remarks: Sequence[str]) -> Judged:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.noise.estimate import rows_of_noise
@@ -13,6 +14,10 @@ EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
 leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
 friction's)."""
+
+
+LEAST_CHANCE = 1e-300
+"""A chance that is smaller is told as this one."""
 
 
 def adequate(found: Found, allowed: float = 0.0) -> bool:
@@ -40,6 +45,11 @@ def explained_part(found: Found) -> float:
     """Return the part of what was more than noise that the best model explains, all where nothing was."""
     best, excess = found.best, found.tuned.misfit - found.tuned.rows
     return 1.0 - (best.misfit - best.rows) / excess if excess > 0.0 else 1.0
+
+
+def chance_of(found: Found, excess: float) -> float:
+    """Return the chance that noise alone leaves so much more than its own level, a mean square of one; never zero."""
+    return max(float(scipy.stats.norm.sf(4.0 * excess / uncertainty(found))), LEAST_CHANCE)
 
 
 def uncertainty(found: Found) -> float:

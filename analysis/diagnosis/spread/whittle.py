@@ -111,17 +111,15 @@ def series_of(setting: Setting, record: Record, white: Array) -> list[Series]:
         if w.held_out:
             continue
         start = max(w.start, setting.whitener.order)
-        whole = (w.stop - w.start) // w.period if w.period else 0
-        first = 1 if whole >= 3 else 0  # which holds what is left of the transient
-        if whole - first < 2:
+        begin, count = w.repeated
+        if count < 2:
             mask = np.zeros(record.n, dtype=bool)
             mask[start : w.stop] = True
             out += [Series(white[a:b], motion[a:b], False) for a, b in runs_of(mask)]
             continue
-        begin = w.start + first * w.period
-        periods = white[begin : w.start + whole * w.period].reshape(whole - first, w.period, -1)
+        periods = white[begin : begin + count * w.period].reshape(count, w.period, -1)
         played = motion[begin : begin + w.period]
-        out += [Series(np.tensordot(row, periods, axes=1), played, True) for row in scipy.linalg.helmert(whole - first)]
+        out += [Series(np.tensordot(row, periods, axes=1), played, True) for row in scipy.linalg.helmert(count)]
     return out
 
 

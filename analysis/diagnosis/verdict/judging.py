@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
@@ -21,9 +23,11 @@ from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.verdict.remainder import remainder_of, telling
-from sim_backend.effects.base import UNLISTED, Site
+from sim_backend.effects.base import UNLISTED, Effect, Site
 from sim_backend.model import Model
 from sim_backend.modes import units_at
+
+Array = NDArray[np.float64]
 
 _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
@@ -66,7 +70,6 @@ def judge(
     for only where nothing else speaks against it.
     """
     best, inflation = found.best, found.inflation
-    against = refuted(found)
     if not best.candidates:
         against = objection(found, left, random)
         verdict: Verdict = "unknown" if against else _without_cause(found, allowed, random)
@@ -77,8 +80,7 @@ def judge(
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
     rest = remainder_of(found, left, allowed, random)
-    if not against:
-        against = _general(found, general, random, rest)
+    against = refuted(found) or _general(found, general, random, rest)
     if against:
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     border = _on_border(found, named)
@@ -124,7 +126,7 @@ def refuted(found: Found) -> str:
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
             f"(rms of {count})"
         )
-    return _stand_in(found)
+    return stand_in(found.best)
 
 
 def _general(found: Found, general: Iterable[GeneralRival], random: float, rest: Remainder | None) -> str:
@@ -149,9 +151,33 @@ def outdone(found: Found, general: Iterable[GeneralRival], random: float = 0.0) 
     return next((rival.words(found.setting.places) for rival in general if rival.ahead(random)), "")
 
 
-def _stand_in(found: Found) -> str:
-    """Return which effect of the best model is shaped so far beyond what its name says that it stands for another."""
-    for effect, candidate in zip(found.best.effects, found.best.candidates, strict=True):
+class Fitted(Protocol):
+    """What a verdict asks of a fit, to records or to a response: its effects, and their parameters as they came out."""
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """What the effects began as."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+
+    @property
+    def names(self) -> tuple[tuple[int, str], ...]:
+        """Number of the effect and name of each fitted parameter."""
+
+    @property
+    def values(self) -> Array:
+        """Their values in physical units, (n,)."""
+
+    @property
+    def std(self) -> Array:
+        """Their standard deviations, (n,)."""
+
+
+def stand_in(best: Fitted) -> str:
+    """Return which effect of a fit is shaped so far beyond what its name says that it stands for another."""
+    for effect, candidate in zip(best.effects, best.candidates, strict=True):
         for shape, other in effect.beyond.items():
             value, limit = float(getattr(effect, shape)), candidate.limits.get(shape, (0.0, np.inf))[1]
             if other == UNLISTED and value > (1.0 - _NEAR) * limit:
@@ -345,17 +371,18 @@ def _price(candidate: Candidate, gain: float) -> float:
 
 def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
     """Return the named causes with their parameters in units of the model's ports."""
-    best = found.best
-    causes = []
-    for i in judgement.named:
-        effect = best.effects[i]
-        u, y = units_at(model, effect.where)
-        spread = np.sqrt(judgement.inflation)
-        estimates = {}
-        for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True):
-            if owner == i:
-                dimension = next(p.dimension for p in effect.parameters() if p.name == name)
-                estimates[name] = Estimate(float(value), float(std * spread), dimension.unit(u, y))
-        why = f"the residual {effect.symptom}"
-        causes.append(Cause(effect.reported(), effect.where, judgement.probability, estimates, why))
-    return tuple(causes)
+    spread = float(np.sqrt(judgement.inflation))
+    return tuple(cause_of(i, found.best, model, judgement.probability, spread) for i in judgement.named)
+
+
+def cause_of(i: int, best: Fitted, model: Model, posterior: float, spread: float = 1.0) -> Cause:
+    """Return effect `i` of a fit as a cause, its standard deviations `spread` times those of the fit."""
+    effect = best.effects[i]
+    u, y = units_at(model, effect.where)
+    units = {p.name: p.dimension.unit(u, y) for p in effect.parameters()}
+    estimates = {
+        name: Estimate(float(value), float(std * spread), units[name])
+        for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True)
+        if owner == i
+    }
+    return Cause(effect.reported(), effect.where, posterior, estimates, f"the residual {effect.symptom}")

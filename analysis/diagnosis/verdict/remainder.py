@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.result import Remainder
-from analysis.diagnosis.search.adequacy import adequate, standing_out, uncertainty
+from analysis.diagnosis.search.adequacy import LEAST_CHANCE, adequate, chance_of, standing_out
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
 
@@ -45,7 +45,8 @@ def remainder_of(found: Found, left: Sequence[Leftover], allowed: float = 0.0, r
         excess, chance, lives = max(excess, one.drop), min(chance, one.p_value(random)), f"{one.what} at {one.where}"
     elif left and not lives:
         lives = f"{left[0].what} at {left[0].where}" if left[0].p_value(random) < _TOLD else "nothing simple"
-    return Remainder(float(np.clip(excess / _whole(found, allowed, excess), 0.0, 1.0)), max(chance, 1e-300), lives)
+    share = float(np.clip(excess / _whole(found, allowed, excess), 0.0, 1.0))
+    return Remainder(share, max(chance, LEAST_CHANCE), lives)
 
 
 def _whole(found: Found, allowed: float, excess: float) -> float:
@@ -60,8 +61,7 @@ def _in_all(found: Found, allowed: float) -> tuple[float, float, str]:
     best = found.best
     if found.setting.whitener.repeats:
         excess = best.misfit / best.rows - 1.0 - allowed
-        deviations = 4.0 * excess / uncertainty(found)
-        return max(excess, 0.0) * best.rows, float(scipy.stats.norm.sf(deviations)), ""
+        return max(excess, 0.0) * best.rows, chance_of(found, excess), ""
     out = standing_out(found)
     if out is None:
         return 0.0, 1.0, ""

@@ -42,7 +42,7 @@ def scatter_follows_play(data: Dataset, residuals: Sequence[Array]) -> str:
     It has to rise from record to record as the motion does, with a chance below 10⁻⁶ in noise that is the same in all.
     """
     for o in range(data.n_outputs):
-        found = [_scatter(r, e[:, o], o) for r, e in zip(data.records, residuals, strict=True) if _periods(r)]
+        found = [_scatter(r, e[:, o], o) for r, e in zip(data.records, residuals, strict=True) if _repeats(r)]
         found.sort(key=lambda one: one.motion)
         if len(found) < 2 or not found[-1].motion > _TWICE * found[0].motion:
             continue
@@ -59,17 +59,16 @@ def scatter_follows_play(data: Dataset, residuals: Sequence[Array]) -> str:
     return ""
 
 
-def _periods(record: Record) -> int:
-    """Return how many whole periods of a record tell its scatter, without the first of several."""
-    whole = record.n // record.period if record.period else 0
-    whole -= 1 if whole >= 3 else 0
-    return whole if whole >= 2 else 0
+def _repeats(record: Record) -> bool:
+    """Tell whether a record is one window with periods that tell its scatter."""
+    return len(record.windows) == 1 and record.windows[0].repeated[1] >= 2
 
 
 def _scatter(record: Record, residual: Array, o: int) -> _Scatter:
-    count, period = _periods(record), record.period
-    last = residual[record.n - count * period :].reshape(count, period)
-    scatter = last - last.mean(axis=0)
+    (window,) = record.windows
+    begin, count = window.repeated
+    periods = residual[begin : begin + count * window.period].reshape(count, window.period)
+    scatter = periods - periods.mean(axis=0)
     # the mean of the periods has taken its part
     part = (count - 1) / count
     numbers = part * independent_rows(scatter.ravel())
