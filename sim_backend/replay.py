@@ -16,7 +16,7 @@ from sim_backend import kernel, layout
 from sim_backend.assembly import Places, bus_of, plant_of, retuned
 from sim_backend.bench import Segment
 from sim_backend.effects.base import Aux, Effect, Site
-from sim_backend.linear import ModalModel
+from sim_backend.linear import ModalModel, finer_for_delays
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.wiring import effects_of, wired
 
@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 class Motion:
     """What a replay gives: readings and positions (n, n_y), torques on the structure (n, n_u), final states (m, 2).
 
-    Torques are those at the beginning of each sample, everything that acts at an input added up.
+    Torques are those at the beginning of each sample, everything that acts at an input added up, or their means over
+    the sample where a delay ends within it.
     """
 
     reading: Array
@@ -50,10 +51,16 @@ def replay(
 ) -> Motion:
     """Play `u` (n, n_u) from modal states `start` (m, 2; rest when None) and return the motion.
 
-    Effects that only draw random numbers take part with none. Raises ConfigError when an effect has no place here.
+    Where taps would not stand for a delay, the loop runs a whole number of times faster. Effects that only draw random
+    numbers take part with none. Raises ConfigError when an effect has no place here.
     """
-    n, n_u = u.shape
     linear = retuned(linear, effects, places)
+    finer = finer_for_delays(linear, rate_hz)
+    if finer > 1:
+        held = None if temperature_k is None else np.repeat(temperature_k, finer)
+        u, temperature_k, substeps = np.repeat(u, finer, axis=0), held, -(-substeps // finer)
+    n, n_u = u.shape
+    rate_hz *= finer
     plant = plant_of(linear, rate_hz, substeps)
     fx, ordered = effects_of(effects, places, linear)
     columns: list[Array] = []
@@ -77,11 +84,14 @@ def replay(
     bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
     fx = wired(fx, bus)
     kernel.Loop(layout.Parts(plant, transducers, fx, ctl, mem, bus)).play(n, wave, out)
-    reading, position, torque = (np.ascontiguousarray(table.T) for table in (out.reading, out.position, out.torque))
+    torque = out.torque.reshape(n_u, -1, finer).mean(axis=2)
+    reading, position, torque = (
+        np.ascontiguousarray(table.T) for table in (out.reading[:, ::finer], out.position[:, ::finer], torque)
+    )
     for effect in effects:
         if effect.site is Site.RECORD:
             at = places.find(places.outputs, effect.where, effect.name)
-            reading[:, at] = effect.rewrite(reading[:, at], rate_hz)
+            reading[:, at] = effect.rewrite(reading[:, at], rate_hz / finer)
     return Motion(reading, position, torque, mem.x)
 
 

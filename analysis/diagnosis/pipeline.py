@@ -21,12 +21,13 @@ from analysis.diagnosis.fitting.steps import steps_of
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
-from analysis.diagnosis.nominal.responses import simulate
+from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
+from analysis.diagnosis.search.in_noise import found_in_noise
 from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
@@ -46,7 +47,7 @@ from sim_backend.bench import Bench
 from sim_backend.effects import EFFECTS, INSIDE, NAMED, make_effect
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError, did_you_mean
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 from sim_backend.model import Model, Quantity, number
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def search_causes(
     runs = [record.name for record in data.records]
     own = fitted_to(model, runs)
     knobs = own_knobs_of(linear, fitted_delays(model, runs)) if own else knobs_of(linear, options.tolerance)
-    discrete = discretise(linear, data.rate_hz)
+    discrete = played(linear, data.rate_hz)
     residuals = [r.left_by(simulate(discrete, r.u)) for r in data.records]
     rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
     whitener = louder(whitener_from(data, list(rest)), added)
@@ -121,8 +122,10 @@ def search_causes(
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
         found = main_cause(*gross, rules, scales, progress)
-        if still_gross(found) or judge_main(found).verdict == "named":
+        if still_gross(found):
             return found
+        if judge_main(found).verdict == "named":
+            return found_in_noise(setting, found, rules, scales, progress)
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
     found = search(setting, tuned, rules, scales, progress)

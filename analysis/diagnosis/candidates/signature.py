@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.nominal.responses import coasting, response, simulate, stacked
+from analysis.diagnosis.nominal.responses import coasting, played, response, simulate, stacked
 from sim_backend import kernel, layout
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
@@ -169,7 +169,7 @@ def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motio
         out = np.zeros(motion.position.shape)
         out[:, channel] = added
         return out
-    model = discretise(linear, rate_hz)
+    model = played(linear, rate_hz)
     return response(model, added, channel, through_delay=site is Site.COMMAND)
 
 
@@ -239,7 +239,7 @@ def _of_model(
 
     def moved(name: str, by: float) -> Array:
         effect = candidate.made({n: (by if n == name else 0.0) for n in candidate.unit_sizes})
-        model = discretise(effect.retune(linear, i, o), rate_hz)
+        model = played(effect.retune(linear, i, o), rate_hz)
         return simulate(model, u) + coasting(model, start[: linear.n_blocks], u.shape[0])
 
     columns = []

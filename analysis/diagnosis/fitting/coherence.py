@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener, runs_of
-from analysis.diagnosis.nominal.responses import response
+from analysis.diagnosis.nominal.responses import played, response
 from analysis.diagnosis.records.dataset import Record
-from sim_backend.linear import DiscreteModel, ModalModel, discretise
+from sim_backend.linear import DiscreteModel, ModalModel
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -36,7 +36,7 @@ def following_of(setting: Setting, linear: ModalModel, change: Sequence[Array]) 
     band H runs straight, as a complex number of the frequency, for each input. One where nothing changes.
     """
     n_y, n_u = setting.data.n_outputs, linear.n_inputs
-    model = discretise(linear, setting.data.rate_hz)
+    model = played(linear, setting.data.rate_hz)
     parts = setting.each(
         lambda record, values: _lines(setting.whitener, model, record, values), setting.data.records, list(change)
     )

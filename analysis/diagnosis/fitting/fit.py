@@ -15,16 +15,20 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.starts import Start
 from analysis.diagnosis.noise.whitener import Bands, Whitener
+from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.nominal.tuning import Knob, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
-from sim_backend.linear import ModalModel
+from sim_backend.linear import ModalModel, discretise
 from sim_backend.replay import Motion, replay
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+
+_BEGUN, _WORTH_A_STEP = 8, 0.99
+"""Steps in which the state is sought in which a record begins, while each leaves less than this part of the squares."""
 
 
 class Once:
@@ -166,26 +170,47 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
     One that no fit has seen is simulated from rest, and where it repeats, also as if it had been played before: what
-    hangs on the level of the motion is then as it is in the steady state. Which of both it was tells its first period.
+    hangs on the level of the motion is then as it is in the steady state. Which of both it was tells its first period;
+    from there the state in which it begins is sought.
     """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
-    others = [r for r in data.records if id(r.y) not in known]
-    if others:
-        played = _left_on([r.led_in() for r in others], data, setting, fit)
-        begun = _left_on(others, data, setting, fit) if any(r.led_in() is not r for r in others) else played
-        for r, steady, rest in zip(others, played, begun, strict=True):
-            steady = np.ascontiguousarray(steady[-r.n :])
-            first = slice(0, r.period or r.n)
-            known[id(r.y)] = rest if np.sum(rest[first] ** 2) < np.sum(steady[first] ** 2) else steady
+    for record in (r for r in data.records if id(r.y) not in known):
+        ways = {id(r): r for r in (record, record.led_in())}.values()
+        left = [_left_from_rest(way, data, setting, fit) for way in ways]
+        first = slice(0, record.period or record.n)
+        known[id(record.y)] = min((e[-record.n :] for e in left), key=lambda e: float(np.sum(e[first] ** 2)))
     return tuple(known[id(r.y)] for r in data.records)
 
 
-def _left_on(records: Sequence[Record], data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
-    """Return what a fit leaves of records that no fit has seen, each simulated from rest."""
-    rest = tuple(np.zeros((setting.nominal.n_blocks, 2)) for _ in records)
-    there = replace(setting, data=replace(data, records=tuple(records)), states=rest)
-    unseen = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
-    return residuals_of(records, simulated(there, turned(setting.nominal, setting.knobs, fit.change), unseen))
+def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Array:
+    """Return what a fit leaves (n, n_y) of a record that no fit has seen, begun in the state that leaves least.
+
+    A start adds to the readings of a linear model what it adds, whatever is played. Beside an effect that hangs on the
+    motion that is so to first order only, so it is simulated anew from what was found.
+    """
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
+    free = free_responses(discretise(linear_of(setting, fit), data.rate_hz), record.n)
+    states = np.zeros((free.shape[2] // 2, 2))
+    one = replace(setting, data=replace(data, records=(record,)))
+    (left,) = residuals_of([record], simulated(replace(one, states=(states,)), linear, effects))
+    rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
+    weight = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+
+    def squares(residual: Array) -> float:
+        return float(np.sum((residual[rows] * weight) ** 2))
+
+    columns = (free[rows] * weight[:, None]).reshape(-1, free.shape[2])
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = np.inf
+    for _ in range(_BEGUN):
+        found, *_ = np.linalg.lstsq(columns / scale, (left[rows] * weight).reshape(-1), rcond=1e-9)
+        there = states + (found / scale).reshape(-1, 2)
+        (next_left,) = residuals_of([record], simulated(replace(one, states=(there,)), linear, effects))
+        if not squares(next_left) < _WORTH_A_STEP * squares(left):
+            break
+        states, left = there, next_left
+    return left
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

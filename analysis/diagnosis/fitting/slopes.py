@@ -21,6 +21,7 @@ from analysis.diagnosis.nominal.tuning import Knob, sensitivities, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Site
+from sim_backend.linear import finer_for_delays
 from sim_backend.modes import is_mode
 
 Array = NDArray[np.float64]
@@ -109,8 +110,14 @@ class Slopes:
         rate_hz, acting = s.data.rate_hz, [*s.known, *self._problem.effects(x)]
         linear = retuned(turned(s.nominal, s.knobs, x[: len(s.knobs)]), acting, s.places)
 
+        # a delay that ends within a sample leaves no torque that is held; beside what acts on the way to the structure
+        # the means over samples have to do
+        on_the_way = any(e.site in (Site.COMMAND, Site.CURRENT, Site.DRIVE, Site.STRUCTURE) for e in acting)
+        commanded = finer_for_delays(linear, rate_hz) > 1 and not on_the_way
+        played = [r.u for r in s.data.records] if commanded else at.torques
+
         def held(torque: Array, start: Array) -> Array:
-            return sensitivities(linear, knobs, torque, rate_hz, start, through_delay=False)
+            return sensitivities(linear, knobs, torque, rate_hz, start, through_delay=commanded)
 
         def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:
             motion = moved_as(record, record.y - left, rate_hz)
@@ -119,7 +126,7 @@ class Slopes:
 
         if self._answering:
             return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
-        return s.each(held, at.torques, s.states)
+        return s.each(held, played, s.states)
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
         """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.starts import stack_white
+from analysis.diagnosis.nominal.tuning import turned
 from sim_backend.effects.dominant import residues
 from sim_backend.linear import ModalModel
 
@@ -47,3 +50,22 @@ def steps_for(setting: Setting, fits: Sequence[Fit]) -> int:
             mobility = abs(float(np.sum(residues(setting.nominal, j, o))))
             most = max(most, braking * mobility / setting.data.rate_hz / _BRAKED)
     return min(int(np.ceil(most)), max(_FINEST, setting.substeps))
+
+
+def steps_in_noise(setting: Setting, fit: Fit) -> int:
+    """Return the steps per sample at which the error of the simulation is lost in the noise, at least those there are.
+
+    The error of n steps is that of one over n², so what twice the steps change is three quarters of it. In units of the
+    noise its sum of squares shall be no more than one: then no parameter is wrong by more than a standard deviation.
+    """
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    there, finer = (
+        residuals_of(setting.data.records, simulated(one, linear, fit.effects))
+        for one in (setting, replace(setting, substeps=2 * setting.substeps))
+    )
+    squares = sum(
+        float(np.sum(stack_white(setting.whitener, record, (b - a)[:, :, None]) ** 2))
+        for record, a, b in zip(setting.data.records, there, finer, strict=True)
+    )
+    wanted = setting.substeps * (squares * (4.0 / 3.0) ** 2) ** 0.25
+    return int(np.clip(np.ceil(wanted), setting.substeps, max(_FINEST, setting.substeps)))

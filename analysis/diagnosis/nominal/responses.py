@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.linear.simulate import delayed
 from sim_backend.jit import njit
-from sim_backend.linear import DiscreteModel
+from sim_backend.linear import DiscreteModel, ModalModel, discretise, finer_for_delays
 
 Array = NDArray[np.float64]
 
@@ -51,15 +52,50 @@ def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
             x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
 
 
+def played(linear: ModalModel, rate_hz: float) -> DiscreteModel:
+    """Return `linear` at one rate, its delays as exact as those of a replay."""
+    return discretise(linear, rate_hz, split=finer_for_delays(linear, rate_hz) > 1)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What drives a model: `forces` (n, k), and how they enter its states, `b` (m, 2, k), and outputs, `d` (n_y, k)."""
+
+    forces: Array
+    b: Array
+    d: Array
+
+
+def driven_by(model: DiscreteModel, u: Array) -> Driven:
+    """Return what commands `u` (n, n_u) drive a model by after its delays.
+
+    Where these are split, every command drives it twice: by the sample that comes in, and by the one before it.
+    """
+    late = model.delay_samples
+    if model.late is None:
+        return Driven(delayed(u, late), model.b, model.d)
+    whole = np.floor(late)
+    forces = np.concatenate([delayed(u, whole), delayed(u, whole + 1.0)], axis=1)
+    newer = np.where(late > whole, 0.0, model.d)  # within a sample its first instant counts
+    b = np.concatenate([model.b - model.late, model.late], axis=2)
+    return Driven(forces, b, np.concatenate([newer, model.d - newer], axis=1))
+
+
 def response(model: DiscreteModel, force: Array, input_index: int, *, through_delay: bool = False) -> Array:
     """Return the outputs (n, n_y) to `force` (n,) at one input, from rest.
 
     A force on the structure does not pass the input's delay; a command does (`through_delay`).
     """
-    f = delayed(force[:, None], model.delay_samples[[input_index]])[:, 0] if through_delay else force
+    one = [input_index]
+    driven = Driven(force[:, None], model.b[:, :, one], model.d[:, one])
+    if through_delay:
+        late = None if model.late is None else model.late[:, :, one]
+        alone = replace(model, b=driven.b, d=driven.d, delay_samples=model.delay_samples[one], late=late)
+        driven = driven_by(alone, driven.forces)
     out = np.zeros((force.size, model.c.shape[0]))
-    b, d = np.ascontiguousarray(model.b[:, :, input_index]), np.ascontiguousarray(model.d[:, input_index])
-    _propagate(model.a, b, model.c, d, np.ascontiguousarray(f), out)
+    for j in range(driven.forces.shape[1]):
+        b, d, f = (np.ascontiguousarray(x) for x in (driven.b[:, :, j], driven.d[:, j], driven.forces[:, j]))
+        _propagate(model.a, b, model.c, d, f, out)
     return out
 
 

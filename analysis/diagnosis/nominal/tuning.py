@@ -20,9 +20,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.nominal.responses import contrast, response
+from analysis.diagnosis.nominal.responses import contrast, driven_by, response, simulate
 from analysis.linear.simulate import delayed, weighted
-from sim_backend.linear import DiscreteModel, ModalModel, delay_taps, discretise
+from sim_backend.linear import DiscreteModel, ModalModel, delay_taps, discretise, finer_for_delays
 
 Array = NDArray[np.float64]
 
@@ -183,22 +183,30 @@ def sensitivities(
     the whole model's answer to the slope of what passes it. Each column of each output is one stretch of memory: what
     follows (filters, transforms) works along time.
     """
-    whole = discretise(linear, rate_hz)
-    passed = delayed(u, whole.delay_samples) if through_delay else u
-    forces = np.asfortranarray(passed)  # each input is played from one stretch of memory
+    split = through_delay and finer_for_delays(linear, rate_hz) > 1
+    whole = discretise(linear, rate_hz, split=split)
+    # each input is played from one stretch of memory
+    forces = np.asfortranarray(driven_by(whole, u).forces if through_delay else u)
 
     def moved(knob: Knob, by: float) -> DiscreteModel:
-        return discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz)
+        alone = discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz, split=split)
+        return replace(alone, b=driven_by(alone, u[:0]).b)
 
-    series = np.zeros((len(knobs), linear.n_outputs, u.shape[0]))
+    series, steps = np.zeros((len(knobs), linear.n_outputs, u.shape[0])), (_STEP, -_STEP)
     for k, knob in enumerate(knobs):
-        if knob.field == "delay_s":
+        if knob.field == "delay_s" and split:
+            later, sooner = (discretise(turned(linear, [knob], np.array([by])), rate_hz, split=True) for by in steps)
+            series[k] = (simulate(later, u) - simulate(sooner, u)).T / (2.0 * _STEP)
+        elif knob.field == "delay_s":
             (source,) = knob.index
             taps = delay_taps(float(whole.delay_samples[source]) if through_delay else 0.0)
-            later = rate_hz * knob.unit * weighted(u[:, source], taps.first, taps.slopes)
-            series[k] = response(whole, later, source).T
+            late_by = rate_hz * knob.unit * weighted(u[:, source], taps.first, taps.slopes)
+            series[k] = response(whole, late_by, source).T
         elif knob.mode < 0:
             output, source = knob.index
+            # within a sample its first instant counts
+            late = np.ceil(whole.delay_samples) if split else whole.delay_samples
+            passed = delayed(u, late) if through_delay else u
             series[k, output] = knob.unit * passed[:, source]
         else:
             change = contrast(moved(knob, _STEP), moved(knob, -_STEP), forces, start[knob.mode])

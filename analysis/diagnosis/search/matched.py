@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener, runs_of
-from analysis.diagnosis.nominal.responses import response
+from analysis.diagnosis.nominal.responses import played, response
 from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Arra
     `residuals` are one (n, n_y) per record. The gradient is zero outside the rows that are fitted; the answer (rows,
     n_y) is what one unit at one sample makes of the readings, whitened; it may begin before that sample.
     """
-    model = discretise(linear, setting.data.rate_hz)
+    model = played(linear, setting.data.rate_hz)
     whitener = setting.whitener
     wanted: list[Array] = []
     for j in range(linear.n_inputs):

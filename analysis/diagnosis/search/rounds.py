@@ -22,7 +22,7 @@ from analysis.diagnosis.fitting.balance import (
 )
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
-from analysis.diagnosis.fitting.steps import steps_for
+from analysis.diagnosis.fitting.steps import steps_for, steps_in_noise
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.pruning import lead_of, needed, pruned
@@ -52,6 +52,10 @@ _FINER = 2
 """A fit that asks for so many times the steps is done again in them."""
 
 _LONG = 25
+
+_OVERRATED, _QUIETER = 0.8, 4
+"""A fit that leaves less than this part of the noise, as a mean square, shows that it was overrated: while a cause is
+not yet right, the swing from rest differs between periods as noise does. It is then asked again, so many times."""
 
 
 @dataclass(frozen=True)
@@ -309,25 +313,31 @@ def _under(setting: Setting, fit: Fit) -> Fit:
 def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
-    In steps as fine as that asks for; it may ask for finer ones once it is fitted.
+    In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
     """
     setting = replace(setting, substeps=steps_for(setting, trials))
     setting, trials, before = _brought_into_line(setting, trials, before)
     best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
-    if steps_for(setting, [best]) < _FINER * setting.substeps:
+    finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
+    if finer < _FINER * setting.substeps:
         return setting, trials, before
-    return _settled(setting, trials, before)
+    return _settled(replace(setting, substeps=finer), trials, before)
 
 
 def _brought_into_line(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them under the noise that they are compared in, and the best one's setting.
 
-    Where periods repeat, all are compared under one noise. Without repetition the noise is what a fit itself leaves,
-    so each is brought into line with its own.
+    Where periods repeat, all are compared under one noise, that of the best. Without repetition the noise is what a fit
+    itself leaves, so each is brought into line with its own.
     """
     if setting.whitener.repeats:
-        setting = settle(setting, min(trials, key=lambda f: score(f, True)))
-        return setting, [again(setting, f) for f in trials], again(setting, before)
+        for _ in range(_QUIETER):
+            setting = settle(setting, min(trials, key=lambda f: score(f, True)))
+            trials = [again(setting, f) for f in trials]
+            best = min(trials, key=lambda f: score(f, True))
+            if best.misfit > _OVERRATED * best.rows:
+                break
+        return setting, trials, again(setting, before)
     own = [lined_up(setting, trials[0])]
     own += [lined_up(setting, f, score(own[0][1], False)) for f in trials[1:]]
     own.sort(key=lambda pair: score(pair[1], False))

@@ -13,16 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.result import SELDOM, Domain, Gain, Remainder
+from analysis.diagnosis.result import ABOVE_NOISE, SELDOM, Domain, Gain, Remainder
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
 """Part of the squared output from which on what the model leaves of it is most of it."""
-
-HELD_OUT = 1.2
-"""Times the noise, as rms, from which on the error on held-out rows is no noise."""
 
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of what is left in squares are none."""
@@ -52,7 +49,7 @@ def loses(gain: Gain | None) -> bool:
 
 def beyond_noise(gain: Gain | None) -> bool:
     """Tell whether the error on held-out rows is surely no noise alone."""
-    return gain is not None and gain.least_error > HELD_OUT * gain.noise_floor
+    return gain is not None and gain.least_error > ABOVE_NOISE * gain.noise_floor
 
 
 def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.motions import as_simulated
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.levels import BAND_ROWS
+from analysis.diagnosis.nominal.responses import played
 from analysis.diagnosis.search.gram import IMITATED, Gram
 from analysis.diagnosis.search.screening import gathered
 from analysis.diagnosis.search.shortlist import beside, views_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
 from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from sim_backend.assembly import Places
-from sim_backend.linear import discretise
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True, at: Cont
     if not setting.whitener.repeats:
         # a strong colour of the noise looks like motion where nothing repeats, and would be found again in itself
         motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
-    scenes, plant = scenes_of(motions, setting.places), discretise(footing.linear, setting.data.rate_hz)
+    scenes, plant = scenes_of(motions, setting.places), played(footing.linear, setting.data.rate_hz)
     places = setting.places
     ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
     ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.nominal.responses import coasting, simulate
+from analysis.diagnosis.nominal.responses import coasting, played, simulate
 from analysis.diagnosis.nominal.tuning import (
     Knob,
     deviations,
@@ -76,7 +76,7 @@ def test_sensitivities_of_own_numbers_are_the_difference_of_two_whole_models(thr
     for k, knob in enumerate(knobs):
 
         def moved(by: float, k: int = k) -> np.ndarray:
-            model = discretise(turned(linear, knobs, by * np.eye(len(knobs))[k]), RATE_HZ)
+            model = played(turned(linear, knobs, by * np.eye(len(knobs))[k]), RATE_HZ)
             return simulate(model, u, through_delay=through_delay) + coasting(model, start, n)
 
         difference = (moved(step) - moved(-step)) / (2.0 * step)
@@ -168,7 +168,7 @@ def test_a_number_that_is_noise_about_zero_is_found_beyond_zero() -> None:
     b_direct, d = linear.b_direct.copy(), linear.d.copy()
     b_direct[0, 1], d[1, 0] = -5e-6, -1e-3
     true = linear.with_(b_direct=b_direct, d=d)
-    residual = simulate(discretise(true, RATE_HZ), u) - simulate(discretise(linear, RATE_HZ), u)
+    residual = simulate(played(true, RATE_HZ), u) - simulate(played(linear, RATE_HZ), u)
     knobs = own_knobs_of(linear)
     wanted = [knob_at(knobs, "b_direct", (0, 1)), knob_at(knobs, "d", (1, 0))]
     columns = sensitivities(linear, [knobs[i] for i in wanted], u, RATE_HZ, rest).reshape(-1, 2)
