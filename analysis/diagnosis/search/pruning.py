@@ -44,16 +44,18 @@ def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, 
     """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
 
     The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
-    is no such noise.
+    is no such noise, but no effect is one that noise may have made of nothing.
     """
     tried: list[Fit] = []
     known = setting.whitener.repeats
     nominal = again(setting, tuned) if best.candidates else tuned
-    while len(best.candidates) > (0 if known else 1):
+    while best.candidates:
         numbers = range(len(best.candidates))
+        unsure = [i for i in numbers if not is_seen(best, i)]
+        if len(numbers) == 1 and not (known or unsure):
+            break
         smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
         tried += smaller
-        unsure = [i for i in numbers if not is_seen(best, i)]
         if unsure:  # what it gains, numbers gain that were re-tuned beside it
             best = smaller[unsure[0]]
             continue
