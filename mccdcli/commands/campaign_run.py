@@ -28,7 +28,7 @@ def run(campaign: str, bench: str, out: Path | None, seed: int, dry_run: bool, a
       mccd campaign run quick --dry-run
     """
     from campaigns.playing.campaign import load_campaign
-    from campaigns.playing.campaign_run import estimate_campaign
+    from campaigns.playing.counting import estimate_campaign
 
     loaded = load_campaign(campaign)
     if dry_run:

@@ -126,7 +126,7 @@ def identify(
 
 
 def _counted(bench: str, axes: tuple[str, ...], settings: dict[str, Any], seed: int, as_json: bool) -> int:
-    from campaigns.playing.campaign_run import estimate_campaign
+    from campaigns.playing.counting import estimate_campaign
     from campaigns.playing.sweep_campaign import sweep_campaign
 
     show_estimates(estimate_campaign(sweep_campaign(bench, axes, settings), bench, seed), as_json=as_json)

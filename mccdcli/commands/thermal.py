@@ -34,7 +34,7 @@ def thermal(
       mccd thermal --out thermal
       mccd thermal --no-sweeps --set cycles=100
     """
-    from campaigns.playing.campaign_run import estimate_campaign
+    from campaigns.playing.counting import estimate_campaign
     from campaigns.playing.thermal_campaign import AXES, COLD, sweep_name, thermal_campaign
 
     campaign = thermal_campaign(settings, sweeps=sweeps)
