@@ -162,6 +162,15 @@ def count(plans: Mapping[str, Plan], bench: str, seed: int, *, as_json: bool) ->
     show_estimates(counted, as_json=as_json)
 
 
+def count_campaign(campaign: Campaign, bench: str, seed: int, *, as_json: bool) -> None:
+    """Show what playing a campaign would take, run by run, without moving anything."""
+    from campaigns.playing.counting import estimate_campaign
+    from sim_backend.memory import keep_freed_memory
+
+    keep_freed_memory()  # a quarter of the time would go to the system, for the waveforms of run after run
+    show_estimates(estimate_campaign(campaign, bench, seed), as_json=as_json)
+
+
 def _require_models(plan: Plan) -> None:
     """Raise ConfigError for a design model that is none: before a bench is opened for it."""
     from sim_backend.model import load_model

@@ -20,8 +20,9 @@ from campaigns.importing.mapping import ImportMap, PartMap, read_map
 from campaigns.importing.record import check_varies
 from campaigns.log import Channel, LogSegment, LogWriter, Unit, sha256_of, unit_named
 from campaigns.log.guard import one_line
-from campaigns.log.schema import check_label, check_name, to_json
+from campaigns.log.schema import to_json
 from campaigns.log.write import SETTINGS_BYTES
+from campaigns.names import check_label, check_name
 from campaigns.progress import Report, part_of, unheard
 from campaigns.version import tool_commit
 from sim_backend.errors import ConfigError, DataError, MccdError

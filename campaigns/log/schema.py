@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,6 +12,7 @@ import h5py
 import numpy as np
 
 from campaigns.log.units import unit_named
+from campaigns.names import check_label, check_name
 from sim_backend.errors import ConfigError
 
 SCHEMA = "mccd-log/1"
@@ -26,9 +26,7 @@ COMMITTED = "committed_rows"
 EXPECTED = "expected_rows"
 OPEN_STOP = -1
 LABEL_BYTES = 128
-MAX_NAME_BYTES = 128
 MAX_IDENTITY_CHARS = 256
-_TEXT_NAME = re.compile(r"[^/\x00-\x1f\x7f]+")
 
 
 class ChannelLike(Protocol):
@@ -153,24 +151,6 @@ class Header:
         except (ValueError, AttributeError):
             return {}
         return settings if isinstance(settings, dict) else {}
-
-
-def check_name(name: str, what: str) -> None:
-    """Raise ConfigError unless `name` can be a name: 1 to 128 bytes of UTF-8, no `/`, no control sign."""
-    try:
-        size = len(name.encode("utf-8"))
-    except UnicodeEncodeError:
-        size = 0
-    if not (0 < size <= MAX_NAME_BYTES and _TEXT_NAME.fullmatch(name) and name.strip(". ")):
-        raise ConfigError(
-            f"{what} {name[:60]!r} cannot be a name: use 1 to {MAX_NAME_BYTES} bytes of text "
-            "without '/' and control signs"
-        )
-
-
-def check_label(label: str, what: str = "segment label") -> None:
-    """Raise ConfigError unless `label` can name a segment or a test: as `check_name`, with `/` allowed."""
-    check_name(label.replace("/", " "), what)
 
 
 def check_status(status: str) -> None:

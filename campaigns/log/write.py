@@ -33,9 +33,9 @@ from campaigns.log.schema import (
     Channel,
     ChannelLike,
     Header,
-    check_label,
     to_json,
 )
+from campaigns.names import check_label
 from campaigns.version import tool_version as installed_version
 from sim_backend.errors import ConfigError, MccdError
 

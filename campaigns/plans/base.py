@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.bench import Bench, Segment, check_segment
+from sim_backend.bench import Bench, Demand, Segment, check_segment
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.model import dump_model, load_model
 
@@ -208,16 +208,24 @@ def checked_segments(plan: Plan, bench: Bench) -> Iterator[Segment]:
     Raises ConfigError at the first that breaks a limit, records other channels than the plan says, or uses a label
     twice.
     """
-    channels, labels = plan.channels(bench), set[str]()
+    return (segment for segment, _ in _checked(plan, bench))
+
+
+def _checked(plan: Plan, bench: Bench) -> Iterator[tuple[Segment, Demand]]:
+    """Yield the checked segments, each with what it asks for."""
+    channels, limits, labels = plan.channels(bench), bench.limits, set[str]()
+    demand, waves = None, (np.empty(0), np.empty(0))
     for segment in plan.segments(bench):
-        check_segment(segment, bench.limits)
+        # a stage is cut into segments that play the same waveforms
+        if demand is None or segment.reference is not waves[0] or segment.feedforward is not waves[1]:
+            demand, waves = check_segment(segment, limits), (segment.reference, segment.feedforward)
         if segment.record != channels or segment.label in labels:
             raise ConfigError(
                 f"plan {plan.name}: segment '{segment.label}' repeats a label or records other channels than the plan; "
                 "give every segment its own label and the plan's channels"
             )
         labels.add(segment.label)
-        yield segment
+        yield segment, demand
 
 
 def estimate(plan: Plan, bench: Bench) -> Estimate:
@@ -225,10 +233,10 @@ def estimate(plan: Plan, bench: Bench) -> Estimate:
     limits, axes = bench.limits, bench.axes
     count, samples, current_a = 0, 0, 0.0
     reference = np.zeros(len(axes))
-    for segment in checked_segments(plan, bench):
+    for segment, demand in _checked(plan, bench):
         count, samples = count + 1, samples + segment.n_samples
-        current_a = max(current_a, float(np.max(np.abs(segment.feedforward @ limits.to_current.T), initial=0.0)))
-        reference = np.maximum(reference, np.max(np.abs(segment.reference), axis=0))
+        current_a = max(current_a, demand.current_a)
+        reference = np.maximum(reference, demand.reference)
     if count == 0:
         raise ConfigError(f"plan {plan.name}: its settings give nothing to play; ask for at least one step")
     columns = len(plan.channels(bench))

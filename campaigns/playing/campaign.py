@@ -10,13 +10,15 @@ an uninterrupted one's.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
-from campaigns.log.schema import check_name
+from campaigns.names import check_name
 from campaigns.plans import Plan, make_plan
 from sim_backend.errors import ConfigError, did_you_mean
 
@@ -48,10 +50,17 @@ class Campaign(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         settings, model = dict(entry.settings), entry.settings.get("model")
         if self.folder and isinstance(model, str) and (beside := Path(self.folder) / model).is_file():
             settings["model"] = str(beside)
-        try:
+        with in_run(self, entry.name):
             return make_plan(entry.plan, settings)
-        except ConfigError as error:
-            raise ConfigError(f"campaign '{self.name}', run '{entry.name}': {error}") from None
+
+
+@contextmanager
+def in_run(campaign: Campaign, run_name: str) -> Iterator[None]:
+    """Let a ConfigError inside the block say which run of which campaign it is about."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"campaign '{campaign.name}', run '{run_name}': {error}") from None
 
 
 def run_seed(seed: int, run_name: str) -> int:

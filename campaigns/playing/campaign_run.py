@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -22,15 +22,12 @@ from campaigns.log import read_run, sidecar_of
 from campaigns.log.read import has_writer
 from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
-from campaigns.playing.campaign import Campaign, run_seed
+from campaigns.playing.campaign import Campaign, in_run, run_seed
 from campaigns.playing.interrupts import Interrupts
 from campaigns.playing.runner import Outcome, Report, fingerprint, fingerprint_of, run_plan
 from campaigns.playing.side_by_side import free_cores, share
 from campaigns.version import tool_version
-from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError, DataError
-
-T = TypeVar("T")
 
 STATE_FILE = "campaign.json"
 LOCK_FILE = ".campaign.lock"
@@ -61,11 +58,6 @@ class CampaignOutcome:
     runs: tuple[RunState, ...]
 
 
-def estimate_campaign(campaign: Campaign, address: str, seed: int) -> dict[str, Estimate]:
-    """Count every run without playing it; raises ConfigError for one that breaks a limit, naming it."""
-    return _survey(campaign, address, seed, lambda plan, bench, _: estimate(plan, bench))
-
-
 def run_campaign(
     campaign: Campaign,
     folder: str | Path,
@@ -85,9 +77,7 @@ def run_campaign(
     missing, and whatever a run raises.
     """
     home, plans = Path(folder), campaign.plans()
-    survey = _survey(
-        campaign, address, seed, lambda plan, bench, own: (estimate(plan, bench), fingerprint(plan, bench, own))
-    )
+    survey = _survey(campaign, address, seed)
     estimates = {name: counted for name, (counted, _) in survey.items()}
     states = {
         name: RunState(name, plans[name].name, home / f"{name}.h5", run_seed(seed, name), mark)
@@ -188,16 +178,13 @@ def read_state(folder: str | Path) -> dict[str, Any] | None:
     return state
 
 
-def _survey(campaign: Campaign, address: str, seed: int, look: Callable[[Plan, Bench, int], T]) -> dict[str, T]:
-    """Return what `look` finds for every run's plan, bench and seed; nothing moves."""
+def _survey(campaign: Campaign, address: str, seed: int) -> dict[str, tuple[Estimate, str]]:
+    """Return the estimate and the fingerprint of every run; nothing moves."""
     survey = {}
     for name, plan in campaign.plans().items():
         own = run_seed(seed, name)
-        with contextlib.closing(open_bench(address, own)) as bench:
-            try:
-                survey[name] = look(plan, bench, own)
-            except ConfigError as error:
-                raise ConfigError(f"campaign '{campaign.name}', run '{name}': {error}") from None
+        with contextlib.closing(open_bench(address, own)) as bench, in_run(campaign, name):
+            survey[name] = estimate(plan, bench), fingerprint(plan, bench, own)
     return survey
 
 

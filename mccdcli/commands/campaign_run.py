@@ -8,7 +8,7 @@ import click
 
 from mccdcli.options import common_options
 from mccdcli.output import emit, table
-from mccdcli.trials import play_campaign, show_estimates
+from mccdcli.trials import count_campaign, play_campaign
 
 
 @click.command()
@@ -28,11 +28,10 @@ def run(campaign: str, bench: str, out: Path | None, seed: int, dry_run: bool, a
       mccd campaign run quick --dry-run
     """
     from campaigns.playing.campaign import load_campaign
-    from campaigns.playing.campaign_run import estimate_campaign
 
     loaded = load_campaign(campaign)
     if dry_run:
-        show_estimates(estimate_campaign(loaded, bench, seed), as_json=as_json)
+        count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
     folder = out or Path(loaded.name)
     played = play_campaign(loaded, folder, bench, seed, resume=resume)

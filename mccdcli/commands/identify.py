@@ -13,7 +13,7 @@ import click
 from mccdcli.options import common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import progress
-from mccdcli.trials import play_campaign, settings_option, show_estimates
+from mccdcli.trials import count_campaign, play_campaign, settings_option
 
 if TYPE_CHECKING:
     from analysis.identification.identified import Identification
@@ -126,10 +126,9 @@ def identify(
 
 
 def _counted(bench: str, axes: tuple[str, ...], settings: dict[str, Any], seed: int, as_json: bool) -> int:
-    from campaigns.playing.campaign_run import estimate_campaign
     from campaigns.playing.sweep_campaign import sweep_campaign
 
-    show_estimates(estimate_campaign(sweep_campaign(bench, axes, settings), bench, seed), as_json=as_json)
+    count_campaign(sweep_campaign(bench, axes, settings), bench, seed, as_json=as_json)
     return 0
 
 

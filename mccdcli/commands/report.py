@@ -10,7 +10,7 @@ import click
 from mccdcli.options import common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
-from mccdcli.trials import play_campaign, show_estimates
+from mccdcli.trials import count_campaign, play_campaign
 
 if TYPE_CHECKING:
     from analysis.paper.measured import Measured
@@ -53,12 +53,13 @@ def report(
       mccd report --out report --json > numbers.json
     """
     from campaigns.playing.campaign import load_campaign
-    from campaigns.playing.campaign_run import STATE_FILE, estimate_campaign
 
     loaded = load_campaign(campaign)
     if dry_run:
-        show_estimates(estimate_campaign(loaded, bench, seed), as_json=as_json)
+        count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
+    from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
+
     folder = out or Path("report")
     logs = folder / "campaign"
     then = f", and then about {OWN_LOGS} in {folder / 'designed'}" if own else ""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mccdcli.options import common_options
 from mccdcli.output import emit
 from mccdcli.trials import count, play, settings_option
+
+if TYPE_CHECKING:
+    from campaigns.plans import Plan
 
 
 @click.command()
@@ -43,9 +46,8 @@ def simulate(
       mccd simulate --waveform torque.csv
     """
     from campaigns.plans import make_plan
-    from campaigns.plans.waveform import Waveform
 
-    chosen = make_plan(plan, settings) if waveform is None else Waveform.of({"file": str(waveform), **settings})
+    chosen = make_plan(plan, settings) if waveform is None else _waveform(waveform, settings)
     bench = f"sim:{model}"
     if dry_run:
         count({chosen.name: chosen}, bench, seed, as_json=as_json)
@@ -54,3 +56,9 @@ def simulate(
     result = {"plan": chosen.name, "model": model, "log": played.log, "run_uid": played.run_uid}
     emit(result, as_json=as_json, text=f"{chosen.title} on {model}: {played.log}")
     return played.exit_code
+
+
+def _waveform(file: Path, settings: dict[str, Any]) -> Plan:
+    from campaigns.plans.waveform import Waveform  # brings the reading of tables, and logs with it
+
+    return Waveform.of({"file": str(file), **settings})

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from mccdcli.options import common_options
-from mccdcli.trials import conclude, play_campaign, settings_option, show_estimates
+from mccdcli.trials import conclude, count_campaign, play_campaign, settings_option
 
 
 @click.command()
@@ -34,12 +34,11 @@ def thermal(
       mccd thermal --out thermal
       mccd thermal --no-sweeps --set cycles=100
     """
-    from campaigns.playing.campaign_run import estimate_campaign
     from campaigns.playing.thermal_campaign import AXES, COLD, sweep_name, thermal_campaign
 
     campaign = thermal_campaign(settings, sweeps=sweeps)
     if dry_run:
-        show_estimates(estimate_campaign(campaign, bench, seed), as_json=as_json)
+        count_campaign(campaign, bench, seed, as_json=as_json)
         return 0
     played = play_campaign(campaign, out or Path("thermal"), bench, seed, resume=False)
     if played.exit_code:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from analysis.diagnosis.experiment.next_experiment import LEVELS
-from analysis.diagnosis.experiment.planned import Room, play_on_paper, reach_of
+from analysis.diagnosis.experiment.planned import LEVELS, Room, play_on_paper, reach_of
 from campaigns.plans import Plan
 from campaigns.plans.base import rate_of
 from campaigns.plans.multisine import Multisine

@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.experiment.hypotheses import Hypothesis, tied_hypotheses
-from analysis.diagnosis.experiment.planned import MARGIN, Played, Room, face_of, play_as, reach_of, records_motion
+from analysis.diagnosis.experiment.planned import (
+    LEVELS,
+    MARGIN,
+    Played,
+    Room,
+    face_of,
+    play_as,
+    reach_of,
+    records_motion,
+)
 from analysis.diagnosis.experiment.separation import information, prediction, separation, with_spread
 from analysis.diagnosis.experiment.witness import Witness, watched_outputs
 from analysis.diagnosis.fitting.fit import Setting
@@ -25,10 +34,6 @@ from sim_backend.errors import MccdError
 from sim_backend.model import Model
 
 Array = NDArray[np.float64]
-
-LEVELS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
-"""Amplitudes at which plans are offered, as parts of what the bench can be asked; where a plan excites a resonance
-only small ones keep the limits."""
 
 TRIED = 2
 """Amplitudes of each form of a plan that are compared: the largest that keep the limits."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.experiment.hypotheses import Hypothesis
-from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.records.dataset import Record, Window
 from campaigns.plans import Plan, checked_segments
 from campaigns.plans.base import Reach
@@ -19,7 +18,15 @@ from sim_backend.linear import ModalModel
 from sim_backend.model import Model
 from sim_backend.simbench import SimBench
 
+if TYPE_CHECKING:  # they bring the whole search, for which a first experiment does not wait
+    from analysis.diagnosis.experiment.hypotheses import Hypothesis
+    from analysis.diagnosis.fitting.fit import Setting
+
 Array = NDArray[np.float64]
+
+LEVELS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
+"""Amplitudes at which plans are offered, as parts of what the bench can be asked; where a plan excites a resonance
+only small ones keep the limits."""
 
 MARGIN = 0.9
 """Part of the bench's travel and current that a proposal may be predicted to use: the prediction may be wrong by some

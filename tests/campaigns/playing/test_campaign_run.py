@@ -19,7 +19,8 @@ import campaigns.benches
 from campaigns.benches import BenchKind, open_bench
 from campaigns.log import verify
 from campaigns.playing.campaign import bundled_campaigns, load_campaign, parse_campaign, run_seed
-from campaigns.playing.campaign_run import estimate_campaign, read_state, run_campaign
+from campaigns.playing.campaign_run import read_state, run_campaign
+from campaigns.playing.counting import estimate_campaign
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import dump_model
 from sim_backend.simbench import SimBench

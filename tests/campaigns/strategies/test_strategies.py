@@ -7,9 +7,11 @@ import pytest
 
 from campaigns.plans import checked_segments, make_plan
 from campaigns.strategies import STRATEGIES
+from campaigns.strategies.design import Design, feedback_of
 from campaigns.strategies.learned import move_profile_limits
 from sim_backend.control.profile import fourth_order
 from sim_backend.errors import ConfigError
+from sim_backend.model import dump_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import bench_model
 
@@ -115,3 +117,28 @@ def test_an_unknown_strategy_is_named_with_those_there_are(bench, design_path):
 def test_a_chop_that_cannot_be_is_refused(bench, design_path, settings, says):
     with pytest.raises(ConfigError, match=says):
         list(checked_segments(make_plan("chop", {"model": design_path, **settings}), bench))
+
+
+def test_a_design_is_kept_while_its_file_is_the_same(tmp_path):
+    path = tmp_path / "design.toml"
+    path.write_text(dump_model(bench_model(hardware=False)), encoding="utf-8")
+    first = Design.load(str(path), 1e4)
+    assert Design.load(str(path), 1e4) is first and Design.load(str(path), 2e4) is not first
+    # kept are the same numbers that a design makes that has made nothing else
+    assert first.unit_step("z", 50) is Design.load(str(path), 1e4).unit_step("z", 50)
+    alone = Design(bench_model(hardware=False), 1e4)
+    assert np.array_equal(first.unit_step("z", 50).drive, alone.unit_step("z", 50).drive)
+    assert first.unit_step("z", 60).arrival == 60
+    heavier = bench_model(hardware=False)
+    heavier.modes[2].input["force_z"] /= 2.0
+    path.write_text(dump_model(heavier), encoding="utf-8")
+    drive = Design.load(str(path), 1e4).unit_step("z", 50).drive
+    np.testing.assert_allclose(drive, 2.0 * first.unit_step("z", 50).drive, rtol=1e-6)
+
+
+def test_every_loop_is_judged_by_its_own_gain(design_path):
+    design = Design.load(design_path, 1e4)
+    for _ in range(2):  # a verdict that is kept is the verdict of this loop
+        design.require_stable("theta_y", feedback_of("theta_y", 1e4))
+        with pytest.raises(ConfigError, match="unstable"):
+            design.require_stable("theta_y", feedback_of("theta_y", 1e4, 30.0))

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from campaigns.playing.campaign import load_campaign
-from campaigns.playing.campaign_run import estimate_campaign
+from campaigns.playing.counting import estimate_campaign
 from mccdcli.commands.report import OWN_LOGS
 from mccdcli.main import main
 
