@@ -22,14 +22,14 @@ REPEATED = 0.02
 def facts(seen: Seen) -> list[Fact]:
     """Return the outputs that repeat their readings, and after how many rows a new one comes."""
     found = []
-    # what is driven in steps may answer in steps
+    # what is driven in steps may answer in the same steps; between steps that are longer it would move
     played = [np.flatnonzero(np.diff(values) != 0.0) + 1 for values in seen.of_role("input", "reference").values()]
     for name, values in seen.of_role("output").items():
         changed = np.flatnonzero(np.diff(values) != 0.0) + 1
         if changed.size < LEAST_CHANGES:
             continue
         every = beat(changed)
-        if every > 1 and not any(beat(steps) % every == 0 for steps in played if steps.size >= LEAST_CHANGES):
+        if every > 1 and not any(beat(steps) == every for steps in played if steps.size >= LEAST_CHANGES):
             found.append(
                 Fact(
                     "slow-sensor",

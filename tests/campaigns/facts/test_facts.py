@@ -206,3 +206,10 @@ def test_facts_of_a_part_of_a_log_say_nothing_of_its_end(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.facts.finding, "MOST_NUMBERS", 2000)
     with read_run(tmp_path / "a.h5") as run:
         assert {fact.name for fact in facts_of(run)} & {"ended", "at-rest"} == set()
+
+
+def test_a_sensor_that_is_slower_than_the_log_but_faster_than_the_steps_played_is_told():
+    levels = np.repeat(np.random.default_rng(1).standard_normal(75), 40)
+    swing = np.convolve(levels, np.exp(-np.arange(300) / 60.0))[: levels.size]
+    (fact,) = of(seen(levels, swing[(np.arange(swing.size) // 4) * 4]), "slow-sensor")
+    assert fact.numbers["every"] == 4
