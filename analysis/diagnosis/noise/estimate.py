@@ -12,6 +12,9 @@ from analysis.diagnosis.noise.levels import levels_of_means, levels_of_medians
 from analysis.diagnosis.noise.whitener import Array, Mask, Whitener, runs_of
 from analysis.diagnosis.records.dataset import Dataset, Window
 
+_TREND = 3
+"""Degree of what is taken for a trend of differences: below their first line and a half, where they show no noise."""
+
 
 def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = None) -> Whitener:
     """Return the whitener of `residuals`, one (n, n_y) per record, from what differs between periods.
@@ -118,6 +121,17 @@ def _differences(windows: Sequence[Window], x: Array) -> list[tuple[Array, Mask]
         if count < 2:
             continue
         stretch = x[begin : begin + count * w.period]
-        difference = (stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0)
+        difference = _without_trend((stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0))
         parts.append((difference, np.ones(difference.size, dtype=bool)))
     return parts
+
+
+def _without_trend(x: Array) -> Array:
+    """Return a difference (n,) of periods without the cubic that runs through it best.
+
+    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is no
+    noise; a filter that took it for noise would differentiate, and nothing slow would count any more.
+    """
+    at = np.linspace(-1.0, 1.0, x.size)
+    trend = np.polynomial.legendre.legfit(at, x, _TREND)
+    return np.asarray(x - np.polynomial.legendre.legval(at, trend))
