@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.aligned import aligned
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated, sum_of_states
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
@@ -49,21 +49,13 @@ def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array],
         start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
         for start, record, residual in zip(starts, setting.data.records, residuals, strict=True)
     )
-    states = tuple(_added(old, new) for old, new in zip(setting.states, found, strict=True))
+    states = tuple(sum_of_states(old, new) for old, new in zip(setting.states, found, strict=True))
     return replace(setting, whitener=whitener, starts=starts, states=states)
 
 
 def in_noise(setting: Setting, whitener: Whitener, fit: Fit) -> Setting:
     """Return the setting with another noise, and the start bases that go with it and `fit`."""
     return replace(setting, whitener=whitener, starts=starts_of(setting.data, linear_of(setting, fit), whitener))
-
-
-def _added(a: Array, b: Array) -> Array:
-    """Return the sum of two sets of states (m, 2); an effect may have added modes to one of them."""
-    out = np.zeros((max(a.shape[0], b.shape[0]), 2))
-    out[: a.shape[0]] += a
-    out[: b.shape[0]] += b
-    return out
 
 
 def tune(setting: Setting) -> tuple[Setting, Fit]:

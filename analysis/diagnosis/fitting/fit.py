@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.starts import Start
+from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.noise.whitener import Bands, Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.nominal.tuning import Knob, turned
@@ -173,13 +173,40 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
     hangs on the level of the motion is then as it is in the steady state. Which of both it was tells its first period;
     from there the state in which it begins is sought.
     """
-    known = {id(r.y): residual for r, residual in zip(setting.data.records, fit.residuals, strict=True)}
+    known = {id(r.y): residual for r, residual in zip(setting.data.records, _begun_anew(setting, fit), strict=True)}
     for record in (r for r in data.records if id(r.y) not in known):
         ways = {id(r): r for r in (record, record.led_in())}.values()
         left = [_left_from_rest(way, data, setting, fit) for way in ways]
         first = slice(0, record.period or record.n)
         known[id(record.y)] = min((e[-record.n :] for e in left), key=lambda e: float(np.sum(e[first] ** 2)))
     return tuple(known[id(r.y)] for r in data.records)
+
+
+def _begun_anew(setting: Setting, fit: Fit) -> tuple[Array, ...]:
+    """Return what a fit leaves (n, n_y) of each of its records, begun where it says that they begin.
+
+    Every comparison takes out what a start can add; the simulation itself began where the fit before this one said.
+    """
+    own = zip(setting.data.records, fit.residuals, setting.starts, strict=True)
+    found = [start.states(stack_white(setting.whitener, r, e[:, :, None])[:, 0]) for r, e, start in own]
+    states = tuple(sum_of_states(old, new) for old, new in zip(fit.states, found, strict=True))
+    linear = turned(setting.nominal, setting.knobs, fit.change)
+    records = setting.data.records
+    left = residuals_of(records, simulated(replace(setting, states=states), linear, fit.effects))
+
+    def squares(record: Record, residual: Array) -> float:
+        return float(np.sum(stack_white(setting.whitener, record, residual[:, :, None]) ** 2))
+
+    pairs = zip(records, left, fit.residuals, strict=True)
+    return tuple(a if squares(record, a) < squares(record, b) else b for record, a, b in pairs)
+
+
+def sum_of_states(a: Array, b: Array) -> Array:
+    """Return the sum of two sets of states (m, 2); an effect may have added modes to one of them."""
+    out = np.zeros((max(a.shape[0], b.shape[0]), 2))
+    out[: a.shape[0]] += a
+    out[: b.shape[0]] += b
+    return out
 
 
 def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Array:
