@@ -234,8 +234,8 @@ def delay_taps(delay_samples: float) -> Taps:
     return Taps(first, weights, slopes)
 
 
-_STRAIGHT = 0.4
-"""Angle per sample of the fastest mode up to which four held samples stand for a delayed one to one in a thousand."""
+_STRAIGHT = 0.125
+"""Angle per sample of the fastest mode up to which four held samples stand for a delayed one to one in 100,000."""
 
 
 def finer_for_delays(model: ModalModel, rate_hz: float) -> int:
