@@ -8,7 +8,7 @@ criterion likes. A torque of all frequencies, or of all up to some corner, is an
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +66,9 @@ def shaking(setting: Setting, fit: Fit) -> list[Chance]:
     place = setting.places.inputs[found.band.input]
     known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
     # such noise through the plant is an amplifier's, white or behind a low pass, which is no error of a simulation
-    return [] if known or found.lead < -SURE_LEAD else [_chance(setting, whittle, found, place)]
+    return (
+        [] if known or min(found.lead, found.reading_lead) < -SURE_LEAD else [_chance(setting, whittle, found, place)]
+    )
 
 
 def noise_evidence(setting: Setting, fit: Fit) -> float:
@@ -109,7 +111,8 @@ def _white(setting: Setting, residual: Array) -> Array:
 class _Best:
     """The best band with its evidence against nothing, its p-value, and its lead.
 
-    `lead` is by how much the noise of an amplifier trails, white or behind a low pass, `white_lead` white noise alone.
+    `lead` is by how much the noise of an amplifier trails, white or behind a low pass, `white_lead` white noise alone,
+    `reading_lead` a band of a reading's own noise, which does not pass through the plant.
     """
 
     band: Band
@@ -117,6 +120,7 @@ class _Best:
     p_value: float
     lead: float
     white_lead: float
+    reading_lead: float
 
 
 def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
@@ -147,7 +151,27 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
     forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
     white = max((v for v, other in best.values() if math.isinf(other.width_hz)), default=-math.inf)
     passed = max((v for v, other in best.values() if other.low_pass), default=-math.inf)
-    return _Best(_blended(band, forms), value - nothing, p_value, value - passed, value - white)
+    own = band.log_likelihood - n_y * band.terms - _of_readings(whittle, band, floors)
+    return _Best(_blended(band, forms), value - nothing, p_value, value - passed, value - white, own)
+
+
+def _of_readings(whittle: Whittle, band: Band, floors: Mapping[int, tuple[Array, float]]) -> float:
+    """Return the log-likelihood, less a floor's terms, of the best band like this one in the noise of one reading.
+
+    Where the plant is smooth over a band, a torque in it and a reading's own hum look alike.
+    """
+    n_y = whittle.gain.shape[0]
+    straight = np.zeros((n_y, n_y, *whittle.gain.shape[2:]))
+    straight[np.arange(n_y), np.arange(n_y)] = 1.0
+    alone = replace(whittle, gain=straight)
+    best = -math.inf
+    for terms, (floor, _) in floors.items():
+        for o in range(n_y):
+            for steep in (True, False):
+                size = 1.0 / float(np.max(alone.hump(o, band.centre_hz, band.width_hz, steep)[o] / floor[o]))
+                found = alone.band(terms, (o, band.centre_hz, band.width_hz, steep, size), floor)
+                best = max(best, -math.inf if found is None else found.log_likelihood - n_y * terms)
+    return best
 
 
 def _price(whittle: Whittle) -> float:
@@ -259,7 +283,11 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
     louder = np.where(raised > _THERE, np.maximum(whittle.spectrum.power * passed, 1.0), 1.0)
     count = whittle.spectrum.count
     # what rounding leaves of a lively command is a torque of all frequencies as well
-    rivals = ((AmplifierNoise.name, found.lead), (CommandQuantisation.name, found.white_lead))
+    rivals = (
+        (AmplifierNoise.name, found.lead),
+        (CommandQuantisation.name, found.white_lead),
+        ("noise of a reading in a band", found.reading_lead),
+    )
     return Chance(
         effect,
         std,

@@ -74,6 +74,17 @@ def test_the_ring_of_a_start_is_no_vibration() -> None:
         assert all(c.p_value > 0.002 for c in found)
 
 
+@pytest.mark.parametrize(("centre_hz", "width_hz"), [(8.0, 2.0), (60.0, 15.0), (120.0, 20.0)])
+def test_a_hum_of_a_reading_is_never_sure_to_be_a_torque(centre_hz: float, width_hz: float) -> None:
+    """Where it does not pass through the plant, a band is noise of the reading as well, or nothing is said."""
+    for seed in range(3):
+        rng = np.random.default_rng(950 + seed)
+        force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
+        residual = _noise(rng) + 0.01 * _band(rng, centre_hz, width_hz)
+        for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
+            assert dict(cause.rivals)["noise of a reading in a band"] < math.log(99.0)
+
+
 def test_a_torque_of_all_frequencies_is_never_sure_to_be_a_band() -> None:
     """Amplifier noise, a very wide band and a rounded command look alike: they are tied, or nothing is said."""
     for seed in range(5):
@@ -81,7 +92,7 @@ def test_a_torque_of_all_frequencies_is_never_sure_to_be_a_band() -> None:
         force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
         residual = _noise(rng) + moved(0.05 * rng.standard_normal(N))
         for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
-            assert {name for name, gap in cause.rivals if gap < math.log(99.0)} == {
+            assert {name for name, gap in cause.rivals if gap < math.log(99.0)} >= {
                 "amplifier-noise",
                 "command-quantisation",
             }
