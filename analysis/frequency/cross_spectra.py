@@ -22,6 +22,9 @@ ComplexArray = NDArray[np.complex128]
 _CHUNK = 256
 """Lines taken together: long enough for the inner loops over them, short enough for the processor's cache."""
 
+_FIRST = np.intp(0)
+"""The first column: for a plain 0, which is a type of its own, two kernels would be compiled a second time."""
+
 
 @njit
 def _gather(data: ComplexArray, at: NDArray[np.intp], parts: Array, mean: Array) -> None:
@@ -245,8 +248,8 @@ def _solve_chunk(
     _gather(y, at, ys, ym)
     _products(um, wm, uw)
     _products(ym, wm, yw)
-    _inverses(uw, 0, inverse, good)
-    _times(yw, 0, inverse, g)
+    _inverses(uw, _FIRST, inverse, good)
+    _times(yw, _FIRST, inverse, g)
     _weights(wm, inverse, size)
     _squares(us, ys, um, ym, g, sums)
     if blocked:
