@@ -222,7 +222,7 @@ def _subtract(gain: Array, drive: Array, away: Array) -> None:
         away[1, k] -= gain[0, k] * drive[1, k] + gain[1, k] * drive[0, k]
 
 
-@njit
+@njit(inline="always")
 def _solve_chunk(
     u: ComplexArray,
     y: ComplexArray,
@@ -233,7 +233,10 @@ def _solve_chunk(
     us: Array,
     ys: Array,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
-    """Return what `solve_lines` returns for lines `at`, the lines last; `us` and `ys` are scratch memory."""
+    """Return what `solve_lines` returns for lines `at`, the lines last; `us` and `ys` are scratch memory.
+
+    Inlined before it is translated: as a kernel of its own it would be optimised twice, for 2 s.
+    """
     n_u, n_e, n_y, n_l = u.shape[0], u.shape[1], y.shape[0], at.size
     um, ym = np.empty((n_u, n_e, 2, n_l)), np.empty((n_y, n_e, 2, n_l))
     uw, inverse = np.empty((n_u, n_u, 2, n_l)), np.empty((n_u, n_u, 2, n_l))
