@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fnmatch import fnmatchcase
+import re
+from fnmatch import translate
 
 import pytest
 
@@ -155,10 +156,13 @@ THOROUGH = (
 )
 """Patterns of node IDs below tests/, and why these tests are left to the longer run."""
 
+# one expression: every worker asks for each of thousands of tests
+# in a pattern "[" begins a set of letters, so parameters are matched by "*"
+_ANY_PATTERN = re.compile("|".join(translate(f"tests/{pattern}") for pattern, _ in THOROUGH))
+
 
 def is_thorough(nodeid: str) -> bool:
     """Tell whether a test runs in `make test-all` only."""
     if nodeid.startswith(BLIND):
         return nodeid[len(BLIND) :].strip("[]") not in ONE_PER_SITE
-    # in a pattern "[" begins a set of letters, so parameters are matched by "*"
-    return any(fnmatchcase(nodeid, f"tests/{pattern}") for pattern, _ in THOROUGH)
+    return _ANY_PATTERN.match(nodeid) is not None

@@ -22,6 +22,9 @@ ComplexArray = NDArray[np.complex128]
 _CHUNK = 256
 """Lines taken together: long enough for the inner loops over them, short enough for the processor's cache."""
 
+_FIRST = np.intp(0)
+"""The first column: for a plain 0, which is a type of its own, two kernels would be compiled a second time."""
+
 
 @njit
 def _gather(data: ComplexArray, at: NDArray[np.intp], parts: Array, mean: Array) -> None:
@@ -219,7 +222,7 @@ def _subtract(gain: Array, drive: Array, away: Array) -> None:
         away[1, k] -= gain[0, k] * drive[1, k] + gain[1, k] * drive[0, k]
 
 
-@njit
+@njit(inline="always")
 def _solve_chunk(
     u: ComplexArray,
     y: ComplexArray,
@@ -230,7 +233,10 @@ def _solve_chunk(
     us: Array,
     ys: Array,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
-    """Return what `solve_lines` returns for lines `at`, the lines last; `us` and `ys` are scratch memory."""
+    """Return what `solve_lines` returns for lines `at`, the lines last; `us` and `ys` are scratch memory.
+
+    Inlined before it is translated: as a kernel of its own it would be optimised twice, for 2 s.
+    """
     n_u, n_e, n_y, n_l = u.shape[0], u.shape[1], y.shape[0], at.size
     um, ym = np.empty((n_u, n_e, 2, n_l)), np.empty((n_y, n_e, 2, n_l))
     uw, inverse = np.empty((n_u, n_u, 2, n_l)), np.empty((n_u, n_u, 2, n_l))
@@ -245,8 +251,8 @@ def _solve_chunk(
     _gather(y, at, ys, ym)
     _products(um, wm, uw)
     _products(ym, wm, yw)
-    _inverses(uw, 0, inverse, good)
-    _times(yw, 0, inverse, g)
+    _inverses(uw, _FIRST, inverse, good)
+    _times(yw, _FIRST, inverse, g)
     _weights(wm, inverse, size)
     _squares(us, ys, um, ym, g, sums)
     if blocked:

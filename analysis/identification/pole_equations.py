@@ -123,7 +123,6 @@ def _absorb(triangle: Array, rows: Array) -> None:
                 second[f] -= two * own[f]
 
 
-@njit
 def scaled_system(
     point: ComplexArray, data: ComplexArray, weights: Array, poles: ComplexArray, feedthrough: bool, size: float
 ) -> tuple[Array, Array, Array]:
@@ -132,7 +131,14 @@ def scaled_system(
     The relaxed normalisation is the last one: the real part of sigma sums to the number of lines. `size` is that of
     the weighted data.
     """
+    # called from here and not from compiled code, in which `reduced` would be compiled a second time
     triangle, sums = reduced(point, data, weights, poles, feedthrough, True)
+    return _scaled(triangle, sums, size)
+
+
+@njit
+def _scaled(triangle: Array, sums: Array, size: float) -> tuple[Array, Array, Array]:
+    """Return what `scaled_system` returns, of the triangles and sums of its entries."""
     entries, k, n = triangle.shape[0], triangle.shape[1], sums.size
     system, target, column = np.zeros((entries * n + 1, n)), np.zeros(entries * n + 1), np.zeros(n)
     for i in range(n):

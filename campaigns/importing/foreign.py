@@ -19,7 +19,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-import scipy.io
+import scipy
 from numpy.typing import NDArray
 
 from campaigns.importing.matlab_objects import Variable, class_of, refusal, variables_in
@@ -30,6 +30,10 @@ from campaigns.log.guard import MAX_EXPANSION, check_dataset, link_names, member
 from sim_backend.errors import DataError
 
 AnyArray = NDArray[Any]
+
+HDF5_MARK = b"\x89HDF\r\n\x1a\n"
+HEAD_BYTES = 512 + len(HDF5_MARK)
+"""So much of a file shows the mark of HDF5: at its beginning, or behind the 512 bytes that MATLAB puts before it."""
 
 
 @dataclass(frozen=True)
@@ -283,6 +287,7 @@ def child() -> None:
     followed by its bytes, in C order of the shape that is told. Dates come as nanoseconds since 1970.
     """
     path = Path(sys.argv[1])
+    _load_parsers(path)
     bound_memory(MAX_EXPANSION * path.stat().st_size)
     tell_ready()
     for line in sys.stdin.buffer:
@@ -293,6 +298,15 @@ def child() -> None:
         except MemoryError as error:
             answer, values = {"refused": str(unreadable(path, error))}, None
         _say(answer, values)
+
+
+def _load_parsers(path: Path) -> None:
+    """Import what only some files need and takes as long as all else here, before this process's memory is bounded."""
+    if path.suffix.lower() in (".mat", ".nc"):
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        if HDF5_MARK not in head:
+            import_module("scipy.io")
 
 
 def _say(answer: dict[str, Any], values: AnyArray | None = None) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 from html import escape
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 
 from mccdcli.registry import COMMANDS
 from mccdcli.schema import values_of
+from tests import running
 from tests.reading import DOCS
 
 pytestmark = pytest.mark.skipif(
@@ -29,7 +29,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (home / "benchmarks").symlink_to(DOCS.parent / "benchmarks")  # pages link to results
     done = subprocess.run(
         [
-            sys.executable,
+            *running.PYTHON,
             "-m",
             "sphinx",
             "-q",

@@ -161,7 +161,7 @@ def _run(
     for k in range(n):
         _place(q, shape, y, v)
         t = k / rate_hz
-        r[:] = y
+        _copy(y, r)
         sensor[0](t, y, v, u, sensor[2], sensor[1], r, sensor[5], sensor[6])
         other[0](t, y, v, u, other[2], other[1], r, other[5], other[6])
         for a in range(axes):
@@ -180,7 +180,7 @@ def _run(
         at = t
         for piece in range(2):
             if counts[piece] > 0:
-                u[:] = rows[piece]
+                _copy(rows[piece], u)
             for _ in range(counts[piece]):
                 _step(q, modal, work, at, steps[piece], halves[piece], answers[piece], drive, shape, first, second)
                 at += steps[piece]
@@ -191,7 +191,8 @@ def _step(q, modal, work, at, h, e, g, drive, shape, first, second):
     """Step modes and states of laws by `h`. Stages begin at 0, 1/2, 1/2 and 1 of it."""
     push, trial, middle = modal
     u, y, v, f = work
-    trial[:, :] = q
+    for m in range(q.shape[0]):
+        trial[m, 0], trial[m, 1] = q[m, 0], q[m, 1]
     for stage in range(4):
         part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
         if stage == 1:
@@ -226,6 +227,12 @@ def _torque(slot, t, y, v, u, f, stage, ahead):
     for c in range(states.size):
         trial[c] = states[c] + (ahead * rates[stage - 1, c] if stage > 0 else 0.0)
     slot[0](t, y, v, u, trial, rates[stage], slot[1], f, slot[5], slot[6])
+
+
+@njit
+def _copy(values, into):
+    for a in range(into.size):
+        into[a] = values[a]
 
 
 @njit

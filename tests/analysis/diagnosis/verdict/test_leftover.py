@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -174,8 +176,10 @@ def test_coloured_noise_is_not_found_again_in_itself() -> None:
         assert found[0].p_value() > ONE_IN_A_MILLION, seed
 
 
-_U, _X, _V = _motion(two_axes().linear())
-_T = (np.arange(ROWS) + 0.5) / ROWS
+@cache
+def _moved() -> tuple[Array, Array, Array, Array]:
+    """Return command, position and rate (ROWS, 2), and the time as part of the whole (ROWS,)."""
+    return *_motion(two_axes().linear()), (np.arange(ROWS) + 0.5) / ROWS
 
 
 def _slipped(x: Array, yields: float) -> Array:
@@ -187,30 +191,37 @@ def _slipped(x: Array, yields: float) -> Array:
     return force
 
 
-FORCES = {
-    "position and rate": abs(_X[:, 0]) * np.sin(_V[:, 0] / 2e7),
-    "the command": np.clip(_U[:, 0], -2e4, 2e4),
-    "large positions": np.maximum(_X[:, 0] - np.quantile(_X[:, 0], 0.97), 0.0),
-    "large commands": _U[:, 0] - np.clip(_U[:, 0], -6e4, 6e4),
-    "where the position turned": _slipped(_X[:, 0], 0.06 * np.ptp(_X[:, 0])),
-    "the command, over and over": np.sin(9e3 * _U[:, 0] / np.ptp(_U[:, 0])),
-    "past commands": lfilter([0.02], [1.0, -0.98], _U[:, 0]),
-    "past positions": lfilter([0.02], [1.0, -0.98], _X[:, 0]),
-    "time": _T,
-    "command and motion in a measure that changes with time": _T * _X[:, 0],
-    "temperature": (_T - 0.5) * _U[:, 0],
-    "other degrees of freedom": _X[:, 1],
-    "the position, over and over": np.sin(150.0 * _X[:, 0] / np.ptp(_X[:, 0])),
+Made = Callable[[Array, Array, Array, Array], Array]
+"""From what `_moved` returns."""
+
+FORCES: dict[str, Made] = {
+    "position and rate": lambda u, x, v, t: abs(x[:, 0]) * np.sin(v[:, 0] / 2e7),
+    "the command": lambda u, x, v, t: np.clip(u[:, 0], -2e4, 2e4),
+    "large positions": lambda u, x, v, t: np.maximum(x[:, 0] - np.quantile(x[:, 0], 0.97), 0.0),
+    "large commands": lambda u, x, v, t: u[:, 0] - np.clip(u[:, 0], -6e4, 6e4),
+    "where the position turned": lambda u, x, v, t: _slipped(x[:, 0], 0.06 * np.ptp(x[:, 0])),
+    "the command, over and over": lambda u, x, v, t: np.sin(9e3 * u[:, 0] / np.ptp(u[:, 0])),
+    "past commands": lambda u, x, v, t: lfilter([0.02], [1.0, -0.98], u[:, 0]),
+    "past positions": lambda u, x, v, t: lfilter([0.02], [1.0, -0.98], x[:, 0]),
+    "time": lambda u, x, v, t: t,
+    "command and motion in a measure that changes with time": lambda u, x, v, t: t * x[:, 0],
+    "temperature": lambda u, x, v, t: (t - 0.5) * u[:, 0],
+    "other degrees of freedom": lambda u, x, v, t: x[:, 1],
+    "the position, over and over": lambda u, x, v, t: np.sin(150.0 * x[:, 0] / np.ptp(x[:, 0])),
 }
-ERRORS = {
-    "position and rate": np.maximum(_X[:, 0], 0.0),
-    "large positions": np.maximum(np.abs(_X[:, 0]) - np.quantile(np.abs(_X[:, 0]), 0.97), 0.0),
-    "time": np.where(_T > 0.4, 1.0, 0.0),
-    "the motion in a measure that changes with time": _T * _V[:, 0],
-    "other readings": _X[:, 1],
-    "the position, over and over": np.sign(np.sin(150.0 * _X[:, 0] / np.ptp(_X[:, 0]))),
-    "past commands, at one frequency": lfilter([1.0], [1.0, -2.0 * 0.98 * np.cos(0.7), 0.98**2], _U[:, 0]),
-    "time, at one frequency": np.sin(2.0 * np.pi * 123.4 * np.arange(ROWS) / RATE_HZ + np.where(_T > 0.5, 2.0, 0.0)),
+ERRORS: dict[str, Made] = {
+    "position and rate": lambda u, x, v, t: np.maximum(x[:, 0], 0.0),
+    "large positions": lambda u, x, v, t: np.maximum(np.abs(x[:, 0]) - np.quantile(np.abs(x[:, 0]), 0.97), 0.0),
+    "time": lambda u, x, v, t: np.where(t > 0.4, 1.0, 0.0),
+    "the motion in a measure that changes with time": lambda u, x, v, t: t * v[:, 0],
+    "other readings": lambda u, x, v, t: x[:, 1],
+    "the position, over and over": lambda u, x, v, t: np.sign(np.sin(150.0 * x[:, 0] / np.ptp(x[:, 0]))),
+    "past commands, at one frequency": lambda u, x, v, t: lfilter(
+        [1.0], [1.0, -2.0 * 0.98 * np.cos(0.7), 0.98**2], u[:, 0]
+    ),
+    "time, at one frequency": lambda u, x, v, t: np.sin(
+        2.0 * np.pi * 123.4 * np.arange(ROWS) / RATE_HZ + np.where(t > 0.5, 2.0, 0.0)
+    ),
 }
 
 
@@ -224,9 +235,9 @@ def test_what_is_missing_is_heard_where_it_acts(what: str, reading: bool) -> Non
     """
     added = np.zeros((ROWS, 2))
     if reading:
-        added[:, 0] = ERRORS[what]
+        added[:, 0] = ERRORS[what](*_moved())
     else:
-        added = _through(FORCES[what], 0, two_axes().linear())
+        added = _through(FORCES[what](*_moved()), 0, two_axes().linear())
     residual = _noise(7) + 30.0 * added / np.linalg.norm(added)
     found = leftovers(*_setting(residual))
     assert _at(found, what, "x", reading).p_value() < ONE_IN_A_MILLION
