@@ -1,17 +1,18 @@
-"""LLVM's text to machine code that is kept on disk: a process that finds its code there needs LLVM alone, not numba."""
+"""LLVM's text to machine code, kept on disk: a process that finds its code there needs neither LLVM nor numba."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
 from hashlib import sha256
-from itertools import count
+from itertools import count, takewhile
 from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol
 
 from sim_backend.jit import Callback, entry_name
 from sim_backend.kernel_cache import keep_entry, read_entry
+from sim_backend.object_code import Linked, in_memory
 
 NAME = "play"
 """Name of the function that machine code is made of; what it calls is inlined or hidden."""
@@ -20,14 +21,14 @@ Part = tuple[str, str]
 """The text of a module, and the name of the function in it that is meant."""
 
 _lock = Lock()
-_callbacks: dict[Callback, tuple[int, Any]] = {}
-"""Address of each callback of this process, and what holds its code."""
+_callbacks: dict[Callback, Linked] = {}
+"""Each callback of this process."""
 _numbers = count()
 
 
 @cache
 def _llvm() -> Any:
-    """Return LLVM's interface, loaded now, for this machine: nothing needs it before something is played."""
+    """Return LLVM's interface, loaded now, for this machine: nothing needs it before something is compiled."""
     from llvmlite import binding
 
     binding.initialize_native_target()
@@ -46,9 +47,25 @@ def _target() -> Any:
 @cache
 def made_by() -> tuple[str, str]:
     """Return what decides on all machine code besides versions and its own source: this file and the processor."""
+    return sha256(Path(__file__).read_bytes()).hexdigest(), _processor()
+
+
+_ASKED_FOR = ("vendor_id", "cpu family", "model", "flags")
+"""What LLVM asks a processor for, in the names by which Linux tells it on x86-64."""
+
+
+def _processor() -> str:
+    """Return what LLVM goes by when it compiles for this processor, told by the system or else by LLVM itself."""
+    try:
+        with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+            first = [line.partition(":") for line in takewhile(str.strip, file)]
+    except OSError:
+        first = []
+    told = {name.strip(): value.strip() for name, _, value in first}
+    if all(name in told for name in _ASKED_FOR):
+        return repr([told[name] for name in _ASKED_FOR])
     llvm = _llvm()
-    processor = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()
-    return sha256(Path(__file__).read_bytes()).hexdigest(), processor
+    return str(llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten())
 
 
 class Translated(Protocol):
@@ -98,10 +115,15 @@ def _linker() -> Any:
     return _llvm().create_lljit_compiler(suppress_errors=True)
 
 
-def linked(code: bytes) -> Any:
-    """Return object code in this process, which gives the address of its function NAME and must live as long."""
+def linked(code: bytes) -> Linked:
+    """Return the function NAME of object code in this process."""
+    return in_memory(code, NAME) or _linked_by_llvm(code)
+
+
+def _linked_by_llvm(code: bytes) -> Linked:
     library = _llvm().JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(NAME)
-    return library.link(_linker(), f"code-{next(_numbers)}")
+    made = library.link(_linker(), f"code-{next(_numbers)}")
+    return Linked(made[NAME], made)
 
 
 def kept_or_made(entry: str, make: Callable[[], bytes]) -> bytes:
@@ -118,6 +140,5 @@ def address_of(callback: Callback) -> int:
     with _lock:
         if callback not in _callbacks:
             entry = entry_name(callback.py_func.__name__.strip("_"), *made_by(), callback.stamp())
-            library = linked(kept_or_made(entry, lambda: compiled(callback.alone, {})))
-            _callbacks[callback] = library[NAME], library
-        return _callbacks[callback][0]
+            _callbacks[callback] = linked(kept_or_made(entry, lambda: compiled(callback.alone, {})))
+        return _callbacks[callback].address

@@ -63,6 +63,18 @@ def _require_finite(label: str, channels: dict[str, Array]) -> None:
             )
 
 
+def _repeated(period: Array, n: int) -> Array:
+    """Return a period (k, samples) again and again, shape (k, n): one piece of memory, as `_output` asks for it."""
+    out = np.empty((period.shape[0], n))
+    done = min(period.shape[1], n)
+    out[:, :done] = period[:, :done]
+    while done < n:  # a multiple of the period is there
+        more = min(done, n - done)
+        out[:, done : done + more] = out[:, :more]
+        done += more
+    return out
+
+
 Controllers = dict[tuple[int, float], layout.Controller]
 """The loops of a segment by number of axes and rate."""
 
@@ -300,10 +312,10 @@ class SimBench:
         for dof in self._theodolite:
             if f"theodolite_{dof}" in wanted:
                 sources[f"theodolite_{dof}"] = self._sighted(dof, out.position)
-        repeats = -(-segment.n_samples // segment.reference.shape[0])
-        for i, dof in enumerate(places.outputs[: segment.reference.shape[1]]):
-            if f"reference_{dof}" in wanted:
-                sources[f"reference_{dof}"] = np.tile(segment.reference[:, i], repeats)[: segment.n_samples]
+        outputs = places.outputs[: segment.reference.shape[1]]
+        asked = [i for i, dof in enumerate(outputs) if f"reference_{dof}" in wanted]
+        rows = _repeated(segment.reference[:, asked].T, segment.n_samples)
+        sources.update({f"reference_{outputs[i]}": row for i, row in zip(asked, rows, strict=True)})
         return {name: self._recorded(name, sources[name]) for name in wanted}
 
     def _sighted(self, dof: str, position: Array) -> Array:

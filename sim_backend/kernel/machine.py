@@ -9,22 +9,22 @@ from hashlib import sha256
 from pathlib import Path
 from threading import Lock, Thread
 from threading import enumerate as threads
-from typing import Any
 
 from sim_backend.effects.compiled import Step
 from sim_backend.jit import entry_name
 from sim_backend.kernel.structure import Structure, step_symbol
 from sim_backend.kernel_cache import keep_entry, read_entry
 from sim_backend.machine_code import NAME, compiled, kept_or_made, linked, made_by
+from sim_backend.object_code import Linked
 
 Play = Callable[[int, int], None]
 _lock = Lock()
-_loaded: dict[Structure, tuple[Play, Any]] = {}
+_loaded: dict[Structure, tuple[Play, Linked]] = {}
 """Every loop of this process with what holds its code."""
 _locks: dict[Structure, Lock] = {}
 """One for each loop that is being made: different ones are made side by side."""
-_steps: dict[Step, tuple[int, Any]] = {}
-"""Address of each step's loop over its places, and what holds its code."""
+_steps: dict[Step, Linked] = {}
+"""Each step's loop over its places."""
 _absent: set[Structure] = set()
 """Loops that were not on disk when they were asked for: a process looks for each once."""
 ASIDE = "kernel"
@@ -88,13 +88,13 @@ def _entry(label: str, what: str) -> str:
     return entry_name(label, *made_by(), _emitted_by(), what)
 
 
-def _kept(structure: Structure) -> tuple[Play, Any] | None:
+def _kept(structure: Structure) -> tuple[Play, Linked] | None:
     """Return a loop from disk, or None if it is not there."""
     code = read_entry(_entry("loop", structure.text()))
     return None if code is None else _as_loop(code)
 
 
-def _made(structure: Structure) -> tuple[Play, Any]:
+def _made(structure: Structure) -> tuple[Play, Linked]:
     """Return a loop made now, and keep it on disk."""
     from sim_backend.kernel.sample import Sample
 
@@ -106,18 +106,17 @@ def _made(structure: Structure) -> tuple[Play, Any]:
     return _as_loop(code)
 
 
-def _as_loop(code: bytes) -> tuple[Play, Any]:
+def _as_loop(code: bytes) -> tuple[Play, Linked]:
     library = linked(code)
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(library[NAME]), library
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(library.address), library
 
 
 def address_of(step: Step) -> int:
     """Return the address of the loop over all places of a step, from this process, from disk, or made now."""
     with _lock:
         if step not in _steps:
-            library = linked(kept_or_made(_entry("places", step.key), lambda: _over_places(step)))
-            _steps[step] = library[NAME], library
-        return _steps[step][0]
+            _steps[step] = linked(kept_or_made(_entry("places", step.key), lambda: _over_places(step)))
+        return _steps[step].address
 
 
 def _over_places(step: Step) -> bytes:
