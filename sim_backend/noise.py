@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.addresses import address_of_numbers
 from sim_backend.errors import ConfigError
 from sim_backend.jit import Deferred, cfunc, intrinsic, njit
 from sim_backend.machine_code import address_of
@@ -122,7 +123,7 @@ def standard_normal(n: int, rng: np.random.Generator, out: NDArray[np.float64] |
         return out
     whole = held["state"]
     state = np.array([w >> s & _HALF for w in (whole["state"], whole["inc"]) for s in (64, 0)], dtype=np.uint64)
-    _filling()(state.ctypes.data, n, out.ctypes.data)
+    _filling()(address_of_numbers(state), n, address_of_numbers(out))
     whole["state"] = int(state[0]) << 64 | int(state[1])
     rng.bit_generator.state = held
     return out

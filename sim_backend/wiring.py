@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import layout
+from sim_backend.addresses import address_of_numbers
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.compiled import WIRES
@@ -190,7 +191,7 @@ def wired(fx: layout.Effects, bus: layout.Bus) -> layout.Effects:
 
 
 def _addresses(array: Array, index: layout.Ints) -> layout.Ints:
-    return np.asarray(array.ctypes.data + array.itemsize * index, dtype=np.int64)
+    return np.asarray(address_of_numbers(array) + array.itemsize * index, dtype=np.int64)
 
 
 def _is_to_mode(put: _Put, places: Places) -> bool:

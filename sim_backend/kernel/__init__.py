@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim_backend import layout
+from sim_backend.addresses import address_of_numbers
 from sim_backend.kernel import machine
 from sim_backend.kernel.arguments import entries, fixed_entries
 from sim_backend.kernel.called import along
@@ -53,7 +54,7 @@ class Loop:
 
     def run(self, structure: Structure, table: layout.Ints) -> None:
         """Run the loop of a structure with its table, a row for each of its lanes."""
-        machine.loop_of(structure)(table.ctypes.data, self._steps.ctypes.data)
+        machine.loop_of(structure)(address_of_numbers(table), address_of_numbers(self._steps))
 
     def _table(self, inlined: bool) -> tuple[Structure, list[int], layout.Ints]:
         """Return a structure, the part of its table that stays, and the addresses in there, which it does not copy."""
@@ -89,9 +90,9 @@ def contribution_along(
     out: layout.Array,
 ) -> None:
     """Fill `out` (n,) with what effect `e` adds along given signals, each (n,): its signature before the plant."""
-    cell = fx.cells.ctypes.data
+    cell = address_of_numbers(fx.cells)
     own: list[Any] = [cell + 8 * i for i in range(5)]
-    own += [fx.parameters.ctypes.data + 8 * fx.p0[e], fx.states.ctypes.data + 8 * fx.s0[e]]
+    own += [address_of_numbers(fx.parameters) + 8 * fx.p0[e], address_of_numbers(fx.states) + 8 * fx.s0[e]]
     wires = np.array(own, dtype=np.int64)
     along(machine.address_of(fx.steps[e]), wires, fx.cells, signal, position, rate, aux, dt_s, out)
 

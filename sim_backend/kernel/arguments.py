@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from sim_backend import layout
+from sim_backend.addresses import address_of_numbers
 from sim_backend.kernel.called import gate, learn
 from sim_backend.machine_code import address_of
 
@@ -27,6 +29,7 @@ _ARRAYS: dict[str, tuple[str, ...]] = {
     "bus": BUS,
     "out": RECORDED,
 }
+_PICK = {group: attrgetter(*names) for group, names in _ARRAYS.items()}
 _PREFIXED = {"ctl": "ctl.", "out": "out."}  # their names occur elsewhere, too
 _FIXED_NUMBERS = ("address", "learn", "substeps", "depth", "n_blocks", "n_blocks_l", "n_taps", "length")
 _NUMBERS = ("n", "gate", "samples", "first", "period", "n_events", "n_drawn", *(f"columns.{name}" for name in RECORDED))
@@ -44,7 +47,7 @@ def fixed_entries(parts: layout.Parts, steps: layout.Ints) -> list[int]:
     """Return the part of the table that stays with a bench; `steps` (n_e,) are the addresses of its effects' steps."""
     plant, _, _, ctl, mem, _ = parts
     learns = address_of(learn) if np.any(ctl.learning >= 0) else 0  # what nothing calls need not be compiled
-    numbers = [steps.ctypes.data, learns, plant.substeps, mem.queue.shape[1]]
+    numbers = [address_of_numbers(steps), learns, plant.substeps, mem.queue.shape[1]]
     numbers += [ctl.fb.shape[1], ctl.lb.shape[1], ctl.taps.shape[1], mem.ring.shape[1]]
     return [*_addresses(**parts._asdict()), *numbers]
 
@@ -58,4 +61,4 @@ def entries(n: int, wave: layout.Waveform, mem: layout.Memory, out: layout.Outpu
 
 
 def _addresses(**groups: Any) -> list[int]:
-    return [getattr(group, name).ctypes.data for g, group in groups.items() for name in _ARRAYS[g]]
+    return [address_of_numbers(array) for g, group in groups.items() for array in _PICK[g](group)]
