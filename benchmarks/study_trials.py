@@ -86,6 +86,10 @@ class Clock:
 
         return timed
 
+    def freeing(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the function, what it returns counted as such."""
+        return lambda *args: self.free(function(*args))
+
     def take(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return both tables and begin anew."""
         taken = self.stage_s, self.free_s
@@ -105,20 +109,19 @@ STAGES: tuple[tuple[object, str, str], ...] = (
 )
 """Whose function belongs to which stage; `record` is what playing takes besides: joining segments to one record."""
 
-FREE: tuple[tuple[object, str], ...] = ((machine, "loop_of"), (noise, "_fill"))
-"""What leaves Python's lock to others: the loop that the first returns, and the second. numpy does so too, within long
-operations, which is not counted."""
+FREE: tuple[tuple[object, str], ...] = ((machine, "loop_of"), (noise, "filling"))
+"""Whose results leave Python's lock to others: the loop, and what draws. numpy does so too, within long operations,
+which is not counted."""
 
 
 @contextmanager
 def clocked() -> Iterator[Clock]:
     """Give a clock that runs while trials do."""
     clock = Clock()
-    loop_of, fill = (getattr(owner, name) for owner, name in FREE)
     changes: list[tuple[Any, str, Any]] = [
         (owner, name, clock.stage(s, getattr(owner, name))) for owner, name, s in STAGES
     ]
-    changes += [(*FREE[0], lambda structure: clock.free(loop_of(structure))), (*FREE[1], clock.free(fill))]
+    changes += [(owner, name, clock.freeing(getattr(owner, name))) for owner, name in FREE]
     before = [(owner, name, vars(owner).get(name)) for owner, name, _ in changes]
     for owner, name, function in changes:
         setattr(owner, name, function)

@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 POINT_ANGLES_DEG = (90.0, 210.0, 330.0)
 """Where sensors and actuators sit on their circles, from +x towards +y."""
 
+_ANGLES_RAD = np.deg2rad(POINT_ANGLES_DEG)
+_COS, _SIN = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
+
 ASSUMED_RADIUS_M = 0.030
 """Radius of both circles; not printed. Its peak current would give 27 mm, its power 34 mm."""
 
@@ -35,11 +38,11 @@ def points_from_dof(radius_m: float) -> Array:
 
     Raises ConfigError when the radius is not positive. Source: (6.1), inverted.
     """
-    if not (np.isfinite(radius_m) and radius_m > 0.0):
+    if not 0.0 < radius_m < np.inf:
         raise ConfigError(f"radius of the sensors or actuators is {radius_m} m; it must be a finite length above zero")
-    angle = np.deg2rad(POINT_ANGLES_DEG)
-    x_m, y_m = radius_m * np.cos(angle), radius_m * np.sin(angle)
-    return np.stack([y_m, -x_m, np.ones(3)], axis=1)
+    out = np.ones((3, 3))
+    out[:, 0], out[:, 1] = radius_m * _SIN, -(radius_m * _COS)
+    return out
 
 
 def dof_from_points(radius_m: float) -> Array:

@@ -153,9 +153,12 @@ class Model(_Strict, frozen=True, kw_only=True):
 
 
 def _rows(tables: list[dict[str, Value]], names: list[str]) -> np.ndarray:
-    return np.array([[number(t.get(n, 0.0)) for n in names] for t in tables], dtype=float).reshape(
-        len(tables), len(names)
-    )
+    out, columns = np.zeros((len(tables), len(names))), {name: i for i, name in enumerate(names)}
+    for row, table in zip(out, tables, strict=True):
+        for name, value in table.items():  # most name one port of many
+            if name in columns:
+                row[columns[name]] = number(value)
+    return out
 
 
 def from_linear(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -24,6 +24,7 @@ from sim_backend.machine_code import address_of
 
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _HALF = (1 << 64) - 1
+_KNOWN = "PCG64"
 
 _TABLES = "sim_backend.ziggurat"
 fi_double: Any = Deferred(_TABLES, "fi_double")
@@ -65,44 +66,58 @@ def _fraction(bits):  # type: ignore[no-untyped-def]
     return (bits >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@cfunc("void(CPointer(uint64), intp, CPointer(float64))", error_model="numpy")
-def _fill(state, n, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (n,) from the generator's state (4,): upper and lower half of the state and of the increment."""
-    high, low, add_high, add_low = state[0], state[1], state[2], state[3]
-    k = 0
-    while k < n:
-        high, low = _advanced(high, low, add_high, add_low)
-        bits = _scrambled(high, low)
-        box = bits & np.uint64(0xFF)
-        size = (bits >> np.uint64(9)) & np.uint64(0x000FFFFFFFFFFFFF)
-        x = np.int64(size) * signed_widths[bits & np.uint64(0x1FF)]
-        if size < ki_double[box]:
-            out[k] = x
-            k += 1
-        elif box == 0:
-            while True:
-                high, low = _advanced(high, low, add_high, add_low)
-                beyond = -ziggurat_nor_inv_r * math.log1p(-_fraction(_scrambled(high, low)))
-                high, low = _advanced(high, low, add_high, add_low)
-                height = -math.log1p(-_fraction(_scrambled(high, low)))
-                if height + height > beyond * beyond:
-                    break
-            x = ziggurat_nor_r + beyond
-            out[k] = -x if (size >> np.uint64(8)) & np.uint64(1) else x
-            k += 1
-        else:
+@cfunc("void(CPointer(uint64), intp, intp, CPointer(float64))", error_model="numpy")
+def _fill(states, rows, n, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (rows, n), each row from its generator's state in `states` (rows, 4).
+
+    A state is its upper and lower half, then those of the increment.
+    """
+    for own in range(0, 4 * rows, 4):
+        high, low, add_high, add_low = states[own], states[own + 1], states[own + 2], states[own + 3]
+        k = own // 4 * n
+        end = k + n
+        while k < end:
             high, low = _advanced(high, low, add_high, add_low)
-            part = _fraction(_scrambled(high, low))
-            below = fi_double[box]
-            if (fi_double[box - np.uint64(1)] - below) * part + below < math.exp(-0.5 * x * x):
+            bits = _scrambled(high, low)
+            box = bits & np.uint64(0xFF)
+            size = (bits >> np.uint64(9)) & np.uint64(0x000FFFFFFFFFFFFF)
+            x = np.int64(size) * signed_widths[bits & np.uint64(0x1FF)]
+            if size < ki_double[box]:
                 out[k] = x
                 k += 1
-    state[0], state[1] = high, low
+            elif box == 0:
+                while True:
+                    high, low = _advanced(high, low, add_high, add_low)
+                    beyond = -ziggurat_nor_inv_r * math.log1p(-_fraction(_scrambled(high, low)))
+                    high, low = _advanced(high, low, add_high, add_low)
+                    height = -math.log1p(-_fraction(_scrambled(high, low)))
+                    if height + height > beyond * beyond:
+                        break
+                x = ziggurat_nor_r + beyond
+                out[k] = -x if (size >> np.uint64(8)) & np.uint64(1) else x
+                k += 1
+            else:
+                high, low = _advanced(high, low, add_high, add_low)
+                part = _fraction(_scrambled(high, low))
+                below = fi_double[box]
+                if (fi_double[box - np.uint64(1)] - below) * part + below < math.exp(-0.5 * x * x):
+                    out[k] = x
+                    k += 1
+        states[own], states[own + 1] = high, low
 
 
 @cache
-def _filling() -> Callable[[int, int, int], None]:
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_void_p)(address_of(_fill))
+def filling() -> Callable[[int, int, int, int], None]:
+    """Return the compiled function; it takes addresses and whole numbers and leaves the interpreter's lock."""
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t, ctypes.c_void_p)(
+        address_of(_fill)
+    )
+
+
+def _halves(held: Any) -> list[int]:
+    """Return the state (4,) of a generator from what it says of itself."""
+    whole = held["state"]
+    return [w >> s & _HALF for w in (whole["state"], whole["inc"]) for s in (64, 0)]
 
 
 def standard_normal(n: int, rng: np.random.Generator, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -118,12 +133,34 @@ def standard_normal(n: int, rng: np.random.Generator, out: NDArray[np.float64] |
         out[:] = standard_normal(n, rng)
         return out
     held: Any = rng.bit_generator.state
-    if held["bit_generator"] != "PCG64":
+    if held["bit_generator"] != _KNOWN:
         out[:] = rng.standard_normal(n)
         return out
-    whole = held["state"]
-    state = np.array([w >> s & _HALF for w in (whole["state"], whole["inc"]) for s in (64, 0)], dtype=np.uint64)
-    _filling()(address_of_numbers(state), n, address_of_numbers(out))
-    whole["state"] = int(state[0]) << 64 | int(state[1])
+    state = np.array(_halves(held), dtype=np.uint64)
+    filling()(address_of_numbers(state), 1, n, address_of_numbers(out))
+    held["state"]["state"] = int(state[0]) << 64 | int(state[1])
     rng.bit_generator.state = held
     return out
+
+
+class Normals:
+    """Standard normal numbers of several generators, for each those that numpy draws, block by block.
+
+    Nobody else may draw from them: they are asked for their states once, which takes longer than some thousand numbers.
+    """
+
+    def __init__(self, generators: Sequence[np.random.Generator]) -> None:
+        self._generators = tuple(generators)
+        held = [generator.bit_generator.state for generator in self._generators]
+        known = all(one["bit_generator"] == _KNOWN for one in held)
+        self._states = np.array([_halves(one) for one in held], dtype=np.uint64) if known else None
+
+    def next(self, n: int) -> NDArray[np.float64]:
+        """Return the next `n` numbers of every generator, shape (generators, n)."""
+        out = np.empty((len(self._generators), n))
+        if self._states is None:
+            for row, generator in zip(out, self._generators, strict=True):
+                generator.standard_normal(out=row)
+        else:
+            filling()(address_of_numbers(self._states), len(out), n, address_of_numbers(out))
+        return out

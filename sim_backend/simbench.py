@@ -21,7 +21,7 @@ from sim_backend.errors import ConfigError
 from sim_backend.kernel import side_by_side
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import Model, number
-from sim_backend.noise import standard_normal
+from sim_backend.noise import Normals, standard_normal
 from sim_backend.wiring import effects_of, wired
 
 Array = NDArray[np.float64]
@@ -151,11 +151,16 @@ class SimBench:
         self._hw = transducers_of(model)
         self._fx, self._effects = effects_of(effects, self.places, self._linear)
         self._streams = streams_of(seed, [*self._effects, *self._rewriting])
+        drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
+        self._normals = Normals([self._streams[id(e)] for e in drawing])
+        stds = [e.drawn_std(self.rate_hz) for e in drawing]
+        self._drawn_std = [(row, std) for row, std in enumerate(stds) if std != 1.0]
         hw = model.hardware
         seen = (
             [] if hw is None or hw.theodolite_noise_rad is None else [p.dof for p in model.outputs if p.unit == "rad"]
         )
-        self._theodolite = {dof: _stream(seed, f"theodolite@{dof}") for dof in seen}
+        self._theodolite = tuple(seen)
+        self._sighting: dict[str, np.random.Generator] = {}
         (n_u, n_a), (n_y, n_s) = self._hw.to_torque.shape, self._hw.to_reading.shape
         self._bus = bus_of(n_u, n_a, n_y, n_s, self._fx)
         self._fx = wired(self._fx, self._bus)
@@ -257,10 +262,9 @@ class SimBench:
 
     def draw(self, n: int) -> Array:
         """Draw what is left to chance in the next `n` samples, shape (n_columns, n)."""
-        drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
-        out = np.empty((len(drawing), n))
-        for row, effect in zip(out, drawing, strict=True):
-            effect.draw(n, self.rate_hz, self._streams[id(effect)], out=row)
+        out = self._normals.next(n)
+        for row, std in self._drawn_std:
+            out[row] *= std
         return out
 
     def _wanted(self, segment: Segment) -> tuple[str, ...]:
@@ -321,7 +325,9 @@ class SimBench:
     def _sighted(self, dof: str, position: Array) -> Array:
         hw = self._model.hardware
         assert hw is not None and hw.theodolite_noise_rad is not None
-        noise = standard_normal(position.shape[1], self._theodolite[dof])
+        if dof not in self._sighting:
+            self._sighting[dof] = _stream(self._seed, f"theodolite@{dof}")
+        noise = standard_normal(position.shape[1], self._sighting[dof])
         noise *= number(hw.theodolite_noise_rad)
         noise += position[self.places.outputs.index(dof)]
         return noise

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -105,6 +106,10 @@ def play_in_memory(plan: Plan, bench: Bench, planned: Planned | None = None) -> 
     return joined(plan, bench, segments, [bench.play(segment) for segment in segments])
 
 
+_channel = lru_cache(maxsize=256)(Channel.of)
+"""A bench's signals are the same in every run of a study, and a channel's name, unit and rate are checked."""
+
+
 def joined(plan: Plan, bench: Bench, segments: Sequence[Segment], played: Sequence[Record]) -> Recording:
     """Return the record of a whole plan from those of its segments."""
     ends = np.cumsum([segment.n_samples for segment in segments]).tolist()
@@ -113,6 +118,6 @@ def joined(plan: Plan, bench: Bench, segments: Sequence[Segment], played: Sequen
         for segment, end in zip(segments, ends, strict=True)
     )
     wanted = set(plan.channels(bench))
-    channels = {signal.name: Channel.of(signal) for signal in bench.signals if signal.name in wanted}
+    channels = {signal.name: _channel(signal) for signal in bench.signals if signal.name in wanted}
     values = {name: [record.channels[name] for record in played] for name in channels}
     return Recording(Path(plan.name), ends[-1], channels, rows, values)

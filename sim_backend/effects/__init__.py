@@ -123,10 +123,12 @@ def make_effect(name: str, where: str, parameters: Mapping[str, float]) -> Effec
     Raises ConfigError for an unknown effect or parameter, or a value out of bounds.
     """
     cls = effect_class(name)
-    known = [p.name for p in cls.parameters()]
-    unknown = sorted(set(parameters) - set(known))
-    if unknown:
-        raise ConfigError(f"effect {name} has no parameter '{unknown[0]}'; it has: {', '.join(known) or 'none'}")
+    known = cls.parameter_names()
+    if not parameters.keys() <= known:
+        unknown = sorted(set(parameters) - known)
+        raise ConfigError(
+            f"effect {name} has no parameter '{unknown[0]}'; it has: {', '.join(p.name for p in cls.parameters()) or 'none'}"
+        )
     return cls(where, **parameters)
 
 

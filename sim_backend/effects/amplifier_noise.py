@@ -5,11 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from sim_backend.effects.base import Array, Aux, Effect, Site, shape, size
+from sim_backend.effects.base import Aux, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
-from sim_backend.noise import standard_normal
 
 
 @compiled
@@ -38,7 +35,3 @@ class AmplifierNoise(Effect):
 
     std: float = size("standard deviation", u=1, low=0.0)
     bandwidth_hz: float = shape("corner frequency of the noise", math.inf, s=-1, low=1e-3)
-
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
-        """Return `n` standard normal numbers."""
-        return standard_normal(n, rng, out)

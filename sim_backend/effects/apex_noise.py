@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from sim_backend.effects.base import Array, Aux, Effect, Site, size
+from sim_backend.effects.base import Aux, Effect, Site, size
 from sim_backend.effects.compiled import compiled
-from sim_backend.noise import standard_normal
 
 
 @compiled
@@ -29,7 +26,3 @@ class ApexNoise(Effect):
 
     linear: float = size("standard deviation per distance from the centre", low=0.0)
     quadratic: float = size("standard deviation per square of the distance from the centre", y=-1, low=0.0)
-
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
-        """Return `n` standard normal numbers."""
-        return standard_normal(n, rng, out)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.errors import ConfigError
+from sim_backend.noise import standard_normal
 
 if TYPE_CHECKING:
     from sim_backend.effects.view import RecordView
@@ -53,7 +54,7 @@ class Aux(IntEnum):
     """What a step receives as `aux`."""
 
     NONE = 0
-    EXOGENOUS = 1  # numbers drawn beforehand by `draw`, one per sample (noise, dropped samples)
+    EXOGENOUS = 1  # normal numbers drawn beforehand, one per sample
     TEMPERATURE = 2  # the bench's temperature (K)
     SOURCE_COMMAND = 3  # the command of the effect's source channel (`where` is "source->target")
     SOURCE_POSITION = 4  # the position of the effect's source channel
@@ -190,8 +191,8 @@ class Effect:
     """One physical effect at one place, with its parameters as fields.
 
     Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `linear_form`, `several`, `beyond`,
-    `aux`, `n_state`, `step`, `guess`, `limits`, `draw`, `retune`, `rewrite`. Raises ConfigError when a parameter is not
-    finite or outside its bounds.
+    `aux`, `n_state`, `step`, `guess`, `limits`, `drawn_std`, `retune`, `rewrite`. Raises ConfigError when a parameter
+    is not finite or outside its bounds.
     """
 
     where: str
@@ -215,8 +216,10 @@ class Effect:
     def __post_init__(self) -> None:
         for p in self.parameters():
             value = getattr(self, p.name)
+            if p.low <= value <= p.high and math.isfinite(value):
+                continue
             neutral_at_infinity = math.isinf(p.neutral) and value == p.neutral
-            if not (math.isfinite(value) or neutral_at_infinity) or not p.low <= value <= p.high:
+            if not (neutral_at_infinity and p.low <= value <= p.high):
                 raise ConfigError(
                     f"effect {self.name} at {self.where}: {p.name} is {value:g}; it must lie in [{p.low:g}, {p.high:g}]"
                 )
@@ -233,6 +236,12 @@ class Effect:
         return tuple(
             Parameter(name=f.name, neutral=cast(float, f.default), **f.metadata) for f in fields(cls) if f.metadata
         )
+
+    @classmethod
+    @cache
+    def parameter_names(cls) -> frozenset[str]:
+        """Return the names of all parameters."""
+        return frozenset(p.name for p in cls.parameters())
 
     @classmethod
     def sizes(cls) -> tuple[str, ...]:
@@ -306,11 +315,19 @@ class Effect:
         return np.zeros(self.n_state)
 
     def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
-        """Return the exogenous numbers of `n` samples, shape (n,), for effects whose `aux` is EXOGENOUS.
+        """Return the exogenous numbers of `n` samples, shape (n,): normal ones of standard deviation `drawn_std`.
 
-        `out` (n,) is filled and returned where it is given.
+        `out` (n,) is filled and returned where it is given. Raises ConfigError unless `aux` is EXOGENOUS.
         """
-        raise ConfigError(f"effect {self.name} draws no exogenous numbers; its aux is {self.aux.name}")
+        if self.aux is not Aux.EXOGENOUS:
+            raise ConfigError(f"effect {self.name} draws no exogenous numbers; its aux is {self.aux.name}")
+        out = standard_normal(n, rng, out)
+        out *= self.drawn_std(rate_hz)
+        return out
+
+    def drawn_std(self, rate_hz: float) -> float:
+        """Return the standard deviation of the numbers that are drawn, one per sample at `rate_hz`."""
+        return 1.0
 
     def retune(self, model: ModalModel, input_index: int, output_index: int) -> ModalModel:
         """Return the linear model with this effect in it, for effects whose site is MODEL."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from sim_backend.effects.base import Array, Aux, Effect, Site, shape, size
+from sim_backend.effects.base import Aux, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
-from sim_backend.noise import standard_normal
 
 
 @compiled
@@ -51,11 +48,9 @@ class BroadbandVibration(Effect):
     centre_hz: float = shape("centre of the band", 50.0, s=-1, low=1e-3)
     bandwidth_hz: float = shape("width of the band at half power", 20.0, s=-1, low=1e-3)
 
-    def draw(self, n: int, rate_hz: float, rng: np.random.Generator, out: Array | None = None) -> Array:
-        """Return `n` samples of white noise of unit two-sided density, held over each sample."""
-        out = standard_normal(n, rng, out)
-        out *= math.sqrt(rate_hz)
-        return out
+    def drawn_std(self, rate_hz: float) -> float:
+        """Return that of white noise of unit two-sided density, held over each sample."""
+        return math.sqrt(rate_hz)
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:

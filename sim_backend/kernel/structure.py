@@ -91,7 +91,8 @@ def structure_of(parts: layout.Parts, *, inlined: bool) -> Structure:
     plant, hw, fx, ctl, mem, bus = parts
     weights = [getattr(getattr(parts, group), name) for group, names in _WEIGHTS for name in names]
     values = np.concatenate([w.ravel() for w in weights])
-    kinds = np.where(values == 0.0, ZERO, np.where(values == 1.0, ONE, ANY)).astype(np.uint8)
+    kinds = np.full(values.size, ANY, dtype=np.uint8)
+    kinds[values == 0.0], kinds[values == 1.0] = ZERO, ONE
     wiring = [np.repeat(np.arange(fx.first.size - 1), np.diff(fx.first)), *(getattr(fx, name) for name in _WIRING)]
     return Structure(
         shapes=tuple(w.shape for w in weights),
