@@ -69,7 +69,7 @@ class Effects(NamedTuple):
     watches. Of these rows, and of those of the inputs it acts on, `coordinates` and `levers` hold the different ones
     that are needed, of the first `fast` coordinates also the rate, and `watched` and `moved` their numbers; where an
     effect acts on a mode, rows go on with a column for every mode. `wires` (n_e, 7) are the addresses of its signals,
-    filled by `sim_backend.assembly.wired`; `cells` (5,) is memory for signals given one by one.
+    filled by `sim_backend.kernel.wires` where effects are called; `cells` (5,) is memory for signals given one by one.
     """
 
     first: Ints

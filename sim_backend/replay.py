@@ -18,7 +18,7 @@ from sim_backend.bench import Segment
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.linear import ModalModel, finer_for_delays
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
-from sim_backend.wiring import effects_of, wired
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,6 @@ def replay(
     wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
     n_y, n_s = transducers.to_reading.shape
     bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
-    fx = wired(fx, bus)
     kernel.Loop(layout.Parts(plant, transducers, fx, ctl, mem, bus)).play(n, wave, out)
     torque = out.torque.reshape(n_u, -1, finer).mean(axis=2)
     reading, position, torque = (

@@ -22,7 +22,7 @@ from sim_backend.kernel import side_by_side
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import Model, number
 from sim_backend.noise import Normals, standard_normal
-from sim_backend.wiring import effects_of, wired
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 
@@ -163,7 +163,6 @@ class SimBench:
         self._sighting: dict[str, np.random.Generator] = {}
         (n_u, n_a), (n_y, n_s) = self._hw.to_torque.shape, self._hw.to_reading.shape
         self._bus = bus_of(n_u, n_a, n_y, n_s, self._fx)
-        self._fx = wired(self._fx, self._bus)
         self._axes = n_u
         self._signals = self._all_signals()
 

@@ -104,6 +104,11 @@ class ChopOf(Generic[R]):
 
         Raises DataError when no cycle is left.
         """
+        mean = self._mean_cycle(dof, skip)
+        return mean[: self.dwell] if position == 2 else mean[self.dwell :]
+
+    def _mean_cycle(self, dof: str, skip: int) -> Array:
+        """Return the mean of a period (period,), the move to position 2 first."""
         if self.n_cycles <= skip:
             raise DataError(f"{self.run.path}: no cycle is left after the first {skip}; record a longer chop")
         total, skipped = np.zeros((1, self.period)), 0
@@ -112,8 +117,7 @@ class ChopOf(Generic[R]):
             left_out = min(skip - skipped, len(cycles))
             total = np.concatenate([total, cycles[left_out:]]).sum(axis=0, keepdims=True)
             skipped += left_out
-        mean = total[0] / (self.n_cycles - skip)
-        return mean[: self.dwell] if position == 2 else mean[self.dwell :]
+        return total[0] / (self.n_cycles - skip)
 
     def settling(self, dof: str) -> Settling:
         """Return the settling of the mean move to positions 1 and 2, towards what was commanded.
@@ -121,7 +125,8 @@ class ChopOf(Generic[R]):
         The mean over cycles is the deterministic part: noise is what the stability counts.
         """
         axis = TIP_TILT.index(dof)
-        both = np.stack([self.moves(position, dof) for position in (1, 2)])
+        mean = self._mean_cycle(dof, skip=1)
+        both = np.stack([mean[self.dwell :], mean[: self.dwell]])
         return settling(both, self.rate_hz, self.commanded_rad[:, axis])
 
     def power(self, force_constant_n_a: float, steepness_n_sqrt_w: float) -> CoilPower:

@@ -26,7 +26,7 @@ from sim_backend.linear import discretise
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import load_model, number
 from sim_backend.simbench import SimBench, streams_of
-from sim_backend.wiring import effects_of, wired
+from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ class LoopAtWork:
         fx, _ = effects_of(self.effects, self.places)
         bus = bus_of(3, 3, 3, 3, fx)
         memory = refit_memory(fresh_memory(self.plant, 3, self.hw.heating[0]), self.controller)
-        parts = layout.Parts(self.plant, self.hw, wired(fx, bus), self.controller, memory, bus)
+        parts = layout.Parts(self.plant, self.hw, fx, self.controller, memory, bus)
         return kernel.Loop(parts, lasting=True)
 
     def kept(self) -> dict[str, Array]:

@@ -125,10 +125,8 @@ def make_effect(name: str, where: str, parameters: Mapping[str, float]) -> Effec
     cls = effect_class(name)
     known = cls.parameter_names()
     if not parameters.keys() <= known:
-        unknown = sorted(set(parameters) - known)
-        raise ConfigError(
-            f"effect {name} has no parameter '{unknown[0]}'; it has: {', '.join(p.name for p in cls.parameters()) or 'none'}"
-        )
+        unknown, has = sorted(set(parameters) - known), ", ".join(p.name for p in cls.parameters())
+        raise ConfigError(f"effect {name} has no parameter '{unknown[0]}'; it has: {has or 'none'}")
     return cls(where, **parameters)
 
 

@@ -18,6 +18,7 @@ from sim_backend.kernel import machine
 from sim_backend.kernel.arguments import entries, fixed_entries
 from sim_backend.kernel.called import along
 from sim_backend.kernel.structure import NO_DELAY, Structure, structure_of
+from sim_backend.kernel.wires import wired
 
 LONG = 200_000
 """Samples after which a bench gets a loop with its effects inlined: that takes a core about a second, aside, and saves
@@ -40,7 +41,7 @@ class Loop:
         if self.inlined is not None:
             machine.load(self.inlined)
         self._steps = np.array([parts.plant.dt_s, parts.plant.dt_s / parts.plant.substeps])
-        self._tables: dict[bool, tuple[Structure, list[int], layout.Ints]] = {}
+        self._tables: dict[bool, tuple[Structure, list[int], tuple[layout.Ints, ...]]] = {}
 
     def play(self, n: int, wave: layout.Waveform, out: layout.Output) -> None:
         """Play `n` samples of `wave` and keep them in `out`."""
@@ -56,15 +57,15 @@ class Loop:
         """Run the loop of a structure with its table, a row for each of its lanes."""
         machine.loop_of(structure)(address_of_numbers(table), address_of_numbers(self._steps))
 
-    def _table(self, inlined: bool) -> tuple[Structure, list[int], layout.Ints]:
-        """Return a structure, the part of its table that stays, and the addresses in there, which it does not copy."""
+    def _table(self, inlined: bool) -> tuple[Structure, list[int], tuple[layout.Ints, ...]]:
+        """Return a structure, the part of its table that stays, and arrays whose addresses it holds."""
         if inlined not in self._tables:
-            # where they are inlined nobody calls the steps, so they need not be compiled for that
-            addresses = np.array(
-                [0 if inlined else machine.address_of(step) for step in self.parts.fx.steps], dtype=np.int64
-            )
-            structure = self.inlined if inlined and self.inlined else structure_of(self.parts, inlined=inlined)
-            self._tables[inlined] = structure, fixed_entries(self.parts, addresses), addresses
+            parts, addresses = self.parts, np.zeros(0, dtype=np.int64)
+            if not inlined:  # else nobody calls the steps, so they need not be compiled for that
+                parts = parts._replace(fx=wired(parts.fx, parts.bus))
+                addresses = np.array([machine.address_of(step) for step in parts.fx.steps], dtype=np.int64)
+            structure = self.inlined if inlined and self.inlined else structure_of(parts, inlined=inlined)
+            self._tables[inlined] = structure, fixed_entries(parts, addresses), (addresses, parts.fx.wires)
         return self._tables[inlined]
 
     def _is_inlined(self, n: int) -> bool:
