@@ -45,26 +45,17 @@ class ModalModel:
 
     def __post_init__(self) -> None:
         m, n_u, n_y = self.omega_rad_s.size, self.b.shape[1], self.c.shape[0]
-        wanted = {
-            "omega_rad_s": (m,),
-            "sigma_1_s": (m,),
-            "b": (m, n_u),
-            "b_direct": (m, n_u),
-            "c": (n_y, m),
-            "c_rate": (n_y, m),
-            "d": (n_y, n_u),
-            "delay_s": (n_u,),
-        }
-        values = [getattr(self, name) for name in wanted]
-        for (name, shape), value in zip(wanted.items(), values, strict=True):
+        wanted = ((m,), (m,), (m, n_u), (m, n_u), (n_y, m), (n_y, m), (n_y, n_u), (n_u,))
+        arrays = vars(self)
+        for (name, value), shape in zip(arrays.items(), wanted, strict=True):
             if value.shape != shape:
                 raise ConfigError(
                     f"linear model: {name} has shape {value.shape}, needs {shape}; give one entry per block, input and "
                     f"output"
                 )
         # all at once: a model is made in every step of a fit
-        if not np.isfinite(np.concatenate(values, axis=None)).all():
-            name = next(n for n, value in zip(wanted, values, strict=True) if not np.isfinite(value).all())
+        if not np.isfinite(np.concatenate(tuple(arrays.values()), axis=None)).all():
+            name = next(n for n, value in arrays.items() if not np.isfinite(value).all())
             raise ConfigError(
                 f"linear model: {name} holds a number that is not finite; every entry must be a real number"
             )
@@ -150,12 +141,12 @@ class ModalModel:
             return discretise(self, hold_rate_hz).frequency_response(frequency_hz)
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[:, None]
         den = s**2 + 2.0 * self.sigma_1_s * s + self.omega_rad_s**2
-        # (sI - A)^-1 of the companion block applied to [b_direct, b]
-        q = (s + 2.0 * self.sigma_1_s)[..., None] * self.b_direct + self.b
-        v = s[..., None] * self.b - (self.omega_rad_s**2)[:, None] * self.b_direct
-        out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None]) + np.einsum(
-            "ym,fmu->fyu", self.c_rate, v / den[..., None]
-        )
+        # (sI - A)^-1 of the companion block applied to [b_direct, b]; a mechanical mode has no direct parts
+        q = (s + 2.0 * self.sigma_1_s)[..., None] * self.b_direct + self.b if self.b_direct.any() else self.b
+        out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None])
+        if self.c_rate.any():
+            v = s[..., None] * self.b - (self.omega_rad_s**2)[:, None] * self.b_direct
+            out += np.einsum("ym,fmu->fyu", self.c_rate, v / den[..., None])
         out += self.d
         return out * np.exp(-s[:, :, None] * self.delay_s) if self.delay_s.any() else out
 

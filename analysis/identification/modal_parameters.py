@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from sim_backend.linear import Array, ModalModel
 
 IntArray = NDArray[np.intp]
 FORMS = ("general", "mechanical")
+
+ORDERS_KEPT = 64
+"""Numbers of blocks, inputs and outputs for which a process keeps where everything stands: a fit asks in every step."""
 
 
 @dataclass(frozen=True)
@@ -49,32 +52,12 @@ class Layout:
         return self._spans[name]
 
     @cached_property
-    def _shapes(self) -> dict[str, tuple[int, ...]]:
-        m, n_u, n_y = self.n_blocks, self.n_inputs, self.n_outputs
-        return {
-            "log_omega": (m,),
-            "log_sigma": (m,),
-            "b": (m, n_u),
-            "b_direct": (m, n_u),
-            "c": (n_y, m),
-            "c_rate": (n_y, m),
-            "d": (n_y, n_u),
-            "delay_s": (n_u,),
-        }
-
-    @cached_property
     def _spans(self) -> dict[str, slice]:
-        spans, start = {}, 0
-        for name, shape in self._shapes.items():
-            spans[name] = slice(start, start + math.prod(shape))
-            start += math.prod(shape)
-        return spans
+        return _places(self.n_blocks, self.n_inputs, self.n_outputs)[0]
 
     @cached_property
     def _places(self) -> dict[str, IntArray]:
-        return {
-            name: np.arange(span.start, span.stop).reshape(self._shapes[name]) for name, span in self._spans.items()
-        }
+        return _places(self.n_blocks, self.n_inputs, self.n_outputs)[1]
 
     @cached_property
     def size(self) -> int:
@@ -87,12 +70,35 @@ class Layout:
 
         They are log_omega, log_sigma, b, b_direct, c, c_rate of every block, D and the delay.
         """
-        at = self._places
-        out = np.empty((self.n_outputs, self.n_inputs, 6 * self.n_blocks + 2), dtype=np.intp)
-        for y, u in np.ndindex(self.n_outputs, self.n_inputs):
-            own = [at["log_omega"], at["log_sigma"], at["b"][:, u], at["b_direct"][:, u], at["c"][y], at["c_rate"][y]]
-            out[y, u] = np.concatenate([*own, at["d"][y, u : u + 1], at["delay_s"][u : u + 1]])
-        return out
+        return _entries(self.n_blocks, self.n_inputs, self.n_outputs)
+
+
+@lru_cache(maxsize=ORDERS_KEPT)
+def _places(m: int, n_u: int, n_y: int) -> tuple[dict[str, slice], dict[str, IntArray]]:
+    """Return where each array of so many blocks, inputs and outputs stands, as a slice and in its own shape."""
+    shapes: dict[str, tuple[int, ...]] = {
+        "log_omega": (m,),
+        "log_sigma": (m,),
+        "b": (m, n_u),
+        "b_direct": (m, n_u),
+        "c": (n_y, m),
+        "c_rate": (n_y, m),
+        "d": (n_y, n_u),
+        "delay_s": (n_u,),
+    }
+    ends = np.cumsum([math.prod(shape) for shape in shapes.values()]).tolist()
+    spans = {name: slice(end - math.prod(shape), end) for (name, shape), end in zip(shapes.items(), ends, strict=True)}
+    return spans, {name: np.arange(span.start, span.stop).reshape(shapes[name]) for name, span in spans.items()}
+
+
+@lru_cache(maxsize=ORDERS_KEPT)
+def _entries(m: int, n_u: int, n_y: int) -> IntArray:
+    _, at = _places(m, n_u, n_y)
+    out = np.empty((n_y, n_u, 6 * m + 2), dtype=np.intp)
+    for y, u in np.ndindex(n_y, n_u):
+        own = [at["log_omega"], at["log_sigma"], at["b"][:, u], at["b_direct"][:, u], at["c"][y], at["c_rate"][y]]
+        out[y, u] = np.concatenate([*own, at["d"][y, u : u + 1], at["delay_s"][u : u + 1]])
+    return out
 
 
 @dataclass(frozen=True)

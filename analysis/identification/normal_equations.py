@@ -50,11 +50,12 @@ def minimise(
     normal = assemble(x)
     for count in range(iterations):
         step, predicted = _step(normal, damping, limit)
-        trial = cost(x + step)
+        aim = x + step
+        trial = cost(aim)
         actual = normal.cost - trial
         if np.isfinite(trial) and actual >= 0.0 and predicted > 0.0:
             small = max(predicted, actual) <= tolerance * max(normal.cost, np.finfo(float).tiny)
-            x = x + step
+            x = aim
             normal = assemble(x)
             if small:
                 return Minimum(x, normal, count + 1, True)

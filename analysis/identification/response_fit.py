@@ -117,7 +117,7 @@ def refine(
 
     def assemble(x: Array) -> Normal:
         nonlocal latest
-        if latest is None or not np.array_equal(latest[0], x):
+        if latest is None or latest[0] is not x:  # what a step has tried it takes
             vector = fixed.copy()
             vector[free] = x
             normal = _summed(target, vector, layout, delay)
@@ -131,12 +131,14 @@ def refine(
     minimum = minimise(assemble, cost, fixed[free], iterations, limit=step_limit(layout))
     found = fixed.copy()
     found[free] = minimum.parameters
-    return _result(target, canonical(unpack(found, layout)), layout, scaled, minimum.converged)
+    model = canonical(unpack(found, layout))
+    return _result(target, model, normal_equations(target, model, layout, delay), layout, scaled, minimum.converged)
 
 
-def _result(target: Target, model: ModalModel, layout: Layout, scaled: bool, converged: bool) -> RationalFit:
-    """Return the result with the covariance of the canonical model and the criterion."""
-    normal = normal_equations(target, model, layout)
+def _result(
+    target: Target, model: ModalModel, normal: Normal, layout: Layout, scaled: bool, converged: bool
+) -> RationalFit:
+    """Return the result with the covariance of the canonical model, whose equations are given, and the criterion."""
     free = np.flatnonzero(determined(model, layout))
     inside = free[:, None], free
     small = covariance(Normal(normal.cost, normal.gradient[free], normal.hessian[inside]))
@@ -203,13 +205,15 @@ def _delay_factor(delay_s: Array, target: Target) -> tuple[ComplexArray, Complex
     return factor, slope
 
 
-def normal_equations(target: Target, model: ModalModel, layout: Layout) -> Normal:
-    """Return cost, J'r (p,) and J'J (p, p) over all parameters of the layout.
+def normal_equations(
+    target: Target, model: ModalModel, layout: Layout, delay: tuple[ComplexArray, ComplexArray] | None = None
+) -> Normal:
+    """Return cost, J'r (p,) and J'J (p, p) over all parameters of the layout; `delay` as for `_summed`.
 
     The entry (y, u) of the response sees only its own output's and input's participation, so J'J is summed from the
     small one of each entry.
     """
-    return _summed(target, pack(model), layout)
+    return _summed(target, pack(model), layout, delay)
 
 
 def _summed(
