@@ -78,7 +78,8 @@ class ChopOf(Generic[R]):
 
     def _rows(self, names: Sequence[str], first: int, last: int) -> Array:
         start, stop = (self.start + cycle * self.period for cycle in (first, last))
-        return np.stack([self.run.read(name, start, stop) for name in names], axis=1)
+        columns = [self.run.read(name, start, stop) for name in names]
+        return columns[0][:, None] if len(columns) == 1 else np.stack(columns, axis=1)
 
     def windows(self, *names: str) -> Array:
         """Return observation windows (2, cycles, window, k), position 1 first."""

@@ -65,8 +65,15 @@ class Seen:
 
 def runs_of(at: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return where the stretches begin and end (exclusive) in which `at` (n,) holds."""
-    edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
+    padded = np.zeros(at.size + 2, dtype=np.int8)
+    padded[1:-1] = at
+    edges = np.diff(padded)
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def changed(values: Array) -> NDArray[np.bool_]:
+    """Return after which rows a column (n,) reads something else, shape (n - 1,): differences take eight times that."""
+    return np.asarray(values[1:] != values[:-1])
 
 
 def stretches_of(at: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:

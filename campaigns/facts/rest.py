@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from campaigns.facts.base import Fact, Seen, by_segment, runs_of
+from campaigns.facts.base import Fact, Seen, by_segment, changed, runs_of
 
 LEAST_ROWS = 20
 """Rows at the end of a record in which nothing may change before it counts as having ended there."""
@@ -47,7 +47,7 @@ def _still_rows(seen: Seen) -> int:
     """Return how many rows at the end hold the last values of all channels, none where it rests as long before."""
     moved = np.zeros(seen.rows - 1, dtype=bool)
     for values in seen.of_role("input", "output").values():
-        moved |= np.diff(values) != 0.0
+        moved |= changed(values)
     starts, stops = runs_of(~moved)
     if not starts.size or stops[-1] != moved.size:
         return 0

@@ -17,7 +17,9 @@ def facts(seen: Seen) -> list[Fact]:
     found = []
     for name, values in seen.columns.items():
         low, high = float(values.min()), float(values.max())
-        rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
+        about = values - values.mean()
+        about *= about
+        rms = float(np.sqrt(np.mean(about)))
         unit = seen.channels[name].unit
         numbers = {"smallest": low, "largest": high, "rms": rms}
         text = f"{low:.4g} to {high:.4g} {unit}, rms about the mean {rms:.4g}"

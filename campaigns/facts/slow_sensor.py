@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.facts.base import Fact, Seen
+from campaigns.facts.base import Array, Fact, Seen, changed
 from campaigns.facts.steps import step_of
 
 MOST_ROWS = 1000
@@ -22,14 +22,13 @@ REPEATED = 0.02
 def facts(seen: Seen) -> list[Fact]:
     """Return the outputs that repeat their readings, and after how many rows a new one comes."""
     found = []
-    # what is driven in steps may answer in the same steps; between steps that are longer it would move
-    played = [np.flatnonzero(np.diff(values) != 0.0) + 1 for values in seen.of_role("input", "reference").values()]
     for name, values in seen.of_role("output").items():
-        changed = np.flatnonzero(np.diff(values) != 0.0) + 1
-        if changed.size < LEAST_CHANGES:
+        at = np.flatnonzero(changed(values)) + 1
+        if at.size < LEAST_CHANGES:
             continue
-        every = beat(changed)
-        if every > 1 and not any(beat(steps) == every for steps in played if steps.size >= LEAST_CHANGES):
+        every, last = beat(at), int(at[-1])
+        del at  # of a long record each row of numbers counts
+        if every > 1 and not _driven_so(seen, every):
             found.append(
                 Fact(
                     "slow-sensor",
@@ -37,16 +36,14 @@ def facts(seen: Seen) -> list[Fact]:
                     "the sensor is slower than the log: what is said holds below half its rate only, and images of the "
                     "staircase above are no resonances; import every such row instead",
                     name,
-                    numbers={"every": every, "offset": int(changed[-1] % every)},
+                    numbers={"every": every, "offset": last % every},
                 )
             )
             continue
         # what stands still to the end, or at the end of the sensor's range, has a fact of its own
-        repeated = np.diff(values[: changed[-1] + 1]) == 0.0
-        at_end = np.isin(values[1 : changed[-1] + 1], (values.min(), values.max()))
-        share = float(np.mean(repeated & ~at_end))
-        coarse = step_of(values) > 0.2 * float(np.sqrt(np.mean(np.diff(values) ** 2)))
-        if share > REPEATED and not coarse:
+        at_end = np.isin(values[1 : last + 1], (values.min(), values.max()))
+        share = float(np.mean(~changed(values[: last + 1]) & ~at_end))
+        if share > REPEATED and not _is_coarse(values):
             found.append(
                 Fact(
                     "repeated",
@@ -59,12 +56,29 @@ def facts(seen: Seen) -> list[Fact]:
     return found
 
 
-def beat(changed: NDArray[np.intp]) -> int:
+def _driven_so(seen: Seen, every: int) -> bool:
+    """Tell whether what is driven in steps may answer in the same ones; between longer ones it would move."""
+    for values in seen.of_role("input", "reference").values():
+        at = np.flatnonzero(changed(values)) + 1
+        if at.size >= LEAST_CHANGES and beat(at) == every:
+            return True
+    return False
+
+
+def _is_coarse(values: Array) -> bool:
+    """Tell whether a column counts in steps that are large beside its changes."""
+    change = np.diff(values)
+    change *= change
+    return bool(step_of(values) > 0.2 * float(np.sqrt(np.mean(change))))
+
+
+def beat(at: NDArray[np.intp]) -> int:
     """Return the largest number of rows of which nearly all changes, at rows (n,), fall on one, 1 if there is none."""
-    gaps = np.diff(changed)
-    usual = int(np.bincount(np.minimum(gaps, MOST_ROWS)).argmax())  # a beat divides the gap that is most frequent
-    for every in (d for d in range(usual, 1, -1) if usual % d == 0):
-        if np.bincount(changed % every).max() >= ON_BEAT * changed.size:
+    gaps = np.diff(at)
+    usual = int(np.bincount(np.minimum(gaps, MOST_ROWS, out=gaps)).argmax())
+    del gaps
+    for every in (d for d in range(usual, 1, -1) if usual % d == 0):  # a beat divides the gap that is most frequent
+        if np.bincount(at % every).max() >= ON_BEAT * at.size:
             return every
     return 1
 

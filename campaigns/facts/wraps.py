@@ -16,21 +16,23 @@ def facts(seen: Seen) -> list[Fact]:
     """Return the outputs that jump over nearly their whole range from one row to the next."""
     found = []
     for name, values in seen.of_role("output").items():
-        steps = np.abs(np.diff(values))
+        steps = np.diff(values)
+        np.abs(steps, out=steps)
         span = float(np.ptp(values))
         if span == 0.0 or steps.size < 10:
             continue
         jumps = np.flatnonzero(steps > OF_RANGE * span)
-        others = np.delete(steps, jumps)
-        if 0 < jumps.size < 0.2 * steps.size and float(others.max(initial=0.0)) < SMALL * span:
+        tall = steps[jumps]
+        steps[jumps] = 0.0  # the largest of the others is looked for
+        if 0 < jumps.size < 0.2 * steps.size and float(steps.max()) < SMALL * span:
             unit = seen.channels[name].unit
             found.append(
                 Fact(
                     "wraps",
-                    f"{name} jumps by {steps[jumps[0]]:.6g} {unit} at {jumps.size} row(s), the first {jumps[0] + 1}",
+                    f"{name} jumps by {tall[0]:.6g} {unit} at {jumps.size} row(s), the first {jumps[0] + 1}",
                     "if it is an angle or a counter that begins anew, say unwrap = the jump in the source's unit",
                     name,
-                    numbers={"jump": float(steps[jumps[0]]), "count": int(jumps.size)},
+                    numbers={"jump": float(tall[0]), "count": int(jumps.size)},
                 )
             )
     return found
