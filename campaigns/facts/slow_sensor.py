@@ -19,11 +19,15 @@ REPEATED = 0.02
 """Part of the readings that repeat the one before before that is told."""
 
 
+AT_ONCE = 1_000_000
+"""Changes that are counted together: memory does not grow with their number."""
+
+
 def facts(seen: Seen) -> list[Fact]:
     """Return the outputs that repeat their readings, and after how many rows a new one comes."""
     found = []
     for name, values in seen.of_role("output").items():
-        at = np.flatnonzero(changed(values)) + 1
+        at = _rows_of_changes(values)
         if at.size < LEAST_CHANGES:
             continue
         every, last = beat(at), int(at[-1])
@@ -59,10 +63,16 @@ def facts(seen: Seen) -> list[Fact]:
 def _driven_so(seen: Seen, every: int) -> bool:
     """Tell whether what is driven in steps may answer in the same ones; between longer ones it would move."""
     for values in seen.of_role("input", "reference").values():
-        at = np.flatnonzero(changed(values)) + 1
+        at = _rows_of_changes(values)
         if at.size >= LEAST_CHANGES and beat(at) == every:
             return True
     return False
+
+
+def _rows_of_changes(values: Array) -> NDArray[np.intp]:
+    at = np.flatnonzero(changed(values))
+    at += 1
+    return at
 
 
 def _is_coarse(values: Array) -> bool:
@@ -74,11 +84,15 @@ def _is_coarse(values: Array) -> bool:
 
 def beat(at: NDArray[np.intp]) -> int:
     """Return the largest number of rows of which nearly all changes, at rows (n,), fall on one, 1 if there is none."""
-    gaps = np.diff(at)
-    usual = int(np.bincount(np.minimum(gaps, MOST_ROWS, out=gaps)).argmax())
-    del gaps
+    starts = range(0, at.size, AT_ONCE)
+    gaps = np.zeros(MOST_ROWS + 1, dtype=np.intp)
+    for first in starts:
+        gap = np.diff(at[first : first + AT_ONCE + 1])
+        gaps += np.bincount(np.minimum(gap, MOST_ROWS), minlength=gaps.size)
+    usual = int(gaps.argmax())
     for every in (d for d in range(usual, 1, -1) if usual % d == 0):  # a beat divides the gap that is most frequent
-        if np.bincount(at % every).max() >= ON_BEAT * at.size:
+        on = sum(np.bincount(at[first : first + AT_ONCE] % every, minlength=every) for first in starts)
+        if np.max(on) >= ON_BEAT * at.size:
             return every
     return 1
 
