@@ -205,3 +205,10 @@ def test_blocks_of_a_long_run_join_without_a_seam(monkeypatch):
     whole = play(one_axis(), torque, n_samples=6000)["theta_x"]
     monkeypatch.setattr(simbench, "_BLOCK", 2000)
     np.testing.assert_array_equal(play(one_axis(), torque, n_samples=6000)["theta_x"], whole)
+
+
+@pytest.mark.parametrize("n", [3, 7, 14, 20, 64])
+def test_the_reference_is_recorded_again_and_again(n):
+    wave = np.random.default_rng(0).uniform(-1e-6, 1e-6, (7, 1))
+    record = SimBench(one_axis(), 0).play(Segment("steps", n, wave, np.zeros_like(wave)))
+    np.testing.assert_array_equal(record.channels["reference_theta_x"], np.resize(wave[:, 0], n))

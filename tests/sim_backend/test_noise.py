@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.errors import ConfigError
-from sim_backend.noise import standard_normal
+from sim_backend.noise import Normals, standard_normal
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -40,3 +40,15 @@ def test_what_is_given_is_filled_and_nothing_beside_it(generator):
     np.testing.assert_array_equal(column[:, 1], numpys.standard_normal(500))
     with pytest.raises(ConfigError, match=r"shape \(3, 500\); 500 numbers need \(500,\)"):
         standard_normal(500, ours, out=table)
+
+
+@pytest.mark.parametrize("generator", [np.random.PCG64, np.random.SFC64])
+def test_several_generators_go_on_from_block_to_block(generator):
+    ours, numpys = ([np.random.Generator(generator(seed)) for seed in range(4)] for _ in range(2))
+    normals = Normals(ours)
+    for n in (1, 0, 10_000, 999):
+        np.testing.assert_array_equal(normals.next(n), [one.standard_normal(n) for one in numpys])
+
+
+def test_of_no_generator_there_is_nothing():
+    assert Normals([]).next(5).shape == (0, 5)
