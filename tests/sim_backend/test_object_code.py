@@ -36,8 +36,8 @@ def drawn(linked: Linked, n: int) -> np.ndarray:
     half = (1 << 64) - 1
     state = np.array([w >> s & half for w in (whole["state"], whole["inc"]) for s in (64, 0)], dtype=np.uint64)
     out = np.empty(n)
-    fill = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_void_p)(linked.address)
-    fill(state.ctypes.data, n, out.ctypes.data)
+    fill = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t, ctypes.c_void_p)(linked.address)
+    fill(state.ctypes.data, 1, n, out.ctypes.data)
     return out
 
 
