@@ -7,7 +7,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-_addressof, _first = ctypes.addressof, ctypes.c_char.from_buffer
+_addressof = ctypes.addressof
+_first: Any = ctypes.c_char.from_buffer
 
 
 def address_of_numbers(array: NDArray[Any]) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_backend import machine_code, noise
+from sim_backend import machine_code, noise, object_code
 from sim_backend.kernel_cache import VARIABLE
 from sim_backend.machine_code import NAME, compiled
 from sim_backend.object_code import Linked, in_memory
@@ -91,6 +91,21 @@ def test_memory_that_is_written_or_of_a_thread_is_left_to_llvm(code: bytes, flag
 def test_a_function_that_the_process_does_not_have_is_left_to_llvm(code: bytes) -> None:
     assert code.count(b"\0log1p\0") == 1
     assert in_memory(code.replace(b"\0log1p\0", b"\0log9p\0"), NAME) is None
+
+
+def test_where_no_memory_for_code_is_granted_llvm_is_asked(code: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    process = object_code._process()  # noqa: SLF001 what it asks the system by
+
+    class Strict:
+        mprotect = staticmethod(lambda *_: -1)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(process, name)
+
+    monkeypatch.setattr(object_code, "_process", Strict)
+    assert in_memory(code, NAME) is None
+    known = np.random.default_rng(1).standard_normal(1000)
+    np.testing.assert_array_equal(drawn(machine_code.linked(code), known.size), known)
 
 
 def test_a_process_that_finds_its_code_plays_without_llvm(tmp_path: Path) -> None:
