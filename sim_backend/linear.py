@@ -59,7 +59,7 @@ class ModalModel:
             raise ConfigError(
                 f"linear model: {name} holds a number that is not finite; every entry must be a real number"
             )
-        if (self.omega_rad_s < 0.0).any() or (self.delay_s < 0.0).any():
+        if min(self.omega_rad_s.tolist(), default=0.0) < 0.0 or min(self.delay_s.tolist(), default=0.0) < 0.0:
             raise ConfigError("linear model: a natural frequency or a delay is negative; both must be zero or more")
 
     @property
@@ -142,10 +142,13 @@ class ModalModel:
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[:, None]
         den = s**2 + 2.0 * self.sigma_1_s * s + self.omega_rad_s**2
         # (sI - A)^-1 of the companion block applied to [b_direct, b]; a mechanical mode has no direct parts
-        q = (s + 2.0 * self.sigma_1_s)[..., None] * self.b_direct + self.b if self.b_direct.any() else self.b
+        direct = self.b_direct.any()
+        q = (s + 2.0 * self.sigma_1_s)[..., None] * self.b_direct + self.b if direct else self.b
         out = np.einsum("ym,fmu->fyu", self.c, q / den[..., None])
         if self.c_rate.any():
-            v = s[..., None] * self.b - (self.omega_rad_s**2)[:, None] * self.b_direct
+            v = s[..., None] * self.b
+            if direct:
+                v -= (self.omega_rad_s**2)[:, None] * self.b_direct
             out += np.einsum("ym,fmu->fyu", self.c_rate, v / den[..., None])
         out += self.d
         return out * np.exp(-s[:, :, None] * self.delay_s) if self.delay_s.any() else out

@@ -144,10 +144,11 @@ def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
     """
     mask = layout.free.copy()
     b, direct = layout.index("b"), layout.index("b_direct")
-    for i in range(model.n_blocks):
-        chosen = np.flatnonzero((model.b[i] == 1.0) & (model.b_direct[i] == 0.0))
-        if chosen.size:
-            mask[b[i, chosen[0]]] = mask[direct[i, chosen[0]]] = False
+    for i, into in enumerate(zip(model.b.tolist(), model.b_direct.tolist(), strict=True)):
+        for u, chosen in enumerate(zip(*into, strict=True)):
+            if chosen == (1.0, 0.0):
+                mask[b[i, u]] = mask[direct[i, u]] = False
+                break
     return mask
 
 
