@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.identification.cache_lines import in_cache_lines
 from sim_backend.jit import njit
 from sim_backend.linear import Array
 
@@ -36,7 +37,7 @@ def reduced(
     width = n + 1 if feedthrough else n
     k = width + n + 1 if moving else width + 1
     triangle, sums = np.zeros((entries, k, k)), np.zeros(n + 1)
-    real, imag, rows = np.empty((n, _LINES)), np.empty((n, _LINES)), np.zeros((k + 1, 2 * _LINES))
+    real, imag, rows = in_cache_lines(n, _LINES), in_cache_lines(n, _LINES), in_cache_lines(k + 1, 2 * _LINES)
     for first in range(0, point.size, _LINES):
         lines = min(_LINES, point.size - first)
         if lines < _LINES:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.block_basis import continuous
+from analysis.identification.cache_lines import in_cache_lines
 from sim_backend.jit import njit
 from sim_backend.linear import Array
 
@@ -46,8 +47,8 @@ def summed(
     k = 6 * m + 3
     out = np.zeros((n_y, n_u, k, k))
     # a pair of rows is multiplied with a pair at a time; one that is left over has a row of zeros for its partner
-    rows = np.zeros((k + k % 2, 2 * _LINES))
-    state, factor = np.zeros((m, 16 * _LINES)), np.zeros(6 * _LINES)
+    rows = in_cache_lines(k + k % 2, 2 * _LINES)
+    state, factor = in_cache_lines(m, 16 * _LINES), in_cache_lines(1, 6 * _LINES)[0]
     for first in range(0, point.size, _LINES):
         lines = slice(first, min(first + _LINES, point.size))
         if first + _LINES > point.size:
