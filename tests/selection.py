@@ -10,18 +10,6 @@ import pytest
 COLLECTED = pytest.StashKey[list[str]]()
 """Where pytest's settings hold the node IDs of all tests that were found, chosen or not."""
 
-ONE_PER_SITE = {
-    "amplifier-lag",
-    "damping-shift",
-    "dropped-samples",
-    "end-stop-contact",
-    "position-dependent-force-constant",
-    "sensor-quantisation",
-}
-"""Blind families that stay in `make test`: the quickest at each site of the loop at which a family acts."""
-
-BLIND = "tests/end_to_end/test_blind_families.py::test_a_hidden_cause_is_named_and_adding_it_pays"
-
 DRAWN = "counts over many drawn records"
 BENCH = "a bench of another kind, diagnosed as a whole"
 BENCHES = (
@@ -163,6 +151,4 @@ _ANY_PATTERN = re.compile("|".join(translate(f"tests/{pattern}") for pattern, _ 
 
 def is_thorough(nodeid: str) -> bool:
     """Tell whether a test runs in `make test-all` only."""
-    if nodeid.startswith(BLIND):
-        return nodeid[len(BLIND) :].strip("[]") not in ONE_PER_SITE
     return _ANY_PATTERN.match(nodeid) is not None

@@ -1,9 +1,9 @@
-"""Where the tuning of a nominal model begins: modes moved to where the data have them.
+"""Light modes moved to where the data have them: where the tuning of a nominal model begins again.
 
 A descent moves a mode to its place only from within about its width. A light mode is narrower than its frequency is
 known: five per cent of the frequency are fourteen widths of a mode of a damping ratio of 0.0035. From outside, what
 the data show at the right place and the model at the wrong one have nothing to do with each other, and a search would
-put a resonance here and take one away there. So such frequencies are first tried one by one over all that is plausible.
+put a resonance here and take one away there. So such frequencies are tried one by one over all that is plausible.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fitting.fit import Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.responses import contrast, driven_by
 from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, turned
 from sim_backend.linear import DiscreteModel, ModalModel, discretise, finer_for_delays
@@ -32,30 +32,32 @@ _MOST = 400
 _AROUND = 64
 """Parts of a spectrum over which the usual level of its lines is told."""
 
-_PASSES = 3
-"""How often all modes are gone through: of two that lie close, one is in the other's way at first."""
+_WORTH = 20.0
+"""Squares, in units of what is usual around, by which a mode elsewhere has to leave less. Of hundreds of places chance
+finds one a few times in a hundred; it costs a fit, which decides."""
 
 
-def aligned(setting: Setting) -> Array:
-    """Return the change of the knobs (n_knobs,) that leaves least, of the frequencies of light modes alone.
+def narrow_modes(setting: Setting) -> list[int]:
+    """Return the modes whose frequency is known less well than they are wide, by number."""
+    return [knob.mode for knob in setting.knobs if _narrow(setting.nominal, knob)]
 
-    All other numbers are as they are. A line of a record's spectrum counts in units of what is usual around it: a weak
-    mode is sought in the noise at its own frequency, whatever is strong elsewhere.
+
+def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
+    """Return the change of the knobs (n_knobs,) of a fit with mode `m` where it leaves least, None where it is there.
+
+    The mode's own numbers are the nominal ones again but for its frequency, as a mode in the wrong place is bent; all
+    others are as they are. A line of a record's spectrum counts in units of what is usual around it: a weak mode is
+    sought in the noise at its own frequency, whatever is strong elsewhere.
     """
-    change = np.zeros(len(setting.knobs))
-    knobs = [(i, k) for i, k in enumerate(setting.knobs) if _narrow(setting.nominal, k)]
-    if not knobs:
-        return change
-    records = setting.data.records
-    left = list(residuals_of(records, simulated(setting, setting.nominal, ())))
-    for _ in range(_PASSES):
-        before = change.copy()
-        for i, knob in knobs:
-            weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(left, records, strict=True)]
-            change[i], left = _moved(setting, change, i, knob, left, weights)
-        if np.array_equal(before, change):
-            break
-    return change
+    weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(fit.residuals, setting.data.records, strict=True)]
+    numbers = np.array([knob.mode for knob in setting.knobs])
+    (i,) = (k for k, knob in enumerate(setting.knobs) if knob.mode == m and knob.field == "omega_rad_s")
+    place = _place(setting, fit, i, np.where(numbers == m, 0.0, fit.change), weights)
+    if place is None:
+        return None
+    change = np.where(numbers == m, 0.0, fit.change)
+    change[i] = place
+    return np.asarray(change)
 
 
 def _spectrum(left: Array) -> Array:
@@ -81,42 +83,45 @@ def _damping(linear: ModalModel, m: int) -> float:
     return float(linear.sigma_1_s[m] / linear.omega_rad_s[m])
 
 
-def _moved(
-    setting: Setting, change: Array, i: int, knob: Knob, left: list[Array], weights: list[Array]
-) -> tuple[float, list[Array]]:
-    """Return the change of one frequency that leaves least, and what it leaves of every record, (n, n_y) each."""
-    reach, split = _REACH * knob.sd, finer_for_delays(setting.nominal, setting.data.rate_hz) > 1
-    count = int(np.clip(np.ceil(2.0 * reach / max(_damping(setting.nominal, knob.mode), 1e-9)), 8, _MOST))
-    places = np.append(np.linspace(-reach, reach, count + 1), change[i])
+def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Array]) -> float | None:
+    """Return the change of the frequency of knob `i` beside `change` that leaves least; None where it is there.
 
+    A place within half a width of where the mode is, is where it is.
+    """
+    knob = setting.knobs[i]
+    reach, split = _REACH * knob.sd, finer_for_delays(setting.nominal, setting.data.rate_hz) > 1
+    width = max(_damping(setting.nominal, knob.mode), 1e-9)
+    places = np.linspace(-reach, reach, int(np.clip(np.ceil(2.0 * reach / width), 8, _MOST)) + 1)
     # beside its resonance a mode is a stiffness or a mass, and would make up for others that are wrong
     middle = float(setting.nominal.omega_rad_s[knob.mode]) / (2.0 * np.pi * setting.data.rate_hz)
-    band = middle * np.exp(np.array([-1.0, 1.0]) * (reach + _SKIRT * _damping(setting.nominal, knob.mode)))
+    band = middle * np.exp(np.array([-1.0, 1.0]) * (reach + _SKIRT * width))
 
-    def mode_at(place: float) -> DiscreteModel:
-        there = change.copy()
-        there[i] = place
-        linear = turned(setting.nominal, setting.knobs, there)
+    def mode_of(values: Array) -> DiscreteModel:
+        linear = turned(setting.nominal, setting.knobs, values)
         alone = linear.only(np.arange(linear.n_blocks) == knob.mode)
         model = discretise(alone.with_(d=np.zeros_like(alone.d)), setting.data.rate_hz, split=split)
         return replace(model, b=driven_by(model, setting.data.records[0].u[:0]).b)
 
-    here, models = mode_at(change[i]), [mode_at(place) for place in places]
+    def at(place: float) -> DiscreteModel:
+        there = change.copy()
+        there[i] = place
+        return mode_of(there)
+
+    here = mode_of(fit.change)
     whole = discretise(setting.nominal, setting.data.rate_hz, split=split)
     forces = [np.asfortranarray(driven_by(whole, r.u).forces) for r in setting.data.records]
-    starts = [states[knob.mode] for states in setting.states]
+    starts = [states[knob.mode] for states in fit.states]
     rows = [r.fitted() for r in setting.data.records]
-
-    def left_by(model: DiscreteModel) -> list[Array]:
-        return [e - contrast(model, here, f, x) for e, f, x in zip(left, forces, starts, strict=True)]
 
     def squares(model: DiscreteModel) -> float:
         total = 0.0
-        for e, used, w in zip(left_by(model), rows, weights, strict=True):
-            power = _spectrum(e[used]) * w
+        for e, f, x, used, w in zip(fit.residuals, forces, starts, rows, weights, strict=True):
+            power = _spectrum((e - contrast(model, here, f, x))[used]) * w
             lines = np.arange(power.shape[0]) / max(int(used.sum()), 1)
             total += float(np.sum(power[(lines > band[0]) & (lines < band[1])]))
         return total
 
-    best = int(np.argmin([squares(model) for model in models]))
-    return float(places[best]), left_by(models[best])
+    left = [squares(at(place)) for place in places]
+    best = int(np.argmin(left))
+    near = abs(places[best] - fit.change[i]) < 0.5 * width
+    return None if near or left[best] > squares(here) - _WORTH else float(places[best])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fitting.aligned import aligned
+from analysis.diagnosis.fitting.aligned import moved_mode, narrow_modes
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated, sum_of_states
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
@@ -61,16 +61,30 @@ def in_noise(setting: Setting, whitener: Whitener, fit: Fit) -> Setting:
 def tune(setting: Setting) -> tuple[Setting, Fit]:
     """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it.
 
-    Light modes that the data have elsewhere are tried from there as well.
+    Light modes that the data have elsewhere are moved there, one by one, where that is better.
     """
-    begins = [np.zeros(len(setting.knobs))]
-    if np.any(moved := aligned(setting)):
-        begins.append(moved)
-    return min((_tuned(setting, change) for change in begins), key=lambda pair: _cost(*pair))
+    best = _tuned(setting, np.zeros(len(setting.knobs)))
+    for m in narrow_modes(setting):
+        change = moved_mode(*best, m)
+        if change is not None:
+            best = min(best, _tuned(*_afresh(best[0], change)), key=lambda pair: _cost(*pair))
+    return best
+
+
+def _afresh(setting: Setting, change: Array) -> tuple[Setting, Array]:
+    """Return the setting and the change of the knobs (n_knobs,) after a descent from there in white noise.
+
+    A coloured one has taken the mode's peak for its own, and would not see it move.
+    """
+    none = np.zeros(0)
+    setting = replace(setting, begin=change)
+    setting = settle(setting, refit(setting, (), none, change, steps=0), order=0)
+    return setting, refit(setting, (), none, change).change
 
 
 def _tuned(setting: Setting, change: Array) -> tuple[Setting, Fit]:
     none = np.zeros(0)
+    setting = replace(setting, begin=change)
     fit = refit(setting, (), none, change)
     for _ in range(_PASSES):
         setting = settle(setting, fit)

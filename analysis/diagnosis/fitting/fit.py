@@ -49,7 +49,8 @@ class Once:
 class Setting:
     """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record.
 
-    `added` is noise that is there beside what the data show of it by themselves.
+    `added` is noise that is there beside what the data show of it by themselves, `begin` (n_knobs,) where the knobs of
+    parts begin to which a hypothesis adds nothing; at the nominal numbers without it.
     """
 
     data: Dataset
@@ -64,6 +65,7 @@ class Setting:
     substeps: int
     workers: int = 2
     added: tuple[Bands, ...] = ()
+    begin: Array | None = None
     once: Once = field(default_factory=Once, init=False, repr=False, compare=False)
 
     def each(self, work: Callable[..., T], *of: Sequence[Any]) -> list[T]:

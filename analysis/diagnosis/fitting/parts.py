@@ -168,6 +168,7 @@ def setting_of(setting: Setting, part: Part) -> Setting | None:
         starts=tuple(start for start in starts if start is not None),
         states=tuple(states[part.modes[part.modes < states.shape[0]]] for states in setting.states),
         added=tuple(Bands(b.edges, b.levels[at]) for b in setting.added),
+        begin=None if setting.begin is None else setting.begin[part.knobs],
     )
 
 

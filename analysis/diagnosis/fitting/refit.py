@@ -108,7 +108,8 @@ def _quiet(setting: Setting, part: Part, own: Setting, exact: bool) -> Fit:
     manner = _Manner(_LONG, exact)
     # from where every hypothesis would have it begin: the first to ask must not decide on the last digits
     key = ("fit", tuple(part.outputs), tuple(part.modes), exact)
-    return setting.once.of(key, lambda: _whole(own, (), np.zeros(0), np.zeros(len(own.knobs)), manner))
+    begin = np.zeros(len(own.knobs)) if own.begin is None else own.begin
+    return setting.once.of(key, lambda: _whole(own, (), np.zeros(0), begin, manner))
 
 
 def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, manner: _Manner) -> Fit:
