@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from analysis.diagnosis.fitting.balance import again, guessed_squares, score, settle, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -55,7 +56,10 @@ def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, 
         if len(numbers) == 1 and not (known or unsure):
             break
         smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
+        unsure = [i for i in unsure if not _seen_together(best, smaller[i], i)]
         tried += smaller
+        if len(numbers) == 1 and not (known or unsure):
+            break
         if unsure:  # what it gains, numbers gain that were re-tuned beside it
             best = smaller[unsure[0]]
             continue
@@ -78,6 +82,17 @@ def is_seen(fit: Fit, i: int) -> bool:
         if effect == i and name in sizes
     ]
     return any(own) or not own
+
+
+def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
+    """Tell whether the several sizes of effect `i`, none of which is seen by itself, are not all nothing.
+
+    Sizes of one loop take each other's place: each is uncertain, and their sum is not. `without` is the fit that has
+    all else re-tuned in its place.
+    """
+    count = sum(p.size for p in fit.effects[i].parameters())
+    chance = 2.0 * float(scipy.stats.norm.sf(SEEN))
+    return count > 1 and without.objective - fit.objective > float(scipy.stats.chi2.isf(chance, count))
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:

@@ -18,6 +18,7 @@ from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.result import Cause, Estimate, Remainder, Verdict
 from analysis.diagnosis.search.adequacy import explained_part, uncertainty
 from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.pruning import SEEN
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.general_rival import GeneralRival
@@ -243,6 +244,11 @@ def _odds(found: Found, allowed: float, random: float) -> str:
         lead = max((score(tuned, known) - score(r, known) for r in fits), default=0.0)
         # the lead that being sure takes is the first screening's price
         chance = scipy.special.expit(0.5 * (lead - found.first.price) + SURE_LEAD)
+        if chance >= SURE:
+            return (
+                f"{candidate.effect.reported()} at {candidate.where} stands out of the noise, but none of its sizes is "
+                f"{SEEN:g} standard deviations from nothing; longer or stronger runs would tell"
+            )
         if chance > 1.0 - SURE:
             return (
                 f"{candidate.effect.reported()} at {candidate.where} stands out of the noise and may be it, with a "
