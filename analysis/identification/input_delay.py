@@ -56,22 +56,24 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     A free delay stands for fewer numbers, and is exact at low frequencies. Either is tried with all modes and without
     the fastest, which may have been the imitation.
     """
-    whole = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
-    unknown = int(whole.max()) + 1
-    own, next_one = (freed(inputs, outputs, late, unknown) for late in (whole, whole + 1))
-    none = np.zeros(whole.size)
-    bare = fit.model.with_(delay_s=none)
-    reference = _again(own, rate_hz, fit.structure, bare)
+    known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
+    proposed = beginning(inputs, outputs).whole
+    bases = [known] if np.array_equal(known, proposed) else [known, proposed]
+    unknown = int(max(base.max() for base in bases)) + 1
+    bare = fit.model.with_(delay_s=np.zeros(known.size))
+    reference = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, bare)
     starts = [bare]
     if bare.n_blocks > 1:
         starts.append(bare.only(np.arange(bare.n_blocks) != int(np.argmax(np.abs(bare.poles_1_s()).max(axis=1)))))
-    free, found = replace(fit.structure, delay=True), []
-    for start in starts:
-        one = _again(own, rate_hz, free, start.with_(delay_s=none + 0.5 / rate_hz))
-        if np.all(_known(one)):
-            found.append(_later(one, whole, rate_hz))
-        if fit.structure.feedthrough:
-            found.append(_later(_again(next_one, rate_hz, fit.structure, start), whole + 1, rate_hz))
+    free = replace(fit.structure, delay=True)
+    found = []
+    for base in bases:
+        own, next_one = (freed(inputs, outputs, whole, unknown) for whole in (base, base + 1))
+        for start in starts:
+            late = _again(own, rate_hz, free, start.with_(delay_s=np.full(known.size, 0.5 / rate_hz)))
+            found += [_later(late, base, rate_hz)] if np.all(_known(late)) else []
+            if fit.structure.feedthrough:
+                found.append(_later(_again(next_one, rate_hz, fit.structure, start), base + 1, rate_hz))
     # a mode that nobody knows is no price for a delay
     found = [one for one in found if _doubtful(one) <= _doubtful(reference)]
     best = min(found, key=lambda one: one.criterion, default=reference)
