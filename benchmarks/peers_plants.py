@@ -8,7 +8,7 @@ readings. The last quarter of the rows is held out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -73,6 +73,9 @@ KINDS: tuple[Kind, ...] = (
     Kind("three modes, acceleration", 500.0, 3, read="acceleration", band=(0.03, 0.3), rows=3000),
     Kind("a lag", 100.0, 1, damping=(1.5, 4.0), band=(0.005, 0.02), played="steps"),
     Kind("three modes, hardly any noise", 2000.0, 3, noise=1e-5),
+    Kind("two modes, periodic, late", 1000.0, 2, played="multisine", late=(2.0, 12.0)),
+    Kind("two light modes, long", 5000.0, 2, rows=80_000, damping=(0.001, 0.01)),
+    Kind("three modes, long and late", 2000.0, 3, rows=80_000, late=(1.2, 20.0), whole=False),
 )
 
 
@@ -210,11 +213,6 @@ def _noise(kind: Kind, rng: np.random.Generator) -> Array:
         white = hum / np.std(hum) + 0.3 * rng.normal(size=white.shape)
     kept = white[1000:]
     return kept / np.std(kept, axis=0)
-
-
-def with_rows(kind: Kind, rows: int) -> Kind:
-    """Return the kind with records of another length."""
-    return replace(kind, rows=rows)
 
 
 def maker() -> dict[str, Callable[[int], Record]]:
