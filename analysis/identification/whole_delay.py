@@ -25,7 +25,7 @@ _ORDERS = (2, 4, 8, 16)
 _LATEST = 64
 """Samples: more is no delay of a drive's electronics; and columns of inputs that are solved at once."""
 
-_ROWS = 20_000
+BEGINNING_ROWS = 20_000
 """Rows of the longest record that a delay is told from."""
 
 
@@ -51,7 +51,7 @@ def beginning(inputs: Sequence[Array], outputs: Sequence[Array]) -> Beginning:
     Records that are too short to tell are taken for those of a plant without a delay.
     """
     longest = max(range(len(inputs)), key=lambda i: inputs[i].shape[0])
-    u, y = inputs[longest][:_ROWS], outputs[longest][:_ROWS]
+    u, y = inputs[longest][:BEGINNING_ROWS], outputs[longest][:BEGINNING_ROWS]
     n, n_u, n_y = u.shape[0], u.shape[1], y.shape[1]
     orders = tuple(p for p in _ORDERS if 8 * p * (n_u + n_y) < n)
     latest = min(_LATEST // n_u, n // 8)
