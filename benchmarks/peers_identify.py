@@ -194,8 +194,8 @@ def _diagnosed(folder: Path) -> dict[str, Any]:
     printed = _mccd(folder, "diagnose", "run.h5", "--model", "m.toml", "-o", "out", "--json")
     if isinstance(printed, str):
         return {"diagnosed": printed}
-    held = [one["rms_before"] for one in printed["segments"] if "held-out" in one["segment"]]
-    return {"verdict": printed["verdict"], "diagnosed": _finite(100.0 * float(np.mean(held))) if held else None}
+    each = [one["rms_before"] for one in (printed.get("gain") or {}).get("outputs", [])]
+    return {"verdict": printed["verdict"], "diagnosed": _finite(100.0 * max(each)) if each else None}
 
 
 def _mccd(folder: Path, *arguments: str) -> Any:

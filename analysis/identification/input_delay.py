@@ -12,6 +12,7 @@ from analysis.identification.determined import SIGNIFICANT, determinedness
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.identification.whole_delay import IntArray, beginning, freed
+from analysis.identification.whitening import holds_inputs
 from sim_backend.linear import Array, ModalModel
 
 _CLEARLY = 2.0 * float(np.log(99.0))
@@ -54,8 +55,11 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
 
     What acts a part of a sample late on held steps is exactly what acts at the next whole sample and has a direct path.
     A free delay stands for fewer numbers, and is exact at low frequencies. Either is tried with all modes and without
-    the fastest, which may have been the imitation.
+    the fastest, which may have been the imitation. Where no mode is as fast as a sample, and the inputs explain nothing
+    of what `fit` leaves, there is nothing that a delay could be told from.
     """
+    if np.abs(fit.model.poles_1_s()).max(initial=0.0) < rate_hz and not _holds_inputs(fit, inputs, outputs):
+        return fit
     known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
     proposed = beginning(inputs, outputs).whole
     bases = [known] if np.array_equal(known, proposed) else [known, proposed]
@@ -88,6 +92,15 @@ def _again(records: tuple[list[Array], list[Array]], rate_hz: float, structure: 
 def _later(fit: TimeFit, whole: IntArray, rate_hz: float) -> TimeFit:
     """Return a fit to records that were freed of `whole` (n_u,) samples, with these in its model."""
     return replace(fit, model=fit.model.with_(delay_s=fit.model.delay_s + whole / rate_hz))
+
+
+def _holds_inputs(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
+    """Tell whether inputs explain some of what a fit leaves; the first rows of a record may be left out of the fit."""
+    kept = [
+        (u[u.shape[0] - m.shape[0] :], y[y.shape[0] - m.shape[0] :] - m)
+        for u, y, m in zip(inputs, outputs, fit.outputs, strict=True)
+    ]
+    return holds_inputs([error for _, error in kept], [u for u, _ in kept])
 
 
 def _doubtful(fit: TimeFit) -> int:
