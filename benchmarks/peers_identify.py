@@ -2,10 +2,10 @@
 
     python -m benchmarks.peers_identify [--seed N] [--only TEXT] [--measured FOLDER] [--diagnose] [--out FOLDER]
 
-Plants are drawn by seed (`peers_plants`), simulated by scipy, written as CSV, imported by `mccd import` and identified by
-`mccd identify` without any option. The peers (`peers_models`) get the same fitted rows, and all are judged by the free run
-on the same held-out rows: 100 · rms(y − simulated) ÷ rms(y − mean), of the worst output. FOLDER holds the measured
-mirror's arrays (`u_200mV_train.npy` …). `--diagnose` also asks `mccd diagnose` for the error of the same model on the
+Plants are drawn by seed (`peers_plants`), simulated by scipy, written as CSV, imported by `mccd import` and identified
+by `mccd identify` without any option. The peers (`peers_models`) get the same fitted rows, and all are judged by the
+free run on the same held-out rows: 100 · rms(y − simulated) ÷ rms(y − mean), of the worst output. FOLDER holds the
+measured mirror's arrays (`u_200mV_train.npy` …). `--diagnose` also asks `mccd diagnose` for the error of that model on the
 same rows. N4SID is the extra `peers-identify`; absent, it is left out. The result goes to benchmarks/results/.
 """
 
@@ -99,7 +99,9 @@ def _command(options: argparse.Namespace) -> str:
 
 def _simulated(name: str, record: Record, there: dict[str, Any], diagnose: bool) -> dict[str, Any]:
     u, y, cut = record.inputs, record.outputs, record.fitted
-    peers = _peers([(u[:cut], y[:cut])], [(u[cut:], y[cut:])], there)
+    # of what repeats, identification tries the last period alone
+    held = slice(u.shape[0] - record.period if record.period else cut, None)
+    peers = _peers([(u[:cut], y[:cut])], [(u[held], y[held])], there)
     with tempfile.TemporaryDirectory() as folder:
         header = ",".join([f"u{i}" for i in range(u.shape[1])] + [f"y{i}" for i in range(y.shape[1])])
         np.savetxt(Path(folder) / "run.csv", np.hstack([u, y]), "%.12g", ",", header=header, comments="")

@@ -26,6 +26,9 @@ HORIZON = 25
 CHECKED = 0.25
 """Part of the fitted rows, the last, on which the numbers are chosen."""
 
+LONG = 20_000
+"""Rows of a record on which N4SID's numbers are chosen: each fit takes seconds of more."""
+
 START_ROWS = 20_000
 
 
@@ -153,8 +156,8 @@ def arx_models(parts: Sequence[tuple[Array, Array]]) -> Iterator[tuple[str, Stat
 
 
 def n4sid_models(parts: Sequence[tuple[Array, Array]]) -> Iterator[tuple[str, StateSpace]]:
-    """Yield SIPPY's N4SID of the order that free run on the last fitted rows chooses, with delays of the ARX or none."""
-    first, last = _checked(parts)
+    """Yield SIPPY's N4SID of the order that free run on the last fitted rows chooses, with the ARX's delays or none."""
+    first, last = _checked([(u[:LONG], y[:LONG]) for u, y in parts])
     late = _latest(_Regression(first), 8)
     best: tuple[float, int, list[int]] | None = None
     for delays in [late, [0] * len(late)] if any(late) else [late]:

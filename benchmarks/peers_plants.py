@@ -108,7 +108,7 @@ def drawn(kind: Kind, seed: int) -> Record:
         size = np.minimum(size, np.std(clean[n // 10 :] - clean[: -(n // 10)], axis=0))
     y = clean + kind.noise * size * _noise(kind, rng)
     fitted = 3 * n // 4 if not period else n - n // period // 4 * period
-    kept = slice(fitted, n)
+    kept = slice(n - period if period else fitted, n)
     floor = np.std((y - clean)[kept], axis=0) / np.std(y[kept], axis=0)
     return Record(kind, u, y, kind.rate_hz, fitted, period, floor)
 
@@ -118,8 +118,8 @@ def _plant(kind: Kind, rng: np.random.Generator) -> tuple[Array, Array, Array, A
     m, n_u, n_y = kind.modes, kind.inputs, kind.outputs
     edges = np.geomspace(*kind.band, m + 1)
     # one in each part of the band, apart by a tenth of it at least
-    omega = 2.0 * np.pi * kind.rate_hz * np.array([low * (high / low) ** rng.uniform(0.1, 0.9) for low, high in
-                                                   zip(edges[:-1], edges[1:], strict=True)])  # fmt: skip
+    parts = rng.uniform(0.1, 0.9, size=m)
+    omega = 2.0 * np.pi * kind.rate_hz * edges[:-1] * (edges[1:] / edges[:-1]) ** parts
     zeta = np.exp(rng.uniform(*np.log(kind.damping), size=m))
     stiffness, drag = omega**2, 2.0 * zeta * omega
     shape_in, shape_out = rng.normal(size=(m, n_u)), rng.normal(size=(n_y, m))

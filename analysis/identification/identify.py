@@ -154,7 +154,9 @@ def _from_periods(
         fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
-    fitted = Fitted(fit.model, deviations(fit), None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means))
+    fitted = Fitted(
+        fit.model, deviations(fit), None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)
+    )
     if held and fitted.chi2 is not None and _noise_explains(fit, *ratios):
         report(0.9, 1.0, "fitting in time")
         fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)

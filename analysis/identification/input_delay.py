@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from analysis.identification.determined import SIGNIFICANT, determinedness
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
-from analysis.identification.whole_delay import IntArray, beginning, freed
 from analysis.identification.whitening import holds_inputs
+from analysis.identification.whole_delay import IntArray, beginning, freed
 from sim_backend.linear import Array, ModalModel
 
 _CLEARLY = 2.0 * float(np.log(99.0))
@@ -39,9 +39,7 @@ def fit_whole_delay(
         return search(inputs, outputs)
     unknown, few = int(proposed.whole.max()), int(np.clip(proposed.order // 2, orders[0], orders[-1]))
     records = [freed(inputs, outputs, late, unknown) for late in (proposed.whole, 0 * proposed.whole)]
-    late, plain = (
-        fit_records(*some, rate_hz, few, structure=structure, rigid_bodies=None) for some in records
-    )
+    late, plain = (fit_records(*some, rate_hz, few, structure=structure, rigid_bodies=None) for some in records)
     if late.criterion + _CLEARLY >= plain.criterion:
         return search(inputs, outputs)
     return _later(search(*records[0]), proposed.whole, rate_hz)
@@ -85,7 +83,9 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     return best if best.criterion + paths * _CLEARLY < reference.criterion else fit
 
 
-def _again(records: tuple[list[Array], list[Array]], rate_hz: float, structure: Structure, start: ModalModel) -> TimeFit:
+def _again(
+    records: tuple[list[Array], list[Array]], rate_hz: float, structure: Structure, start: ModalModel
+) -> TimeFit:
     return fit_records(*records, rate_hz, start.n_blocks, structure=structure, rigid_bodies=None, start=start)
 
 

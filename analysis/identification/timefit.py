@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from analysis.frequency.frf import smoothed
 from analysis.frequency.frf_records import frequency_response_local
@@ -93,7 +92,7 @@ def fit_records(
     tried: list[tuple[int, float]] = []
     best: TimeFit | None = None
     last: TimeFit | None = None
-    worse = 0
+    worse, least = 0, np.inf
     for i, count in enumerate(wanted):
         told = part_of(report, sum(wanted[:i]) / sum(wanted), sum(wanted[: i + 1]) / sum(wanted))
         starts = [start] if start is not None else list(_starts(target, count, structure))
@@ -104,19 +103,21 @@ def fit_records(
         if not starts:
             few = f"{target.values} output values give no start for {count} blocks"
             raise DataError(f"{few}; record more or ask for fewer blocks")
-        last = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
+        last, missed = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
         tried.append((count, last.criterion))
         better = best is None or last.criterion < best.criterion
         best, worse = (last, 0) if better else (best, worse + 1)
+        closer, least = missed < least, min(missed, least)
         assert best is not None
-        if worse and len(tried) > 2 and (worse == _PATIENCE or not _misses_a_mode(target, best)):
+        # two modes may be worth what neither is by itself, where a colour of the noise passes for either
+        if worse and len(tried) > 2 and (worse == _PATIENCE or not (closer or _misses_a_mode(target, best))):
             break
     assert best is not None
     return replace(best, orders=tuple(tried))
 
 
 def _misses_a_mode(target: TimeTarget, fit: TimeFit) -> bool:
-    """Tell whether the inputs explain some of what a fit leaves: two modes may be worth what neither is by itself."""
+    """Tell whether the inputs explain some of what a fit leaves."""
     return holds_inputs([y - m for y, m in zip(target.outputs, fit.outputs, strict=True)], target.inputs)
 
 
@@ -136,8 +137,8 @@ def _best_fit(
     rigid_bodies: int | None,
     iterations: int,
     report: Report,
-) -> TimeFit:
-    """Return the best fit from any start, with each number of rigid bodies that is allowed.
+) -> tuple[TimeFit, float]:
+    """Return the best fit from any start and number of rigid bodies allowed, and the criterion with white errors.
 
     Starts are compared as simulations, with white errors: a noise model that may explain anything would flatter a
     start that explains nothing. Only then are the best two numbers of rigid bodies whitened.
@@ -152,10 +153,10 @@ def _best_fit(
                 near[rigid] = fit
     ranked = sorted(near.values(), key=lambda fit: fit.criterion)[:2]
     if noise_order == 0:
-        return ranked[0]
+        return ranked[0], ranked[0].criterion
     report(0.5, 1.0, what)  # whitening takes about as long as all the starts
     whitened = [_fit(target, fit.model, structure, noise_order, iterations) for fit in ranked]
-    return min(whitened, key=lambda fit: fit.criterion)
+    return min(whitened, key=lambda fit: fit.criterion), ranked[0].criterion
 
 
 def _with_rigid_bodies(target: TimeTarget, model: ModalModel, wanted: int | None) -> Iterator[tuple[int, ModalModel]]:

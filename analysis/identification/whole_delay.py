@@ -58,7 +58,9 @@ def beginning(inputs: Sequence[Array], outputs: Sequence[Array]) -> Beginning:
     if not orders or latest < 2:
         return Beginning(np.ones(n_u, dtype=np.intp), _ORDERS[0])
     lags = _Lags(u, y, orders[-1], latest)
-    common = min(((p, k) for p in orders for k in range(latest)), key=lambda one: lags.criterion(one[0], [one[1]] * n_u))
+    common = min(
+        ((p, k) for p in orders for k in range(latest)), key=lambda one: lags.criterion(one[0], [one[1]] * n_u)
+    )
     order, late = common[0], [common[1]] * n_u
     for _ in range(2 if n_u > 1 else 0):
         for j in range(n_u):
@@ -92,7 +94,7 @@ class _Lags:
         rows = np.hstack([*columns, np.ones((n - past, 1)), y[past:]])
         size = np.linalg.norm(rows, axis=0)
         self._rows = n - past
-        self._r = np.linalg.qr(rows / np.where(size > 0.0, size, 1.0), mode="r")
+        self._r: Array = np.asarray(np.linalg.qr(rows / np.where(size > 0.0, size, 1.0), mode="r"))
 
     def criterion(self, order: int, late: Sequence[int]) -> float:
         """Return the Bayesian criterion of a regression on `order` lags, those of each input from `late` on."""
