@@ -5,7 +5,7 @@
 Plants are drawn by seed (`peers_plants`), simulated by scipy, written as CSV, imported by `mccd import` and identified
 by `mccd identify` without any option. The peers (`peers_models`) get the same fitted rows, and all are judged by the
 free run on the same held-out rows: 100 · rms(y − simulated) ÷ rms(y − mean), of the worst output. FOLDER holds the
-measured mirror's arrays (`u_200mV_train.npy` …). `--diagnose` also asks `mccd diagnose` for the error of that model on the
+measured mirror's arrays (`u_200mV_train.npy` …). `--diagnose` asks `mccd diagnose` for the error of that model on the
 same rows. N4SID is the extra `peers-identify`; absent, it is left out. The result goes to benchmarks/results/.
 """
 
@@ -105,12 +105,12 @@ def _simulated(name: str, record: Record, there: dict[str, Any], diagnose: bool)
     with tempfile.TemporaryDirectory() as folder:
         header = ",".join([f"u{i}" for i in range(u.shape[1])] + [f"y{i}" for i in range(y.shape[1])])
         np.savetxt(Path(folder) / "run.csv", np.hstack([u, y]), "%.12g", ",", header=header, comments="")
-        (Path(folder) / "map.toml").write_text(tomli_w.dumps(_map(record)), encoding="utf-8")
+        (Path(folder) / "map.toml").write_text(tomli_w.dumps(map_of(record)), encoding="utf-8")
         ours = _ours(Path(folder), diagnose)
     return _row(name, ours, peers, 100.0 * float(np.max(record.floor)))
 
 
-def _map(record: Record) -> dict[str, Any]:
+def map_of(record: Record) -> dict[str, Any]:
     """Return the map by which `mccd import` reads a simulated record."""
     log: dict[str, Any] = {"test": "peers", "source": "run.csv", "sample_rate_hz": record.rate_hz}
     if record.period:

@@ -98,11 +98,11 @@ class Record:
 def drawn(kind: Kind, seed: int) -> Record:
     """Return the record of one plant of a kind; the same seed gives the same bits."""
     rng = np.random.default_rng([seed, *kind.name.encode()])
-    a, b, c, d = _plant(kind, rng)
+    a, b, c, d = state_space(kind, rng)
     n = kind.rows
     u, period = _played(kind, rng)
     late = rng.uniform(*kind.late, size=kind.inputs)
-    clean = _simulated(a, b, c, d, u, np.rint(late) if kind.whole else late, kind.rate_hz)
+    clean = simulated(a, b, c, d, u, np.rint(late) if kind.whole else late, kind.rate_hz)
     size = np.std(clean, axis=0)
     if kind.rigid:  # what drifts is read against its swing from sample to sample over a tenth of the record
         size = np.minimum(size, np.std(clean[n // 10 :] - clean[: -(n // 10)], axis=0))
@@ -113,7 +113,7 @@ def drawn(kind: Kind, seed: int) -> Record:
     return Record(kind, u, y, kind.rate_hz, fitted, period, floor)
 
 
-def _plant(kind: Kind, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+def state_space(kind: Kind, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
     """Return a continuous state space (A, B, C, D) of the plant's modes behind its amplifier."""
     m, n_u, n_y = kind.modes, kind.inputs, kind.outputs
     edges = np.geomspace(*kind.band, m + 1)
@@ -144,7 +144,7 @@ def _plant(kind: Kind, rng: np.random.Generator) -> tuple[Array, Array, Array, A
     return whole, np.vstack([0.0 * b, pole * np.eye(n_u)]), np.hstack([c, d]), 0.0 * d
 
 
-def _simulated(a: Array, b: Array, c: Array, d: Array, u: Array, late: Array, rate_hz: float) -> Array:
+def simulated(a: Array, b: Array, c: Array, d: Array, u: Array, late: Array, rate_hz: float) -> Array:
     """Return the reading (n, n_y) of inputs (n, n_u) held for a sample each and `late` (n_u,) samples late."""
     n, order = a.shape[0], u.shape[0]
     step = 1.0 / rate_hz
