@@ -1,4 +1,4 @@
-"""The error that `mccd identify` prints of the held-out rows is the one that `mccd diagnose` finds of the same model."""
+"""The held-out error that `mccd identify` prints is the one that `mccd diagnose` finds of the same model."""
 
 from __future__ import annotations
 
