@@ -150,14 +150,18 @@ def _from_periods(
         orders,
         lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay),
     )
-    if chosen.whole_s.any():
-        fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
+    if variance is not None and not _within_noise(fit) and _distorted(*ratios):
+        # weights by the noise follow the quietest lines, although what is missed there is no noise
+        even = fit_lines(lines, None, data.rate_hz, (fit.model.n_blocks,), fit.model, delay=chosen.delay)
+        fit = replace(even, chi2=fit.chi2, dof=fit.dof)  # how far noise explains it is told by the other
+    if chosen.whole_s.any():
+        fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
     fitted = Fitted(
         fit.model, deviations(fit), None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)
     )
-    if held and fitted.chi2 is not None and _noise_explains(fit, *ratios):
+    if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
         report(0.9, 1.0, "fitting in time")
         fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)
     return identification(
@@ -173,9 +177,14 @@ def _from_periods(
     )
 
 
-def _noise_explains(fit: RationalFit, noise: float | None, distortion: float | None) -> bool:
-    """Tell whether what a fit misses is noise alone, as far as the record can tell: three standard deviations of it."""
-    return fit.chi2 < fit.dof + 3.0 * np.sqrt(2.0 * fit.dof) and (distortion or 0.0) <= (noise or np.inf)
+def _within_noise(fit: RationalFit) -> bool:
+    """Tell whether the scatter of the lines explains what a fit misses, to three standard deviations."""
+    return bool(fit.chi2 < fit.dof + 3.0 * np.sqrt(2.0 * fit.dof))
+
+
+def _distorted(noise: float | None, distortion: float | None) -> bool:
+    """Tell whether more of the output is distortion than noise, where the record can tell both."""
+    return noise is not None and distortion is not None and distortion > noise
 
 
 def _refined(
