@@ -95,7 +95,7 @@ $(BIN)/python:
 
 lock:
 	$(PYTHON) -m venv --clear build/lock
-	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,cluster,docs,exchange,formats]'
+	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,peers-identify,cluster,docs,exchange,formats]'
 	{ echo '# Every dependency, direct or not, of mccd and its extras but `peers-diagnosis`. Made by `make lock`; do not edit.'; \
 	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints.txt
 	$(PYTHON) -m venv --clear build/lock

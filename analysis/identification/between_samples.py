@@ -109,5 +109,10 @@ def _as_played(
     """Return the response to the steps that a simulation plays, freed of whole samples of delay (n_u,)."""
     if intersample == "band-limited":
         return response_to_steps(measured, rate_hz, whole)
+    return response_freed(measured, whole, rate_hz)
+
+
+def response_freed(measured: FrequencyResponse, whole: Array, rate_hz: float) -> FrequencyResponse:
+    """Return the response of what acts `whole` (n_u,) samples earlier."""
     early = np.exp(2j * np.pi * (measured.frequency_hz / rate_hz)[:, None, None] * whole)
     return replace(measured, response=measured.response * early)

@@ -77,13 +77,16 @@ def without_undetermined(
     orders: tuple[int, ...],
     again: Callable[[int, ModalModel | None], _AnyFit],
     measure: Callable[[TimeFit | RationalFit], Array] = determinedness,
+    *,
+    anew: bool = True,
 ) -> _AnyFit:
     """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time.
 
     A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
     number had found, because its method puts a pole where nothing was played. The one with fewer undetermined modes
     counts, of equal ones the better: a mode that is none may gain more than one that is there, and would be the next to
-    go. `measure` returns by how many standard deviations each block is known (m,).
+    go. `measure` returns by how many standard deviations each block is known (m,). Without `anew` every fit starts from
+    the last one alone.
     """
 
     def worth(one: _AnyFit) -> tuple[int, float]:
@@ -91,7 +94,7 @@ def without_undetermined(
 
     while fit.model.n_blocks > orders[0] and np.min(known := measure(fit)) < SIGNIFICANT:
         rest = fit.model.only(np.arange(known.size) != int(np.argmin(known)))
-        fewer = min((again(rest.n_blocks, None), again(rest.n_blocks, rest)), key=worth)
+        fewer = min((again(rest.n_blocks, start) for start in ([None, rest] if anew else [rest])), key=worth)
         if _needed(fit, fewer):
             break
         fit = fewer

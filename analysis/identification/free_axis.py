@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.identification.determined import SIGNIFICANT, determinedness, swinging, without_undetermined
-from analysis.identification.in_time import perhaps_late
+from analysis.identification.in_time import may_be_late
+from analysis.identification.input_delay import with_delay
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records, with_one_more
 from campaigns.log import LogSegment, Run
@@ -62,7 +63,10 @@ def fit_free_axis(
         if more.criterion >= fit.criterion or np.min(swinging(more)) < SIGNIFICANT:
             break
         fit = more
-    return perhaps_late(fit, fitting, inputs, outputs, report)
+    if not may_be_late(fitting[0][0]):
+        return fit
+    report(0.9, 1.0, "fitting a delay")
+    return with_delay(fit, inputs, outputs, rate)
 
 
 def _starts(first: TimeFit, fit: TimeFit, fewest: int) -> list[ModalModel]:

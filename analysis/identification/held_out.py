@@ -30,8 +30,9 @@ def tried(
 ) -> tuple[HeldOut, ...]:
     """Return the errors on every held-out segment: in steady state where it is periodic, else from the best start.
 
-    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error; what
-    nothing holds has no steady state. Of a segment too long to be read at once, the middle is tried.
+    `offset` (n_y,) is what each output reads at rest. The motion that a segment begins with is nobody's error, and what
+    swings on from before goes with a steady state; what nothing holds has none. Of a segment too long to be read at
+    once, the middle is tried.
     """
     free = bool(np.any(model.omega_rad_s == 0.0))
     discrete, results = discretise(model, rate_hz), []
@@ -47,6 +48,7 @@ def tried(
             frequency = np.arange(period // 2 + 1) * rate_hz / period
             modelled = periodic_response(model.frequency_response(frequency, rate_hz), played)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
+            modelled = modelled + _swing(discrete, y - modelled)
         else:
             skip = _unknown_rows(discrete, y.shape[0])
             start = _start_of(discrete, played, y - offset, skip)
@@ -64,12 +66,28 @@ def tried(
     return tuple(results)
 
 
+def error_of_free_run(model: ModalModel, u: Array, y: Array, rate_hz: float) -> float:
+    """Return the sum of squares of what a model misses of a record from its best start, each output by its size.
+
+    Shapes (n, n_u) and (n, n_y), `y` without what it reads at rest.
+    """
+    discrete = discretise(model, rate_hz)
+    modelled = simulate_linear(discrete, u, _start_of(discrete, u, y, 0))
+    return float(np.sum(((modelled - y) / y.std(axis=0)) ** 2))
+
+
 def _unknown_rows(model: DiscreteModel, rows: int) -> int:
     """Return for how many rows a delayed input comes from before the segment, where nobody knows it."""
     if not np.any(model.delay_samples):
         return 0
     unknown = max(delay_taps(float(late)).reach for late in model.delay_samples)
     return unknown if unknown < rows // 2 else 0
+
+
+def _swing(model: DiscreteModel, rest: Array) -> Array:
+    """Return the free motion (n, n_y) of the modes that meets what a steady state leaves, `rest`, best."""
+    nothing = np.zeros((rest.shape[0], model.b.shape[2]))
+    return simulate_linear(model, nothing, _start_of(model, nothing, rest, 0))
 
 
 def _start_of(model: DiscreteModel, u: Array, y: Array, skip: int) -> Array:

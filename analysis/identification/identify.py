@@ -19,16 +19,20 @@ from numpy.typing import NDArray
 
 from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
 from analysis.identification.axes import Axes, fit_axes
-from analysis.identification.between_samples import fit_between_samples
+from analysis.identification.between_samples import fit_between_samples, response_freed
 from analysis.identification.determined import without_undetermined
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
-from analysis.identification.in_time import fit_in_time, in_a_loop
+from analysis.identification.in_time import fit_in_time, in_a_loop, may_be_late
 from analysis.identification.line_fit import fit_lines, pooled_variance
+from analysis.identification.modal_parameters import Structure
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
+from analysis.identification.refined import refined
 from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
+from analysis.identification.response_fit import RationalFit
 from analysis.identification.sweep_fit import fit_sweep
 from analysis.identification.swing import without_swing
+from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import sweep_of
 from campaigns.facts import measured_segments, remarks_on
@@ -146,22 +150,55 @@ def _from_periods(
         orders,
         lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay),
     )
-    if chosen.whole_s.any():
-        fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
-    std = deviations(fit)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
+    if variance is not None and not _within_noise(fit) and _distorted(*ratios):
+        # weights by the noise follow the quietest lines, although what is missed there is no noise
+        even = fit_lines(lines, None, data.rate_hz, (fit.model.n_blocks,), fit.model, delay=chosen.delay)
+        fit = replace(even, chi2=fit.chi2, dof=fit.dof)  # how far noise explains it is told by the other
+    if chosen.whole_s.any():
+        fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
+    fitted = Fitted(
+        fit.model, deviations(fit), None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)
+    )
+    if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
+        report(0.9, 1.0, "fitting in time")
+        fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)
     return identification(
-        Fitted(fit.model, std, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)),
+        fitted,
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="periodic, zero-order hold" if held else "periodic, band-limited",
         name=name,
         intersample=chosen.intersample,
         levels=(ratios[0], ratios[1]),
-        held_out=tried(fit.model, parts, data.rate_hz, intersample=chosen.intersample),
+        held_out=tried(fitted.linear, parts, data.rate_hz, intersample=chosen.intersample),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
+
+
+def _within_noise(fit: RationalFit) -> bool:
+    """Tell whether the scatter of the lines explains what a fit misses, to three standard deviations."""
+    return bool(fit.chi2 < fit.dof + 3.0 * np.sqrt(2.0 * fit.dof))
+
+
+def _distorted(noise: float | None, distortion: float | None) -> bool:
+    """Tell whether more of the output is distortion than noise, where the record can tell both."""
+    return noise is not None and distortion is not None and distortion > noise
+
+
+def _refined(
+    fitted: Fitted, parts: Sequence[tuple[Run, LogSegment]], rate_hz: float, structure: Structure, *, late: bool
+) -> Fitted:
+    """Return a model fitted on in time to all segments that are not held out, with the quality of its response."""
+    kept = [(run, s) for run, s in parts if s.rows and not s.held_out]
+    if too_long(kept):
+        return fitted
+    inputs, outputs = ([channels_of(run, s, role) for run, s in kept] for role in ROLES)
+    fit = refined(fitted.linear, inputs, outputs, rate_hz, structure, fitted.offsets.mean(axis=0), late=late)
+    if fit is None:
+        return fitted
+    return Fitted(fit.model, deviations(fit), fitted.chi2, fitted.dof, np.array(fit.offsets))
 
 
 def _measured(data: Realisations) -> FrequencyResponse:
@@ -222,20 +259,34 @@ def _from_spectra(
     """
     rate = fitting[0][0].sample_rate_hz
     measured, u, y = averaged_response(fitting, part_of(report, 0.0, 0.5))
-    variance = pooled_variance(measured)
-    fit = fit_lines(measured, variance, rate, orders, report=part_of(report, 0.5, 1.0))
-    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(measured, variance, rate, (n,), first))
-    std = deviations(fit)
-    offsets = _rest(fit.model, u, y)
+    whole = _whole_delay(fitting)
+    lines = response_freed(measured, whole, rate)
+    variance = pooled_variance(lines)
+    fit = fit_lines(lines, variance, rate, orders, report=part_of(report, 0.5, 0.9))
+    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(lines, variance, rate, (n,), first))
+    fit = replace(fit, model=fit.model.with_(delay_s=whole / rate))
+    fitted = Fitted(fit.model, deviations(fit), fit.chi2, fit.dof, _rest(fit.model, u, y))
+    report(0.9, 1.0, "fitting in time")
+    fitted = _refined(fitted, fitting, rate, Structure(), late=may_be_late(fitting[0][0]))
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
+        fitted,
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="free, averaged spectra",
         name=name,
-        held_out=tried(fit.model, parts, rate, offsets.mean(axis=0)),
+        held_out=tried(fitted.linear, parts, rate, fitted.offsets.mean(axis=0)),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
+
+
+def _whole_delay(fitting: Sequence[tuple[Run, LogSegment]]) -> Array:
+    """Return by how many whole samples each input (n_u,) acts late, from the first rows of the longest segment."""
+    run, longest = max(fitting, key=lambda part: part[1].rows)
+    if not may_be_late(run):
+        return np.zeros(len(run.names("input")))
+    some = replace(longest, stop=min(longest.stop, longest.start + BEGINNING_ROWS))
+    u, y = (channels_of(run, some, role) for role in ROLES)
+    return beginning([u], [y]).whole.astype(float)
 
 
 def _of_axes(axes: Axes, parts: Sequence[tuple[Run, LogSegment]], name: str) -> Identification:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.identification.determined import without_undetermined
-from analysis.identification.input_delay import with_delay
+from analysis.identification.input_delay import fit_whole_delay, with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
@@ -35,11 +35,19 @@ def fit_in_time(
     rate = fitting[0][0].sample_rate_hz
 
     def fitted(structure: Structure) -> TimeFit:
-        fit = _fitted(inputs, outputs, rate, orders, structure, part_of(report, 0.0, 0.9))
-        return perhaps_late(fit, fitting, inputs, outputs, report)
+        def search(u: Sequence[Array], y: Sequence[Array]) -> TimeFit:
+            return _fitted(u, y, rate, orders, structure, part_of(report, 0.0, 0.9))
+
+        if not may_be_late(fitting[0][0]):
+            return search(inputs, outputs)
+        fit = fit_whole_delay(search, inputs, outputs, rate, orders, structure)
+        report(0.9, 1.0, "fitting a delay")
+        return with_delay(fit, inputs, outputs, rate)
 
     fit = fitted(Structure(feedthrough=not looped))
-    if np.any(fit.model.d) and answers_at_once(fit, inputs, outputs):  # a first fit may miss too much to tell
+    at_once = fit.model.delay_s * rate < 1.0
+    # a first fit may miss too much to tell
+    if np.any(fit.model.d[:, at_once]) and answers_at_once(fit, inputs, outputs):
         fit = fitted(Structure(feedthrough=False))
     return fit
 
@@ -68,16 +76,6 @@ def _fitted(
     return without_undetermined(fit, orders, again)
 
 
-def perhaps_late(
-    fit: TimeFit,
-    fitting: Sequence[tuple[Run, LogSegment]],
-    inputs: Sequence[Array],
-    outputs: Sequence[Array],
-    report: Report,
-) -> TimeFit:
-    """Return `fit`, or one whose inputs act late; no bench of our own has a delay."""
-    run, _ = fitting[0]
-    if run.header.bench.get("kind") != "imported":
-        return fit
-    report(0.9, 1.0, "fitting a delay")
-    return with_delay(fit, inputs, outputs, run.sample_rate_hz)
+def may_be_late(run: Run) -> bool:
+    """Tell whether the inputs of a run may act late: no bench of our own has a delay."""
+    return bool(run.header.bench.get("kind") == "imported")

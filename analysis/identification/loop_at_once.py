@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from analysis.identification.timefit import TimeFit, whitening_filters
+from analysis.identification.timefit import TimeFit
+from analysis.identification.whitening import whitening_filters
 from sim_backend.linear import Array
 
 _LAGS = 10
@@ -48,7 +49,14 @@ class Echo:
 
 
 def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
-    """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each."""
+    """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each.
+
+    A fit with a delay leaves out the first rows of each record.
+    """
+    inputs, outputs = (
+        [x[x.shape[0] - m.shape[0] :] for x, m in zip(records, fit.outputs, strict=True)]
+        for records in (inputs, outputs)
+    )
     errors = [y - m for y, m in zip(outputs, fit.outputs, strict=True)]
     echoes = [
         echo_of([np.convolve(e[:, o], fit.whitening[o])[: e.shape[0]] for e in errors], inputs)

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from analysis.frequency.frf import smoothed
 from analysis.frequency.frf_records import frequency_response_local
@@ -22,10 +21,14 @@ from analysis.identification.time_residual import (
     time_normal_equations,
     whitened_cost,
 )
+from analysis.identification.whitening import holds_inputs, whitening_filters
 from analysis.linear.modal_form import canonical
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import ConfigError, DataError, MccdError
 from sim_backend.linear import Array, ModalModel
+
+_PATIENCE = 2
+"""Numbers of blocks in succession that may be no better before the search for their number ends."""
 
 _NOTHING = 1e-6
 """Part of its motion that a spring takes back in a record, below which there is none."""
@@ -88,22 +91,34 @@ def fit_records(
         raise ConfigError(f"blocks is {blocks}; give at least one positive number of blocks")
     tried: list[tuple[int, float]] = []
     best: TimeFit | None = None
-    done = 0
-    for count in wanted:
-        told, done = part_of(report, done / sum(wanted), (done + count) / sum(wanted)), done + count
+    last: TimeFit | None = None
+    worse, least = 0, np.inf
+    for i, count in enumerate(wanted):
+        told = part_of(report, sum(wanted[:i]) / sum(wanted), sum(wanted[: i + 1]) / sum(wanted))
         starts = [start] if start is not None else list(_starts(target, count, structure))
-        if start is None and best is not None:
-            starts.append(grown(target, best.model, best.outputs, count, mechanical=structure.form == "mechanical"))
+        if start is None:
+            mechanical = structure.form == "mechanical"
+            smaller = [one for one in (best, None if last is best else last) if one is not None]
+            starts += [grown(target, one.model, one.outputs, count, mechanical=mechanical) for one in smaller]
         if not starts:
             few = f"{target.values} output values give no start for {count} blocks"
             raise DataError(f"{few}; record more or ask for fewer blocks")
-        fit = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
-        tried.append((count, fit.criterion))
-        if best is not None and fit.criterion >= best.criterion and len(tried) > 2:
-            break  # one more block did not help, so more will not
-        best = fit if best is None or fit.criterion < best.criterion else best
+        last, missed = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
+        tried.append((count, last.criterion))
+        better = best is None or last.criterion < best.criterion
+        best, worse = (last, 0) if better else (best, worse + 1)
+        closer, least = missed < least, min(missed, least)
+        assert best is not None
+        # two modes may be worth what neither is by itself, where a colour of the noise passes for either
+        if worse and len(tried) > 2 and (worse == _PATIENCE or not (closer or _misses_a_mode(target, best))):
+            break
     assert best is not None
     return replace(best, orders=tuple(tried))
+
+
+def _misses_a_mode(target: TimeTarget, fit: TimeFit) -> bool:
+    """Tell whether the inputs explain some of what a fit leaves."""
+    return holds_inputs([y - m for y, m in zip(target.outputs, fit.outputs, strict=True)], target.inputs)
 
 
 def with_one_more(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
@@ -122,8 +137,8 @@ def _best_fit(
     rigid_bodies: int | None,
     iterations: int,
     report: Report,
-) -> TimeFit:
-    """Return the best fit from any start, with each number of rigid bodies that is allowed.
+) -> tuple[TimeFit, float]:
+    """Return the best fit from any start and number of rigid bodies allowed, and the criterion with white errors.
 
     Starts are compared as simulations, with white errors: a noise model that may explain anything would flatter a
     start that explains nothing. Only then are the best two numbers of rigid bodies whitened.
@@ -138,10 +153,10 @@ def _best_fit(
                 near[rigid] = fit
     ranked = sorted(near.values(), key=lambda fit: fit.criterion)[:2]
     if noise_order == 0:
-        return ranked[0]
+        return ranked[0], ranked[0].criterion
     report(0.5, 1.0, what)  # whitening takes about as long as all the starts
     whitened = [_fit(target, fit.model, structure, noise_order, iterations) for fit in ranked]
-    return min(whitened, key=lambda fit: fit.criterion)
+    return min(whitened, key=lambda fit: fit.criterion), ranked[0].criterion
 
 
 def _with_rigid_bodies(target: TimeTarget, model: ModalModel, wanted: int | None) -> Iterator[tuple[int, ModalModel]]:
@@ -267,35 +282,6 @@ def _minimise(
 
     minimum = minimise(assemble, cost, vector[free], iterations, limit=limit)
     return full(minimum.parameters), minimum.converged
-
-
-def whitening_filters(errors: Sequence[Array], order: int | None) -> Array:
-    """Return the filter (n_y, p + 1) that whitens each output's error to unit variance, by Yule-Walker.
-
-    With order None the Bayesian information criterion chooses it for each output, up to a twentieth of the samples
-    and at most 30; shorter filters are filled with zeros.
-    """
-    n = sum(e.shape[0] for e in errors)
-    most = min(30, n // 20) if order is None else order
-    filters = []
-    for o in range(errors[0].shape[1]):
-        signals = [e[:, o] - e[:, o].mean() for e in errors]
-        lags = np.array([sum(float(s[k:] @ s[: s.size - k]) for s in signals) / n for k in range(most + 1)])
-        lags[0] = max(lags[0] * (1.0 + 1e-12), np.finfo(float).tiny)
-        best: tuple[float, Array] | None = None
-        for p in range(most + 1) if order is None else [most]:
-            taps = (
-                np.linalg.lstsq(scipy.linalg.toeplitz(lags[:p]), lags[1 : p + 1], rcond=1e-12)[0] if p else np.zeros(0)
-            )
-            power = max(lags[0] - float(taps @ lags[1 : p + 1]), np.finfo(float).tiny)
-            score = n * np.log(power) + p * np.log(n)
-            if best is None or score < best[0]:
-                best = score, np.concatenate([[1.0], -taps, np.zeros(most - p)]) / np.sqrt(power)
-        assert best is not None
-        filters.append(best[1])
-    found = np.array(filters)
-    used = int(np.max(np.nonzero(np.any(found != 0.0, axis=0))[0])) + 1
-    return found[:, :used]
 
 
 def _at_rest(model: ModalModel, target: TimeTarget) -> ModalModel:

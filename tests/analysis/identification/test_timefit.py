@@ -5,7 +5,8 @@ from scipy.stats import binom
 
 from analysis.identification.modal_parameters import Structure, layout_of, pack
 from analysis.identification.time_residual import TimeTarget, time_normal_equations, whitened_cost
-from analysis.identification.timefit import fit_records, whitening_filters
+from analysis.identification.timefit import fit_records
+from analysis.identification.whitening import whitening_filters
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
 
