@@ -27,7 +27,6 @@ from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
-from analysis.diagnosis.search.in_noise import found_in_noise
 from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
@@ -122,10 +121,8 @@ def search_causes(
     scales = scales_of(data, linear)
     if own and (gross := grossly_wrong(setting)):
         found = main_cause(*gross, rules, scales, progress)
-        if still_gross(found):
+        if still_gross(found) or judge_main(found).verdict == "named":
             return found
-        if judge_main(found).verdict == "named":
-            return found_in_noise(setting, found, rules, scales, progress)
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
     found = search(setting, tuned, rules, scales, progress)

@@ -32,7 +32,8 @@ def fit_whole_delay(
     """Return the fit of `search` to records, freed of whole samples of delay where that explains them clearly better.
 
     Shapes: every record's input (n, n_u) and output (n, n_y). Modes imitate a delay one by one, so that it has to be
-    known before they are counted. It is proposed by a regression, and decided by fits of as many modes as that needs.
+    known before they are counted. It is proposed by a regression, held against none by fits of as few modes as that
+    needs, and decided by fits of as many as there are.
     """
     proposed = beginning(inputs, outputs)
     if not np.any(proposed.whole):
@@ -42,7 +43,11 @@ def fit_whole_delay(
     late, plain = (fit_records(*some, rate_hz, few, structure=structure, rigid_bodies=None) for some in records)
     if late.criterion + _CLEARLY >= plain.criterion:
         return search(inputs, outputs)
-    return _later(search(*records[0]), proposed.whole, rate_hz)
+    # a delay may have stood for what fewer modes than there are cannot do
+    late, plain = (search(*some) for some in records)
+    if late.criterion + _CLEARLY >= plain.criterion:
+        return search(inputs, outputs)
+    return _later(late, proposed.whole, rate_hz)
 
 
 def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:

@@ -10,7 +10,7 @@ import scipy
 from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
 from analysis.diagnosis.noise.levels import levels_of_means, levels_of_medians
 from analysis.diagnosis.noise.whitener import Array, Mask, Whitener, runs_of
-from analysis.diagnosis.records.dataset import Dataset, Window
+from analysis.diagnosis.records.dataset import Dataset, Record
 
 _TREND = 3
 """Degree of what is taken for a trend of differences: below their first line and a half, where they show no noise."""
@@ -27,7 +27,7 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
         parts = []
         for record, residual in zip(data.records, residuals, strict=True):
             if repeats:
-                parts += _differences(record.windows, residual[:, o])
+                parts += _differences(data, record, residual[:, o])
             else:
                 parts.append((residual[:, o], record.fitted()))
         taps.append(fit_ar(parts, MAX_ORDER if order is None else order))
@@ -40,7 +40,7 @@ def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
     """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats."""
     ratios = [0.0]
     for o in range(data.n_outputs):
-        noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(r.windows, e[:, o])]
+        noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(data, r, e[:, o])]
         whole = [e[r.fitted(), o] for r, e in zip(data.records, residuals, strict=True)]
         if noise:
             floor = max(float(np.std(np.concatenate(noise))), np.finfo(float).tiny)
@@ -65,7 +65,7 @@ def even_weights(data: Dataset, residuals: Sequence[Array], noise: float) -> Whi
 
 def rows_of_noise(data: Dataset) -> int:
     """Return how many rows, over all outputs, differences of periods show of noise alone."""
-    parts = [_differences(r.windows, np.zeros(r.n)) for r in data.records]
+    parts = [_differences(data, r, np.zeros(r.n)) for r in data.records]
     return data.n_outputs * sum(x.size for found in parts for x, _ in found)
 
 
@@ -89,7 +89,7 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
         [
             part
             for record, r in zip(data.records, residuals, strict=True)
-            for part in _differences(record.windows, r[:, o])
+            for part in _differences(data, record, r[:, o])
         ]
         for o in plain.outputs
     ]
@@ -113,15 +113,17 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
     return np.concatenate(frequency), np.concatenate(power)
 
 
-def _differences(windows: Sequence[Window], x: Array) -> list[tuple[Array, Mask]]:
+def _differences(data: Dataset, record: Record, x: Array) -> list[tuple[Array, Mask]]:
     """Return the differences of consecutive periods over √2: noise alone, of the same colour and size."""
     parts = []
-    for w in windows:
+    for w in record.windows:
         begin, count = w.repeated
         if count < 2:
             continue
         stretch = x[begin : begin + count * w.period]
-        difference = _without_trend((stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0))
+        difference = (stretch[w.period :] - stretch[: -w.period]) / np.sqrt(2.0)
+        if data.integrating:
+            difference = _without_trend(difference)
         parts.append((difference, np.ones(difference.size, dtype=bool)))
     return parts
 

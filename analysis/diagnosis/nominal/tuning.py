@@ -192,11 +192,14 @@ def sensitivities(
         alone = discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz, split=split)
         return replace(alone, b=driven_by(alone, u[:0]).b)
 
-    series, steps = np.zeros((len(knobs), linear.n_outputs, u.shape[0])), (_STEP, -_STEP)
+    series = np.zeros((len(knobs), linear.n_outputs, u.shape[0]))
     for k, knob in enumerate(knobs):
         if knob.field == "delay_s" and split:
-            later, sooner = (discretise(turned(linear, [knob], np.array([by])), rate_hz, split=True) for by in steps)
-            series[k] = (simulate(later, u) - simulate(sooner, u)).T / (2.0 * _STEP)
+            back = min(_STEP, float(linear.delay_s[knob.index]) / knob.unit)  # no delay is shorter than none
+            later, sooner = (
+                discretise(turned(linear, [knob], np.array([by])), rate_hz, split=True) for by in (_STEP, -back)
+            )
+            series[k] = (simulate(later, u) - simulate(sooner, u)).T / (_STEP + back)
         elif knob.field == "delay_s":
             (source,) = knob.index
             taps = delay_taps(float(whole.delay_samples[source]) if through_delay else 0.0)

@@ -120,12 +120,14 @@ class Record:
 class Dataset:
     """All records of a diagnosis, at one sample rate, with the same inputs and outputs.
 
-    `doubts` say why no cause can be named from them, whatever fits; none as a rule.
+    `doubts` say why no cause can be named from them, whatever fits; none as a rule. Where an axis is `integrating`, it
+    runs on without a force, and what is wrong of one adds up.
     """
 
     rate_hz: float
     records: tuple[Record, ...]
     doubts: tuple[str, ...] = ()
+    integrating: bool = False
 
     @property
     def n_outputs(self) -> int:

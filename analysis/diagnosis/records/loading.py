@@ -134,7 +134,8 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     held, note = with_held_out(different)
     check_enough(held, ", ".join(str(run.path) for run in runs))
     notes += copies
-    data = replace(Dataset(rate_hz, held).seen_by(model), doubts=_doubts(runs, matches))
+    integrating = bool(np.any(model.linear().omega_rad_s == 0.0))
+    data = Dataset(rate_hz, held, _doubts(runs, matches), integrating).seen_by(model)
     notes += [remark for remark in remarks_on(runs) if "cut off" not in remark]  # told above, with the rows used
     return Loaded(data, tuple(sources), (*notes, *([note] if note else [])))
 

@@ -10,6 +10,7 @@ import scipy
 from analysis.diagnosis.fitting.balance import again, guessed_squares, score, settle, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
+from sim_backend.effects.base import Site
 
 _LOST = 1.0
 """A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
@@ -85,14 +86,16 @@ def is_seen(fit: Fit, i: int) -> bool:
 
 
 def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
-    """Tell whether the several sizes of effect `i`, none of which is seen by itself, are not all nothing.
+    """Tell whether the numbers of effect `i`, none of whose sizes is seen by itself, are together not nothing.
 
-    Sizes of one loop take each other's place: each is uncertain, and their sum is not. `without` is the fit that has
-    all else re-tuned in its place.
+    Sizes of one loop take each other's place, and a size that of a shape: each is uncertain, and the loop is not.
+    `without` is the fit that has all else re-tuned in its place. What changes the linear model itself re-tuned numbers
+    may do as well, from another place: there a size has to be seen.
     """
-    count = sum(p.size for p in fit.effects[i].parameters())
+    count = sum(effect == i for effect, _ in fit.names)
     chance = 2.0 * float(scipy.stats.norm.sf(SEEN))
-    return count > 1 and without.objective - fit.objective > float(scipy.stats.chi2.isf(chance, count))
+    gained = without.objective - fit.objective
+    return fit.effects[i].site is not Site.MODEL and gained > float(scipy.stats.chi2.isf(chance, count))
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
