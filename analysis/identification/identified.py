@@ -119,7 +119,8 @@ def identification(
     linear, std = fitted.linear, fitted.std
     # a delay that was chosen among whole samples is known to a part of one: any part is as likely
     chosen = (linear.delay_s > 0.0) & (std.delay_s == 0.0)
-    std = std.with_(delay_s=np.where(chosen, 1.0 / (runs[0].sample_rate_hz * np.sqrt(12.0)), std.delay_s))
+    if runs and np.any(chosen):
+        std = std.with_(delay_s=np.where(chosen, 1.0 / (runs[0].sample_rate_hz * np.sqrt(12.0)), std.delay_s))
     source = source or f"{method} fit to run {', '.join(run.run_uid for run in runs)}"
     model = from_linear(
         linear,
