@@ -43,8 +43,11 @@ def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
 
 
 def loses(gain: Gain | None) -> bool:
-    """Tell whether the extended model is surely worse on held-out rows than the one before."""
-    return gain is not None and gain.ci95[1] < 0.0
+    """Tell whether the extended model is surely worse on held-out rows than the one before, and leaves more than noise.
+
+    Of two models that both leave noise the one that lies nearer to it by chance is no better.
+    """
+    return gain is not None and gain.ci95[1] < 0.0 and gain.rms_after > ABOVE_NOISE * gain.noise_floor
 
 
 def beyond_noise(gain: Gain | None) -> bool:
