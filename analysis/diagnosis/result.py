@@ -17,9 +17,6 @@ Array = NDArray[np.float64]
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
 
-ABOVE_NOISE = 1.2
-"""Times the noise, as rms, from which on an error is no noise."""
-
 SELDOM = 0.005
 """How often the error on other held-out rows of the same kind would be smaller than the least that is stated."""
 

@@ -8,15 +8,13 @@ put a resonance here and take one away there. So such frequencies are tried one 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.nominal.responses import contrast, driven_by
-from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, turned
-from sim_backend.linear import DiscreteModel, ModalModel, discretise, finer_for_delays
+from analysis.diagnosis.nominal.responses import contrast, driven_by, played
+from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, mode_alone, turned
+from sim_backend.linear import DiscreteModel, ModalModel
 
 Array = NDArray[np.float64]
 
@@ -52,10 +50,10 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
     weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(fit.residuals, setting.data.records, strict=True)]
     numbers = np.array([knob.mode for knob in setting.knobs])
     (i,) = (k for k, knob in enumerate(setting.knobs) if knob.mode == m and knob.field == "omega_rad_s")
-    place = _place(setting, fit, i, np.where(numbers == m, 0.0, fit.change), weights)
+    change = np.where(numbers == m, 0.0, fit.change)
+    place = _place(setting, fit, i, change, weights)
     if place is None:
         return None
-    change = np.where(numbers == m, 0.0, fit.change)
     change[i] = place
     return np.asarray(change)
 
@@ -89,7 +87,7 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
     A place within half a width of where the mode is, is where it is.
     """
     knob = setting.knobs[i]
-    reach, split = _REACH * knob.sd, finer_for_delays(setting.nominal, setting.data.rate_hz) > 1
+    reach, whole = _REACH * knob.sd, played(setting.nominal, setting.data.rate_hz)
     width = max(_damping(setting.nominal, knob.mode), 1e-9)
     places = np.linspace(-reach, reach, int(np.clip(np.ceil(2.0 * reach / width), 8, _MOST)) + 1)
     # beside its resonance a mode is a stiffness or a mass, and would make up for others that are wrong
@@ -98,9 +96,7 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
 
     def mode_of(values: Array) -> DiscreteModel:
         linear = turned(setting.nominal, setting.knobs, values)
-        alone = linear.only(np.arange(linear.n_blocks) == knob.mode)
-        model = discretise(alone.with_(d=np.zeros_like(alone.d)), setting.data.rate_hz, split=split)
-        return replace(model, b=driven_by(model, setting.data.records[0].u[:0]).b)
+        return mode_alone(linear, knob.mode, setting.data.rate_hz, split=whole.late is not None)
 
     def at(place: float) -> DiscreteModel:
         there = change.copy()
@@ -108,7 +104,6 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
         return mode_of(there)
 
     here = mode_of(fit.change)
-    whole = discretise(setting.nominal, setting.data.rate_hz, split=split)
     forces = [np.asfortranarray(driven_by(whole, r.u).forces) for r in setting.data.records]
     starts = [states[knob.mode] for states in fit.states]
     rows = [r.fitted() for r in setting.data.records]

@@ -189,8 +189,7 @@ def sensitivities(
     forces = np.asfortranarray(driven_by(whole, u).forces if through_delay else u)
 
     def moved(knob: Knob, by: float) -> DiscreteModel:
-        alone = discretise(_only(turned(linear, [knob], np.array([by])), knob.mode), rate_hz, split=split)
-        return replace(alone, b=driven_by(alone, u[:0]).b)
+        return mode_alone(turned(linear, [knob], np.array([by])), knob.mode, rate_hz, split=split)
 
     series = np.zeros((len(knobs), linear.n_outputs, u.shape[0]))
     for k, knob in enumerate(knobs):
@@ -217,6 +216,11 @@ def sensitivities(
     return series.T
 
 
-def _only(linear: ModalModel, m: int) -> ModalModel:
-    """Return the model with mode `m` alone and no direct term."""
-    return linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))
+def mode_alone(linear: ModalModel, m: int, rate_hz: float, *, split: bool) -> DiscreteModel:
+    """Return mode `m` of a model at one rate, without a direct term, for the forces that drive the whole model.
+
+    Where delays are `split` every command drives it twice, as in `responses.driven_by`.
+    """
+    alone = linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))
+    model = discretise(alone, rate_hz, split=split)
+    return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)

@@ -13,13 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.result import ABOVE_NOISE, SELDOM, Domain, Gain, Remainder
+from analysis.diagnosis.result import SELDOM, Domain, Gain, Remainder
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
 """Part of the squared output from which on what the model leaves of it is most of it."""
+
+ABOVE_NOISE = 1.2
+"""Times the noise, as rms, from which on the error on held-out rows is no noise."""
 
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of what is left in squares are none."""
