@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.regression import FRESH
 from sim_backend.linear import Array
 
 IntArray = NDArray[np.intp]
@@ -48,7 +49,9 @@ class Beginning:
 def beginning(inputs: Sequence[Array], outputs: Sequence[Array]) -> Beginning:
     """Return when the inputs of records (n, n_u) begin to act on the outputs (n, n_y), one input after the other.
 
-    Records that are too short to tell are taken for those of a plant without a delay.
+    Records that are too short to tell are taken for those of a plant without a delay, and so is an input whose next
+    sample follows from those before: where its taps begin is then any choice, and what moves with every amplitude of a
+    plant that is not linear would be called a delay. A free delay is still fitted to it.
     """
     longest = max(range(len(inputs)), key=lambda i: inputs[i].shape[0])
     u, y = inputs[longest][:BEGINNING_ROWS], outputs[longest][:BEGINNING_ROWS]
@@ -66,7 +69,8 @@ def beginning(inputs: Sequence[Array], outputs: Sequence[Array]) -> Beginning:
         for j in range(n_u):
             tried = [lags.criterion(order, [*late[:j], k, *late[j + 1 :]]) for k in range(latest)]
             late[j] = int(np.argmin(tried))
-    return Beginning(np.array(late, dtype=np.intp), order)
+    told = [k if lags.fresh(j) >= FRESH else 1 for j, k in enumerate(late)]
+    return Beginning(np.array(told, dtype=np.intp), order)
 
 
 def freed(
@@ -95,6 +99,18 @@ class _Lags:
         size = np.linalg.norm(rows, axis=0)
         self._rows = n - past
         self._r: Array = np.asarray(np.linalg.qr(rows / np.where(size > 0.0, size, 1.0), mode="r"))
+
+    def fresh(self, j: int) -> float:
+        """Return which part of an input's power is new in a sample, after all inputs before it."""
+        first = self._order * self._n_y
+        earlier = np.arange(first + self._n_u, self._constant + 1)
+        goal = self._r[:, first + j]
+        left = [
+            goal - self._r[:, c] @ np.linalg.lstsq(self._r[:, c], goal, rcond=1e-12)[0]
+            for c in ([self._constant], earlier)
+        ]
+        power, new = (float(np.sum(rest**2)) for rest in left)
+        return new / power if power > 0.0 else 0.0
 
     def criterion(self, order: int, late: Sequence[int]) -> float:
         """Return the Bayesian criterion of a regression on `order` lags, those of each input from `late` on."""
