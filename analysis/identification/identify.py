@@ -35,7 +35,8 @@ from analysis.identification.swing import without_swing
 from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import sweep_of
-from campaigns.facts import measured_segments, remarks_on
+from campaigns.facts import facts_of, measured_segments, remarks_on
+from campaigns.facts.loop import NAME as LOOP
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
@@ -230,7 +231,9 @@ def _from_records(
     if axes is not None:
         return _of_axes(axes, parts, name)
     choosing = len(orders) > 1  # a number that is given is fitted once, and tells of a loop by itself
-    looped = choosing and in_a_loop(inputs, outputs, rate, orders[0])
+    # the direct method is consistent in a loop, with noise of any colour, for a plant that acts from the next sample on
+    known = any(fact.name == LOOP and fact.numbers.get("found") for run in _runs_of(fitting) for fact in facts_of(run))
+    looped = known or (choosing and in_a_loop(inputs, outputs, rate, orders[0]))
     if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
         return _from_spectra(fitting, parts, orders, name, report)
     fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
@@ -240,7 +243,7 @@ def _from_records(
         Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
         _runs_of(parts),
         *_ports(parts[0][0]),
-        method="free",
+        method="free, in a loop" if known else "free",
         name=name,
         held_out=tried(fit.model, parts, rate, offsets.mean(axis=0)),
     )

@@ -5,6 +5,9 @@ regressed on its own past and the inputs up to now, and asked whether the inputs
 "Money, income, and causality", 1972; with the output's own past, J. Geweke, R. Meese and W. Dent, 1983). Of a periodic
 excitation, that repeats and so is known for all time, only what differs from period to period is asked.
 
+With its reference logged, the input of the very sample is asked as well: a controller that answers within its sample
+puts all of a reading's noise there. Without a reference that cannot be told from a plant that acts at once.
+
 A model that misses something of its inputs finds that in the inputs to come too, but as much in inputs farther past:
 these are asked as well, and must hold much less. Of an input that can be foretold from what came before, as a sweep,
 nothing is asked.
@@ -99,9 +102,12 @@ def _in_both_halves(stretches: Sequence[Stretch], o: int, worth: float) -> bool:
 def _answer(output: str, regression: Regression) -> _Answer:
     """Return what the inputs to come hold of one output, beyond all that came before and the references."""
     beside = regression.of <= -2
-    groups = [regression.past, beside, regression.before, regression.after]
+    # given its references, an input has nothing of its own in an open loop
+    now = (regression.of >= 0) & (regression.lag == 0) & bool(beside.any())
+    coming = regression.after | now
+    groups = [regression.past & ~now, beside, regression.before, coming]
     _, plain, before, after = regression.left(groups)
-    tests = int(regression.after.sum())
+    tests = int(coming.sum())
     free = regression.rows - sum(int(group.sum()) for group in groups)
     if free <= tests or not after > 0.0:
         return _Answer(output, 0.0, 1.0, 0.0, regression.rows)
@@ -123,10 +129,11 @@ def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
             f"no sign of it: the {AHEAD} inputs to come hold {max(worst.share, 0.0):.1%} of what is new in "
             f"{worst.output}; from {LEAST_SHARE:.0%} on it would be told"
         )
+        unseen = "" if with_references else ", or answers within a sample without its reference in the log,"
         return Fact(
             NAME,
             text,
-            "a loop that moves the input less than that is not seen",
+            f"a loop that moves the input less than that{unseen} is not seen",
             worst.output,
             "",
             numbers,
@@ -137,7 +144,7 @@ def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
         NAME,
         f"the inputs answer {names} (closed loop): inputs to come hold {worst.share:.0%} of what is new in it",
         "the noise of the output is in the input too: averaged spectra and a delay of no sample are biased by it"
-        + ("; the reference was logged and is free of it" if with_references else "; log the reference as well"),
+        + ("" if with_references else "; log the reference as well"),
         worst.output,
         numbers=numbers,
     )
