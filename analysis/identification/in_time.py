@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -34,9 +35,9 @@ def fit_in_time(
     """
     rate = fitting[0][0].sample_rate_hz
 
-    def fitted(structure: Structure) -> TimeFit:
+    def fitted(structure: Structure, in_loop: bool) -> TimeFit:
         def search(u: Sequence[Array], y: Sequence[Array]) -> TimeFit:
-            return _fitted(u, y, rate, orders, structure, part_of(report, 0.0, 0.9))
+            return _fitted(u, y, rate, orders, structure, in_loop, part_of(report, 0.0, 0.9))
 
         if not may_be_late(fitting[0][0]):
             return search(inputs, outputs)
@@ -44,11 +45,11 @@ def fit_in_time(
         report(0.9, 1.0, "fitting a delay")
         return with_delay(fit, inputs, outputs, rate)
 
-    fit = fitted(Structure(feedthrough=not looped))
+    fit = fitted(Structure(feedthrough=not looped), looped)
     at_once = fit.model.delay_s * rate < 1.0
     # a first fit may miss too much to tell
     if np.any(fit.model.d[:, at_once]) and answers_at_once(fit, inputs, outputs):
-        fit = fitted(Structure(feedthrough=False))
+        fit = fitted(Structure(feedthrough=False), True)
     return fit
 
 
@@ -65,13 +66,15 @@ def _fitted(
     rate: float,
     orders: tuple[int, ...],
     structure: Structure,
+    in_loop: bool,
     report: Report,
 ) -> TimeFit:
-    def again(n: int, first: ModalModel | None) -> TimeFit:
-        return fit_records(inputs, outputs, rate, n, structure=structure, rigid_bodies=None, start=first)
+    fitted = partial(fit_records, inputs, outputs, rate, structure=structure, rigid_bodies=None, in_loop=in_loop)
 
-    told = part_of(report, 0.0, 0.9)
-    fit = fit_records(inputs, outputs, rate, orders, structure=structure, rigid_bodies=None, report=told)
+    def again(n: int, first: ModalModel | None) -> TimeFit:
+        return fitted(n, start=first)
+
+    fit = fitted(orders, report=part_of(report, 0.0, 0.9))
     report(0.9, 1.0, "giving up modes that are not there")
     return without_undetermined(fit, orders, again)
 

@@ -84,6 +84,11 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     # a mode that nobody knows is no price for a delay
     found = [one for one in found if _doubtful(one) <= _doubtful(reference)]
     best = min(found, key=lambda one: one.criterion, default=reference)
+    if best.model.n_blocks < bare.n_blocks:
+        # it may be the mode given up that pays, and not the delay
+        plain = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, starts[-1])
+        if plain.criterion < reference.criterion and _doubtful(plain) <= _doubtful(reference):
+            fit, reference = _later(plain, known, rate_hz), plain
     paths = fit.model.n_inputs * fit.model.n_outputs
     return best if best.criterion + paths * _CLEARLY < reference.criterion else fit
 

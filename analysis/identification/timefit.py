@@ -74,6 +74,7 @@ def fit_records(
     rigid_bodies: int | None = 0,
     start: ModalModel | None = None,
     iterations: int = 100,
+    in_loop: bool = False,
     report: Report = unheard,
 ) -> TimeFit:
     """Return the ModalModel behind a zero-order hold that explains records of any waveform best.
@@ -81,8 +82,9 @@ def fit_records(
     Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and
     each output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens
     each output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a
-    prediction-error fit, which feedback of the noise into the input does not bias. `blocks` and `rigid_bodies` are
-    as in `rational.fit_rational`. Raises ConfigError or DataError when the records cannot be used.
+    prediction-error fit, which feedback of the noise into the input does not bias. `in_loop` says that there is such
+    feedback: starts are then compared as predictions. `blocks` and `rigid_bodies` are as in `rational.fit_rational`.
+    Raises ConfigError or DataError when the records cannot be used.
     """
     target = _target(inputs, outputs, rate_hz)
     structure = structure or Structure()
@@ -103,7 +105,8 @@ def fit_records(
         if not starts:
             few = f"{target.values} output values give no start for {count} blocks"
             raise DataError(f"{few}; record more or ask for fewer blocks")
-        last, missed = _best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
+        best_fit = _best_prediction if in_loop else _best_simulation
+        last, missed = best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
         tried.append((count, last.criterion))
         better = best is None or last.criterion < best.criterion
         best, worse = (last, 0) if better else (best, worse + 1)
@@ -129,7 +132,31 @@ def with_one_more(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array
     return fit_records(inputs, outputs, rate_hz, count, structure=structure, rigid_bodies=None, start=start)
 
 
-def _best_fit(
+def _best_prediction(
+    target: TimeTarget,
+    starts: list[ModalModel],
+    structure: Structure,
+    noise_order: int | None,
+    rigid_bodies: int | None,
+    iterations: int,
+    report: Report,
+) -> tuple[TimeFit, float]:
+    """Return the best fit from any start and number of rigid bodies allowed, and its criterion.
+
+    In a loop the plant is not what simulates best, for its input holds the noise: whitened from the first step on.
+    """
+    found = []
+    for i, first in enumerate(starts):
+        report(float(i), len(starts), f"fitting {first.n_blocks} modes")
+        for _, model in _with_rigid_bodies(target, first, rigid_bodies):
+            vector, _, layout = _vector(target, model, structure)
+            own = replace(target, whitening=_whitened(target, vector, layout, noise_order))
+            found.append(_fit(own, model, structure, noise_order, iterations))
+    best = min(found, key=lambda fit: fit.criterion)
+    return best, best.criterion
+
+
+def _best_simulation(
     target: TimeTarget,
     starts: list[ModalModel],
     structure: Structure,
@@ -241,19 +268,13 @@ def _subspace_start(
 def _fit(
     target: TimeTarget, start: ModalModel, structure: Structure, noise_order: int | None, iterations: int
 ) -> TimeFit:
-    """Return the fit from one start: white errors first, then errors whitened by what they turned out to be."""
-    layout = layout_of(start, structure)
-    vector = np.concatenate([pack(start), np.zeros(len(target.inputs) * (2 * layout.n_blocks + layout.n_outputs))])
-    free = np.concatenate([layout.free, np.ones(vector.size - layout.size, dtype=bool)])
-    for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
-        free[place.offset[:1]] = structure.offset
-        vector[place.offset] = y.mean(axis=0) if structure.offset else 0.0
+    """Return the fit from one start: errors as `target` has them first, then whitened by what they turned out to be."""
+    vector, free, layout = _vector(target, start, structure)
     limit = np.concatenate([step_limit(layout), np.full(int(free[layout.size :].sum()), np.inf)])
     converged = False
     for _ in range(4):
         vector, converged = _minimise(target, vector, free, limit, layout, iterations)
-        errors = [m - y for m, y in zip(model_outputs(target, vector, layout), target.outputs, strict=True)]
-        filters = whitening_filters(errors, noise_order)
+        filters = _whitened(target, vector, layout, noise_order)
         settled = filters.shape == target.whitening.shape and np.allclose(
             filters, target.whitening, rtol=1e-3, atol=1e-3 * np.abs(filters).max()
         )
@@ -261,6 +282,22 @@ def _fit(
         if settled:
             break
     return _result(target, vector, free, structure, layout, converged)
+
+
+def _vector(target: TimeTarget, start: ModalModel, structure: Structure) -> tuple[Array, Array, Layout]:
+    """Return all parameters of a start, those of the records at rest, which of them are free, and their layout."""
+    layout = layout_of(start, structure)
+    vector = np.concatenate([pack(start), np.zeros(len(target.inputs) * (2 * layout.n_blocks + layout.n_outputs))])
+    free = np.concatenate([layout.free, np.ones(vector.size - layout.size, dtype=bool)])
+    for place, y in zip(nuisances(layout, len(target.inputs)), target.outputs, strict=True):
+        free[place.offset[:1]] = structure.offset
+        vector[place.offset] = y.mean(axis=0) if structure.offset else 0.0
+    return vector, free, layout
+
+
+def _whitened(target: TimeTarget, vector: Array, layout: Layout, noise_order: int | None) -> Array:
+    errors = [m - y for m, y in zip(model_outputs(target, vector, layout), target.outputs, strict=True)]
+    return whitening_filters(errors, noise_order)
 
 
 def _minimise(
