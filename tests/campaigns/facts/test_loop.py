@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 
 from campaigns.facts import Fact, found_in
 from tests.campaigns.facts import drawn
@@ -55,6 +56,25 @@ def test_with_its_reference_a_loop_is_found_by_the_noise_of_the_sensor(kind):
         acted, y = drawn.played(bench, u, rng, feedback=0.5)
         found += bool(told(acted, y, 0, u).numbers.get("found"))
     assert found >= 8
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("colour", [[1.0], [1.0, -0.995]], ids=["white", "drifting"])
+def test_a_controller_that_answers_within_its_sample_is_found_by_its_reference(closed: bool, colour: list[float]):
+    """All of a reading's noise is then in the input of that sample; without the loop the input has noise of its own."""
+    found = 0
+    for case in range(6):
+        rng = np.random.default_rng([77, case])
+        noise = 0.1 * scipy.signal.lfilter([1.0], colour, rng.standard_normal(5000))
+        reference = scipy.signal.lfilter([0.1], [1.0, -0.9], rng.standard_normal(noise.size))
+        x, u, y = 0.0, np.empty(noise.size), np.empty(noise.size)
+        for k in range(noise.size):
+            y[k] = x + noise[k]
+            u[k] = 3.0 * (reference[k] - (y[k] if closed else 0.0))
+            x = 0.9 * x + 0.1 * u[k]
+        read = u + (0.0 if closed else 0.01) * rng.standard_normal(u.size)
+        found += bool(told(read, y, 0, reference).numbers.get("found"))
+    assert found == (6 if closed else 0)
 
 
 def test_an_input_that_repeats_exactly_answers_nothing():
