@@ -84,7 +84,8 @@ def identify_runs(
             f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, match --only, move, and "
             "are not cut off by their sensor every few rows"
         )
-    periodic = realisations_of(fitting)
+    # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs
+    periodic = None if _in_a_known_loop(fitting) else realisations_of(fitting)
     if periodic is not None:
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
@@ -232,7 +233,7 @@ def _from_records(
         return _of_axes(axes, parts, name)
     choosing = len(orders) > 1  # a number that is given is fitted once, and tells of a loop by itself
     # the direct method is consistent in a loop, with noise of any colour, for a plant that acts from the next sample on
-    known = any(fact.name == LOOP and fact.numbers.get("found") for run in _runs_of(fitting) for fact in facts_of(run))
+    known = _in_a_known_loop(fitting)
     looped = known or (choosing and in_a_loop(inputs, outputs, rate, orders[0]))
     if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
         return _from_spectra(fitting, parts, orders, name, report)
@@ -339,6 +340,11 @@ def _ports(run: Run) -> tuple[list[Port], list[Port]]:
         return [Port(name=n, unit=run.channels[n].unit, dof=run.channels[n].dof or n) for n in run.names(role)]
 
     return of("input"), of("output")
+
+
+def _in_a_known_loop(parts: Sequence[tuple[Run, LogSegment]]) -> bool:
+    """Tell whether the facts of a log say that its inputs answer its outputs."""
+    return any(fact.name == LOOP and fact.numbers.get("found") for run in _runs_of(parts) for fact in facts_of(run))
 
 
 def _runs_of(parts: Sequence[tuple[Run, LogSegment]]) -> list[Run]:

@@ -32,6 +32,7 @@ MAP = """
 test = "a loop"
 source = "data.csv"
 sample_rate_hz = 1000.0
+{period}
 [channels.reference]
 select = "r"
 unit = "rad"
@@ -49,14 +50,15 @@ dof = "x"
 """
 
 
-def played(noise: str, seed: int) -> Array:
-    """Return reference, drive and reading (n, 3)."""
+def played(noise: str, seed: int, period: int) -> Array:
+    """Return reference, drive and reading (n, 3); the reference repeats itself after `period` samples."""
     rng = np.random.default_rng(seed)
     omega = 2.0 * np.pi * FREQUENCY_HZ
     plant = (np.array([[0.0, 1.0], [-(omega**2), -2.0 * DAMPING * omega]]), np.array([[0.0], [GAIN]]))
     over, into, *_ = scipy.signal.cont2discrete((*plant, np.eye(2), np.zeros((2, 1))), 1.0 / RATE_HZ)
     size, colour = NOISES[noise]
     reference = 0.05 * scipy.signal.lfilter([0.05], [1.0, -0.95], rng.standard_normal(ROWS))
+    reference = np.resize(reference[:period], ROWS)
     misread = size * scipy.signal.lfilter([1.0], colour, rng.standard_normal(ROWS))
     x, total, slope, last = np.zeros(2), 0.0, 0.0, 0.0
     out = np.empty((ROWS, 3))
@@ -71,10 +73,10 @@ def played(noise: str, seed: int) -> Array:
     return out
 
 
-@pytest.mark.parametrize("noise", NOISES)
-def test_its_numbers_are_right_within_what_they_say(tmp_path: Path, noise: str) -> None:
-    np.savetxt(tmp_path / "data.csv", played(noise, 1), delimiter=",", header="r,u,y", comments="")
-    (tmp_path / "map.toml").write_text(MAP)
+@pytest.mark.parametrize(("noise", "period"), [*((noise, ROWS) for noise in NOISES), ("drifting", 1000)])
+def test_its_numbers_are_right_within_what_they_say(tmp_path: Path, noise: str, period: int) -> None:
+    np.savetxt(tmp_path / "data.csv", played(noise, 1, period), delimiter=",", header="r,u,y", comments="")
+    (tmp_path / "map.toml").write_text(MAP.format(period=f"period = {period}" if period < ROWS else ""))
     import_run(tmp_path / "map.toml", tmp_path / "run.h5")
     with read_run(tmp_path / "run.h5") as run:
         found = identify_runs([run])
