@@ -7,7 +7,7 @@ effect is large does the start have to be known in the simulation itself, and th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,25 +74,6 @@ def without_starts(
 
     starts = starts_of(data, linear, whitener)
     return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
-
-
-def without_unseen_starts(
-    data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
-) -> list[Array]:
-    """Return `residuals` without what an unknown start explains in records that no fit has seen.
-
-    A fit finds the start of the others. What still swings from before a record is no evidence against the model.
-    """
-    left = list(residuals)
-    unseen = [i for i, record in enumerate(data.records) if not record.fitted().any()]
-    if not unseen:
-        return left
-    records = [data.records[i] for i in unseen]
-    told = [replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in records]
-    rest = without_starts(replace(data, records=tuple(told)), linear, whitener, [left[i] for i in unseen])
-    for i, one in zip(unseen, rest, strict=True):
-        left[i] = one
-    return left
 
 
 def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:
