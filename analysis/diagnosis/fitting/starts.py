@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import coasting, free_responses
+from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses, played
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 
@@ -28,10 +28,14 @@ _FORGOTTEN = 1e-6
 
 @dataclass(frozen=True)
 class Start:
-    """What a record's start can add: an orthonormal basis `q` (rows, k), whitened; `back` (2 m, k) gives the states."""
+    """What a record's start can add: an orthonormal basis `q` (rows, k), whitened.
+
+    `back` (2 m, k) gives the states, `before` (b, k) the commands that are still on their way.
+    """
 
     q: Array
     back: Array
+    before: Array
 
     def project(self, white: Array) -> Array:
         """Return `white` (rows, …) without what a start can explain, its columns as they lie in memory."""
@@ -49,8 +53,9 @@ def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
 
 
 def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:
-    """Return the start basis of one record under `linear`."""
-    free = free_responses(discretise(linear, rate_hz), record.n)
+    """Return the start basis of one record: of the modes of `linear`, and of commands that are still on their way."""
+    model = played(linear, rate_hz)
+    free = np.concatenate([free_responses(model, record.n), answers_to_before(model, record.n)], axis=2)
     white = stack_white(whitener, record, free)
     seen, whole = (np.linalg.norm(part, axis=(0, 1)) for part in (free[record.fitted()], free))
     white[:, seen < _FORGOTTEN * whole] = 0.0
@@ -59,18 +64,19 @@ def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: fl
     left, size, right = np.linalg.svd(white / scale, full_matrices=False)
     keep = size > _NEGLIGIBLE * np.max(size, initial=1e-300)
     back = (right[keep].T / size[keep]) / scale[:, None]
-    return Start(left[:, keep], back)
+    return Start(left[:, keep], *np.split(back, [2 * linear.n_blocks]))
 
 
 def without_starts(
     data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
 ) -> tuple[Array, ...]:
     """Return `residuals`, (n, n_y) per record, less what a start of every mode of `linear` explains of them."""
-    model = discretise(linear, data.rate_hz)
+    model = played(linear, data.rate_hz)
 
     def rest(record: Record, start: Start, residual: Array) -> Array:
-        states = start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
-        return residual - coasting(model, states, record.n)
+        white = stack_white(whitener, record, residual[:, :, None])[:, 0]
+        before = start.before @ (start.q.T @ white)
+        return residual - coasting(model, start.states(white), record.n) - answers_to_before(model, record.n) @ before
 
     starts = starts_of(data, linear, whitener)
     return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def left_however_tuned(data: Dataset, setting: Setting, fit: Fit, noise: Whitener) -> Sequence[Array]:
-    """Return what a model leaves (n, n_y) of every record of `data` in that noise, `fit` told the held-out rows as well.
+    """Return what a model leaves (n, n_y) of every record of `data` in that noise, `fit` told all held-out rows.
 
     Numbers are known to what the fitted rows told of them. On rows of another motion that may be an error of many
     noises which follows the motion; it is none of the model as long as numbers that suit all rows leave none.
