@@ -55,16 +55,24 @@ def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
 def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:
     """Return the start basis of one record: of the modes of `linear`, and of commands that are still on their way."""
     model = played(linear, rate_hz)
-    free = np.concatenate([free_responses(model, record.n), answers_to_before(model, record.n)], axis=2)
+    free, late = free_responses(model, record.n), answers_to_before(model, record.n)
     white = stack_white(whitener, record, free)
     seen, whole = (np.linalg.norm(part, axis=(0, 1)) for part in (free[record.fitted()], free))
     white[:, seen < _FORGOTTEN * whole] = 0.0
-    scale = np.linalg.norm(white, axis=0)
+    states, back = _basis(white, np.linalg.norm(white, axis=0))
+    # the first rows alone tell what is on its way from what swings already: the states are what explains most by itself
+    white = stack_white(whitener, record, late)
+    commands, before = _basis(white - states @ (states.T @ white), np.linalg.norm(white, axis=0))
+    back, before = np.pad(back, ((0, 0), (0, commands.shape[1]))), np.pad(before, ((0, 0), (states.shape[1], 0)))
+    return Start(np.concatenate([states, commands], axis=1), back, before)
+
+
+def _basis(columns: Array, scale: Array) -> tuple[Array, Array]:
+    """Return an orthonormal basis (rows, k) of columns (rows, c) of some `scale`, and what gives them back (c, k)."""
     scale = np.where(scale > 0.0, scale, 1.0)
-    left, size, right = np.linalg.svd(white / scale, full_matrices=False)
+    left, size, right = np.linalg.svd(columns / scale, full_matrices=False)
     keep = size > _NEGLIGIBLE * np.max(size, initial=1e-300)
-    back = (right[keep].T / size[keep]) / scale[:, None]
-    return Start(left[:, keep], *np.split(back, [2 * linear.n_blocks]))
+    return left[:, keep], (right[keep].T / size[keep]) / scale[:, None]
 
 
 def without_starts(
@@ -75,8 +83,9 @@ def without_starts(
 
     def rest(record: Record, start: Start, residual: Array) -> Array:
         white = stack_white(whitener, record, residual[:, :, None])[:, 0]
-        before = start.before @ (start.q.T @ white)
-        return residual - coasting(model, start.states(white), record.n) - answers_to_before(model, record.n) @ before
+        left = residual - answers_to_before(model, record.n) @ (start.before @ (start.q.T @ white))
+        states = start.states(stack_white(whitener, record, left[:, :, None])[:, 0])
+        return left - coasting(model, states, record.n)
 
     starts = starts_of(data, linear, whitener)
     return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
