@@ -16,8 +16,9 @@ from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
 from analysis.diagnosis.fitting.balance import plainly_better, tune
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on
-from analysis.diagnosis.fitting.starts import starts_of, without_starts, without_unseen_starts
+from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.fitting.steps import steps_of
+from analysis.diagnosis.fitting.told import left_however_tuned
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
@@ -219,8 +220,9 @@ def diagnose(
     setting, (tuned, best) = found.setting, _answered(found, judgement, model)
     answer = _answer(found, data, tuned, best, model, options.seed)
     floor = _noise_of_evidence(found, data, answer.before, answer.remaining)
-    begun = without_unseen_starts(data, linear_of(setting, tuned), floor, answer.before)
-    shown = evidence(data, begun, floor, model, workers=options.workers)
+    consistent = judgement.verdict == "consistent" and not setting.whitener.even
+    left = left_however_tuned(data, setting, tuned, floor) if consistent else answer.before
+    shown = evidence(data, left, floor, model, workers=options.workers)
     judgement, unsteady = _checked(judgement, data, answer, shown, repeats=setting.whitener.repeats)
     if loses(answer.gain):  # what is worse than the model without it is not offered
         best = tuned

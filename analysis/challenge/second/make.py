@@ -135,7 +135,7 @@ def _truth(drawn: Drawn, kind: str, readings: list[Array]) -> Case:
             "noise": "/".join(sorted({x.slope for x in campaign.noises})),
         },
         granted=[("sensor-quantisation", d) for d in names] if kind == "counts" else [],
-        noise_rms=[x.std for x in campaign.noises],
+        noise_rms=[float(x.std) for x in campaign.noises],
         redrawn=drawn.redrawn,
     )
 
@@ -150,8 +150,8 @@ def _buried(one: Placed, limit: Limits, names: Sequence[str]) -> Buried:
         where=where,
         parameters={law.parameter: Number(value=size)} if law.parameter and law.group == "listed" else {},
         size=size,
-        detection_limit=limit.detection,
-        naming_limit=limit.naming,
+        detection_limit=float(limit.detection),
+        naming_limit=float(limit.naming),
         rival=limit.rival,
         twins=[(name, where) for name in limit.twins],
         law=law.name,

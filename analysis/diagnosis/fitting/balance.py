@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.aligned import moved_mode, narrow_modes
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated, sum_of_states
+from analysis.diagnosis.fitting.numbered import numbered
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
@@ -61,13 +62,17 @@ def in_noise(setting: Setting, whitener: Whitener, fit: Fit) -> Setting:
 def tune(setting: Setting) -> tuple[Setting, Fit]:
     """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it.
 
-    Light modes that the data have elsewhere are moved there, one by one, where that is better.
+    Light modes that the data have elsewhere are moved there, one by one, where that is better; two that have changed
+    places are exchanged.
     """
     best = _tuned(setting, np.zeros(len(setting.knobs)))
     for m in narrow_modes(setting):
         change = moved_mode(*best, m)
         if change is not None:
             best = min(best, _tuned(*_afresh(best[0], change)), key=lambda pair: _cost(*pair))
+    change = numbered(setting.nominal, setting.knobs, best[1].change)
+    if change is not best[1].change:
+        best = min(best, _tuned(best[0], change), key=lambda pair: _cost(*pair))
     return best
 
 

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.starts import Start, stack_white
+from analysis.diagnosis.fitting.starts import Start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
-from analysis.diagnosis.nominal.responses import free_responses
+from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played
 from analysis.diagnosis.nominal.tuning import Knob, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 from sim_backend.replay import Motion, replay
 
 Array = NDArray[np.float64]
@@ -195,6 +195,7 @@ def _begun_anew(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     linear = turned(setting.nominal, setting.knobs, fit.change)
     records = setting.data.records
     left = residuals_of(records, simulated(replace(setting, states=states), linear, fit.effects))
+    left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, left)
 
     def squares(record: Record, residual: Array) -> float:
         return float(np.sum(stack_white(setting.whitener, record, residual[:, :, None]) ** 2))
@@ -219,8 +220,9 @@ def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -
     """
     linear = turned(setting.nominal, setting.knobs, fit.change)
     effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
-    free = free_responses(discretise(linear_of(setting, fit), data.rate_hz), record.n)
-    states = np.zeros((free.shape[2] // 2, 2))
+    model = played(linear_of(setting, fit), data.rate_hz)
+    free, late = free_responses(model, record.n), answers_to_before(model, record.n)
+    states, before = np.zeros((free.shape[2] // 2, 2)), np.zeros(late.shape[2])
     one = replace(setting, data=replace(data, records=(record,)))
     (left,) = residuals_of([record], simulated(replace(one, states=(states,)), linear, effects))
     rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
@@ -229,13 +231,15 @@ def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -
     def squares(residual: Array) -> float:
         return float(np.sum((residual[rows] * weight) ** 2))
 
-    columns = (free[rows] * weight[:, None]).reshape(-1, free.shape[2])
+    columns = (np.concatenate([free, late], axis=2)[rows] * weight[:, None]).reshape(-1, free.shape[2] + before.size)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = np.inf
     for _ in range(_BEGUN):
         found, *_ = np.linalg.lstsq(columns / scale, (left[rows] * weight).reshape(-1), rcond=1e-9)
-        there = states + (found / scale).reshape(-1, 2)
+        more, late_by = np.split(found / scale, [free.shape[2]])
+        there, before = states + more.reshape(-1, 2), before + late_by
         (next_left,) = residuals_of([record], simulated(replace(one, states=(there,)), linear, effects))
+        next_left -= late @ before
         if not squares(next_left) < _WORTH_A_STEP * squares(left):
             break
         states, left = there, next_left

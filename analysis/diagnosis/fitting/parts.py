@@ -185,7 +185,7 @@ def _start_of(start: Start, n_outputs: int, part: Part) -> Start | None:
         return None
     both = (2 * part.modes[:, None] + np.arange(2)).ravel()
     back = start.back[both[both < start.back.shape[0]]]
-    return Start(rows @ vectors[:, whole], back @ vectors[:, whole])
+    return Start(rows @ vectors[:, whole], back @ vectors[:, whole], start.before @ vectors[:, whole])
 
 
 def _places_of(places: Places, at: Ints) -> Places:

@@ -7,15 +7,15 @@ effect is large does the start have to be known in the simulation itself, and th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import coasting, free_responses
+from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses, played
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
 
@@ -28,10 +28,14 @@ _FORGOTTEN = 1e-6
 
 @dataclass(frozen=True)
 class Start:
-    """What a record's start can add: an orthonormal basis `q` (rows, k), whitened; `back` (2 m, k) gives the states."""
+    """What a record's start can add: an orthonormal basis `q` (rows, k), whitened.
+
+    `back` (2 m, k) gives the states, `before` (b, k) the commands that are still on their way.
+    """
 
     q: Array
     back: Array
+    before: Array
 
     def project(self, white: Array) -> Array:
         """Return `white` (rows, …) without what a start can explain, its columns as they lie in memory."""
@@ -49,50 +53,42 @@ def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
 
 
 def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:
-    """Return the start basis of one record under `linear`."""
-    free = free_responses(discretise(linear, rate_hz), record.n)
+    """Return the start basis of one record: of the modes of `linear`, and of commands that are still on their way."""
+    model = played(linear, rate_hz)
+    free, late = free_responses(model, record.n), answers_to_before(model, record.n)
     white = stack_white(whitener, record, free)
     seen, whole = (np.linalg.norm(part, axis=(0, 1)) for part in (free[record.fitted()], free))
     white[:, seen < _FORGOTTEN * whole] = 0.0
-    scale = np.linalg.norm(white, axis=0)
+    states, back = _basis(white, np.linalg.norm(white, axis=0))
+    # the first rows alone tell what is on its way from what swings already: the states are what explains most by itself
+    white = stack_white(whitener, record, late)
+    commands, before = _basis(white - states @ (states.T @ white), np.linalg.norm(white, axis=0))
+    back, before = np.pad(back, ((0, 0), (0, commands.shape[1]))), np.pad(before, ((0, 0), (states.shape[1], 0)))
+    return Start(np.concatenate([states, commands], axis=1), back, before)
+
+
+def _basis(columns: Array, scale: Array) -> tuple[Array, Array]:
+    """Return an orthonormal basis (rows, k) of columns (rows, c) of some `scale`, and what gives them back (c, k)."""
     scale = np.where(scale > 0.0, scale, 1.0)
-    left, size, right = np.linalg.svd(white / scale, full_matrices=False)
+    left, size, right = np.linalg.svd(columns / scale, full_matrices=False)
     keep = size > _NEGLIGIBLE * np.max(size, initial=1e-300)
-    back = (right[keep].T / size[keep]) / scale[:, None]
-    return Start(left[:, keep], back)
+    return left[:, keep], (right[keep].T / size[keep]) / scale[:, None]
 
 
 def without_starts(
     data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
 ) -> tuple[Array, ...]:
     """Return `residuals`, (n, n_y) per record, less what a start of every mode of `linear` explains of them."""
-    model = discretise(linear, data.rate_hz)
+    model = played(linear, data.rate_hz)
 
     def rest(record: Record, start: Start, residual: Array) -> Array:
-        states = start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
-        return residual - coasting(model, states, record.n)
+        white = stack_white(whitener, record, residual[:, :, None])[:, 0]
+        left = residual - answers_to_before(model, record.n) @ (start.before @ (start.q.T @ white))
+        states = start.states(stack_white(whitener, record, left[:, :, None])[:, 0])
+        return left - coasting(model, states, record.n)
 
     starts = starts_of(data, linear, whitener)
     return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
-
-
-def without_unseen_starts(
-    data: Dataset, linear: ModalModel, whitener: Whitener, residuals: Sequence[Array]
-) -> list[Array]:
-    """Return `residuals` without what an unknown start explains in records that no fit has seen.
-
-    A fit finds the start of the others. What still swings from before a record is no evidence against the model.
-    """
-    left = list(residuals)
-    unseen = [i for i, record in enumerate(data.records) if not record.fitted().any()]
-    if not unseen:
-        return left
-    records = [data.records[i] for i in unseen]
-    told = [replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in records]
-    rest = without_starts(replace(data, records=tuple(told)), linear, whitener, [left[i] for i in unseen])
-    for i, one in zip(unseen, rest, strict=True):
-        left[i] = one
-    return left
 
 
 def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:

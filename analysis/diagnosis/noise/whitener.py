@@ -131,7 +131,7 @@ class Whitener:
         return range(self.taps.shape[0])
 
     def apply(self, values: Array, output: int) -> Array:
-        """Return `values` (n, k) of one output, whitened, same shape; the start is filtered from zeros."""
+        """Return `values` (n, k) of one output, whitened, same shape; their first rows have fewer before them."""
         return np.asarray(self._filtered(values, output).T)
 
     def _filtered(self, values: Array, output: int) -> Array:
@@ -139,7 +139,14 @@ class Whitener:
         series = np.ascontiguousarray(values.T)
         out = np.empty_like(series)
         _fir(self.taps[output], series, out)
+        begin = self._beginnings[output][: series.shape[1], : series.shape[1]]
+        out[:, : begin.shape[0]] = series[:, : begin.shape[0]] @ begin.T
         return out
+
+    @cached_property
+    def _beginnings(self) -> list[Array]:
+        """What whitens the first rows of a series of each output, as many as the filter remembers: (order, order)."""
+        return [beginning(taps) for taps in self.taps]
 
     def rows(self, values: Array, mask: Mask, output: int) -> Array:
         """Return the masked rows of `values` (n, k) as independent numbers of unit variance, shape (rows, k).
@@ -169,6 +176,10 @@ class Whitener:
     def log_variance(self, mask: Mask) -> float:
         """Return the sum of the logarithms of the variances by which the masked rows of a record are divided."""
         total = -2.0 * int(mask.sum()) * float(np.sum(np.log(self.taps[:, 0])))
+        for taps, begin in zip(self.taps, self._beginnings, strict=True):
+            own = np.diag(begin)[: mask.size]
+            known = mask[: own.size] & (own > 0.0)
+            total += 2.0 * float(np.sum(np.log(taps[0] / own[known])))
         if not self.levels.size:
             return total
         for start, stop in runs_of(mask):
@@ -201,6 +212,26 @@ def runs_of(mask: Mask) -> list[tuple[int, int]]:
     """Return (start, stop) of every unbroken run of set rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def beginning(taps: Array) -> Array:
+    """Return the matrix (order, order) that whitens the first rows of a series of the noise that `taps` whiten.
+
+    The noise was there before the first row, and is as strong in it as anywhere: the row by itself has its whole
+    variance, the next that of what one row before does not foretell, and so on (Levinson's recursion, run backwards).
+    A filter run from zeros would know the first rows as well as its innovations, and an offset by them. Rows of which
+    nothing is known count nothing: those of an order whose noise grows without bound.
+    """
+    out = np.zeros((taps.size - 1, taps.size - 1))
+    weights, scale = taps / taps[0], taps[0]
+    for m in range(taps.size - 1, 0, -1):
+        left = 1.0 - weights[m] ** 2
+        if not left > 0.0:
+            break
+        weights = (weights[:m] - weights[m] * weights[m:0:-1]) / left
+        scale *= np.sqrt(left)
+        out[m - 1, :m] = scale * weights[::-1]
+    return out
 
 
 @njit

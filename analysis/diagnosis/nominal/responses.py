@@ -142,3 +142,19 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
         for k, unit in enumerate(np.eye(2)):
             _mode(model.a[i], model.b[i, :, :0], model.c[:, i], unforced, unit, 1.0, series[2 * i + k].T)
     return series.T
+
+
+def answers_to_before(model: DiscreteModel, n: int) -> Array:
+    """Return the outputs to a unit command at each input in each sample before the first that is still on its way.
+
+    Shape (n, n_y, k), none without delays: what a record's unknown start can add beside the states of the modes.
+    """
+    columns = [np.zeros((n, model.c.shape[0], 0))]
+    for j, late in enumerate(model.delay_samples):
+        # a part of a sample is split between two, or stands for the four nearest
+        before = int(np.ceil(late)) + (late > np.floor(late)) if late > 0.0 else 0
+        for k in range(before):
+            command = np.zeros(n + before)
+            command[k] = 1.0
+            columns.append(response(model, command, j, through_delay=True)[before:, :, None])
+    return np.concatenate(columns, axis=2)

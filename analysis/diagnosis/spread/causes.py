@@ -11,8 +11,9 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.fitting.balance import in_noise
-from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.starts import without_starts
 from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
@@ -125,6 +126,9 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
     tests = KINDS * setting.data.n_outputs
     if setting.whitener.even:  # the spread of a gross error hides that of the noise
         return Spread((), tests)
+    # what a start adds is no noise
+    left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, fit.residuals)
+    fit = replace(fit, residuals=left)
     found = [
         *rounded_readings(setting),
         *lost_samples(setting, fit),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.linalg import expm
 
-from analysis.diagnosis.fitting.starts import stack_white, start_of
+from analysis.diagnosis.fitting.starts import stack_white, start_of, without_starts
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.records.dataset import Record, Window
+from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.replay import replay
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis
@@ -42,3 +44,16 @@ def test_a_start_that_is_forgotten_before_the_fitted_rows_is_not_made_of_their_r
     white = stack_white(whitener, late, y[:, :, None])[:, 0]
     assert np.all(start.states(white) == 0.0)
     np.testing.assert_array_equal(start.project(white), white)
+
+
+@pytest.mark.parametrize("late", [2.0, 1.3])
+def test_commands_from_before_a_record_are_part_of_its_start(late: float) -> None:
+    linear = linear_model().with_(delay_s=np.array([late / RATE_HZ]))
+    u = drive(1000)
+    # the reading of a longer record, of which the last rows are one by themselves
+    y = simulate(played(linear, RATE_HZ), u)[200:]
+    record = Record("r", u[200:], y, (Window("all", 0, 800),))
+    data = Dataset(RATE_HZ, (record,))
+    left = y - simulate(played(linear, RATE_HZ), record.u)
+    (rest,) = without_starts(data, linear, Whitener(np.array([[1e6]]), True), [left])
+    assert np.max(np.abs(rest)) < 1e-9 * np.max(np.abs(left))
