@@ -37,8 +37,32 @@ class Motion:
     states: Array
 
 
+@dataclass(frozen=True)
+class Stepped:
+    """A linear model with effects as the loop steps it: the same for every record.
+
+    `linear` has what its effects change in it, the loop runs `finer` times faster than the samples come.
+    """
+
+    linear: ModalModel
+    finer: int
+    plant: layout.Plant
+
+
+def stepped(
+    linear: ModalModel, effects: Sequence[Effect], places: Places, rate_hz: float, substeps: int = 1
+) -> Stepped:
+    """Return `linear` with `effects` as it is stepped so many times a sample at `rate_hz`.
+
+    Raises ConfigError when an effect has no place here.
+    """
+    linear = retuned(linear, effects, places)
+    finer = finer_for_delays(linear, rate_hz)
+    return Stepped(linear, finer, plant_of(linear, rate_hz * finer, -(-substeps // finer)))
+
+
 def replay(
-    linear: ModalModel,
+    linear: ModalModel | Stepped,
     effects: Sequence[Effect],
     places: Places,
     transducers: layout.Transducers,
@@ -52,16 +76,16 @@ def replay(
     """Play `u` (n, n_u) from modal states `start` (m, 2; rest when None) and return the motion.
 
     Where taps would not stand for a delay, the loop runs a whole number of times faster. Effects that only draw random
-    numbers take part with none. Raises ConfigError when an effect has no place here.
+    numbers take part with none. What is `stepped` already is so with these effects, rate and substeps. Raises
+    ConfigError when an effect has no place here.
     """
-    linear = retuned(linear, effects, places)
-    finer = finer_for_delays(linear, rate_hz)
+    ready = linear if isinstance(linear, Stepped) else stepped(linear, effects, places, rate_hz, substeps)
+    linear, finer, plant = ready.linear, ready.finer, ready.plant
     if finer > 1:
         held = None if temperature_k is None else np.repeat(temperature_k, finer)
-        u, temperature_k, substeps = np.repeat(u, finer, axis=0), held, -(-substeps // finer)
+        u, temperature_k = np.repeat(u, finer, axis=0), held
     n, n_u = u.shape
     rate_hz *= finer
-    plant = plant_of(linear, rate_hz, substeps)
     fx, ordered = effects_of(effects, places, linear)
     columns: list[Array] = []
     for i, effect in enumerate(ordered):

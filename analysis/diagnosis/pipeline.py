@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
 from analysis.diagnosis.fitting.balance import plainly_better, tune
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on
+from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.fitting.steps import steps_of
 from analysis.diagnosis.fitting.told import left_however_tuned
@@ -32,7 +34,7 @@ from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
-from analysis.diagnosis.spread.lines import without_lines
+from analysis.diagnosis.spread.lines import without_lines, without_lines_of
 from analysis.diagnosis.verdict.barely import beside_doubts, doubted, follows_play, loses
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
@@ -126,10 +128,23 @@ def search_causes(
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    found = search(setting, tuned, rules, scales, progress)
+    found = search(setting, tuned, rules, scales, progress, without_noise=partial(_without_band, searched))
     if doubtful := _doubtful(found):
         found = exchanged(found, doubtful, rules, scales, progress)
     return beside_strangers(found, rules, scales, progress)
+
+
+def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) -> Fit:
+    """Return a fit without its vibration lines, where these are a band of noise in which all else has to be seen.
+
+    What stands out beside such a line is its neighbours in the band, one after the other.
+    """
+    if not setting.whitener.repeats:
+        return fit
+    rest = without_lines_of(setting, fit)
+    if rest is fit or not spread_causes(setting, rest, searched, leeway_of(setting, rest, rest)).louder:
+        return fit
+    return rest
 
 
 def _doubtful(found: Found) -> list[int]:

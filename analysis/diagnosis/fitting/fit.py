@@ -21,8 +21,8 @@ from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
-from sim_backend.linear import ModalModel
-from sim_backend.replay import Motion, replay
+from sim_backend.linear import ModalModel, discretise
+from sim_backend.replay import Motion, replay, stepped
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -145,11 +145,12 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
     """
     acting = [*setting.known, *effects]
     substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
-    n_blocks = retuned(linear, acting, setting.places).n_blocks  # states of modes that other effects added stay out
+    ready = stepped(linear, acting, setting.places, setting.data.rate_hz, substeps)
+    n_blocks = ready.linear.n_blocks  # states of modes that other effects added stay out
 
     def played(run: int, record: Record, states: Array) -> Motion:
         return replay(
-            linear,
+            ready,
             [e.in_run(run) for e in acting],
             setting.places,
             setting.transducers,
@@ -157,7 +158,6 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
             setting.data.rate_hz,
             temperature_k=record.temperature_k,
             start=states[:n_blocks],
-            substeps=substeps,
         )
 
     return setting.each(played, range(len(setting.data.records)), setting.data.records, setting.states)

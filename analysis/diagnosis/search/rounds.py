@@ -38,6 +38,11 @@ def silent(what: str, part: float) -> None:
     """Take no notice of progress."""
 
 
+def as_it_is(setting: Setting, fit: Fit) -> Fit:
+    """Return `fit`."""
+    return fit
+
+
 _TUNED, _SEARCH = 0.05, 0.85
 """Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
 
@@ -93,10 +98,12 @@ def search(
     progress: Progress,
     start: Fit | None = None,
     rounds: int = MOST,
+    without_noise: Callable[[Setting, Fit], Fit] = as_it_is,
 ) -> Found:
     """Return the best set of effects, by alternating screening and refitting, and all that came near it.
 
-    The effects of `start` are there to begin with; no more are added than there are `rounds`.
+    The effects of `start` are there to begin with; no more are added than there are `rounds`. `without_noise` returns a
+    fit without what is noise: where that is something the noise is louder than thought, and nothing more is looked for.
     """
     best = tuned if start is None else start
     rivals = [best]
@@ -110,6 +117,9 @@ def search(
         # most searches end early: each further effect gets half of what is left of the time to be told
         share = 0.5 ** (depth + 1)
         allowed = rules.beside([c.effect for c in best.candidates])
+        if shortlist(last, allowed) and (less := without_noise(setting, best)) is not best:
+            best = less
+            break
         stage = _Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:

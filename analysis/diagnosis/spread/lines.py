@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.search.rounds import Found
@@ -14,22 +15,28 @@ from sim_backend.effects.vibration_line import VibrationLine
 
 
 def without_lines(found: Found) -> Found:
-    """Return the outcome without its vibration lines, where random vibration explains the data as well.
+    """Return the outcome without its vibration lines, where random vibration explains the data as well."""
+    best, setting = found.best, found.setting
+    rest = without_lines_of(setting, best)
+    if rest is best:
+        return found
+    lost = max(rest.misfit - best.misfit, 0.0)
+    explained = max(found.explained - lost, 0.0) if rest.candidates else 0.0
+    rivals = tuple(f for f in found.rivals if not any(c.effect is VibrationLine for c in f.candidates))
+    return replace(found, best=rest, rivals=rivals, explained=explained, leeway=leeway_of(setting, found.tuned, rest))
+
+
+def without_lines_of(setting: Setting, best: Fit) -> Fit:
+    """Return a fit without its vibration lines, where random vibration explains the data as well.
 
     Both are compared by the evidence of what does not repeat, the noise of either being free to have a band; a line
     must be worth what its parameters are narrowed by, and being sure.
     """
-    best, setting = found.best, found.setting
     keep = [i for i, c in enumerate(best.candidates) if c.effect is not VibrationLine]
     if len(keep) == len(best.candidates):
-        return found
+        return best
     candidates, sizes = best.held(keep)
     rest = refit(setting, candidates, sizes, best.change, exact=True)
     price = SURE_LEAD + best.occam - rest.occam
     worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
-    if worth > price or not math.isfinite(rest.misfit):
-        return found
-    lost = max(rest.misfit - best.misfit, 0.0)
-    explained = max(found.explained - lost, 0.0) if candidates else 0.0
-    rivals = tuple(f for f in found.rivals if not any(c.effect is VibrationLine for c in f.candidates))
-    return replace(found, best=rest, rivals=rivals, explained=explained, leeway=leeway_of(setting, found.tuned, rest))
+    return best if worth > price or not math.isfinite(rest.misfit) else rest

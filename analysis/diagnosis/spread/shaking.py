@@ -55,9 +55,7 @@ _AS_STRONG = 0.5
 
 def shaking(setting: Setting, fit: Fit) -> list[Chance]:
     """Return the broadband vibration that the noise shows, if there is one."""
-    series = _series(setting, fit)
-    whittle = _whittle(setting, fit, [one.rows for one in series])
-    found = None if whittle is None else _best(whittle, _resolution(setting, series))
+    series, whittle, found = _looked_for(setting, fit)
     if whittle is None or found is None:
         return []
     linear = linear_of(setting, fit)
@@ -73,13 +71,26 @@ def shaking(setting: Setting, fit: Fit) -> list[Chance]:
 
 def noise_evidence(setting: Setting, fit: Fit) -> float:
     """Return the logarithm of the evidence of what does not repeat under the best floor, with or without a torque."""
-    series = _series(setting, fit)
-    whittle = _whittle(setting, fit, [one.rows for one in series])
+    _, whittle, found = _looked_for(setting, fit)
     if whittle is None:
         return 0.0
-    found = _best(whittle, _resolution(setting, series))
     # the noise of an amplifier may be the better one
     return _nothing(whittle)[0] + (max(found.evidence + max(-found.lead, 0.0), 0.0) if found else 0.0)
+
+
+def _looked_for(setting: Setting, fit: Fit) -> tuple[list[Series], Whittle | None, _Best | None]:
+    """Return what does not repeat, its likelihood and the best band in it, worked out once.
+
+    Lines are held against a band, and then the band itself is looked at.
+    """
+
+    def looked() -> tuple[Fit, list[Series], Whittle | None, _Best | None]:
+        series = _series(setting, fit)
+        whittle = _whittle(setting, fit, [one.rows for one in series])
+        found = None if whittle is None else _best(whittle, _resolution(setting, series))
+        return fit, series, whittle, found  # with the fit itself, so that no other one gets its number
+
+    return setting.once.of(("band", id(fit)), looked)[1:]
 
 
 def _series(setting: Setting, fit: Fit) -> list[Series]:
