@@ -15,7 +15,7 @@ from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
-from analysis.diagnosis.fitting.balance import plainly_better, tune
+from analysis.diagnosis.fitting.balance import plainly_better, tune, tuned_beside
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on
 from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
@@ -57,6 +57,9 @@ Array = NDArray[np.float64]
 
 _COARSER = 8
 """First trials take steps so many times longer, but none longer than a sample."""
+
+_RETUNED = 3
+"""Searches that begin anew, at most, because the one before led the nominal model to better numbers."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,12 @@ def search_causes(
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
-    found = search(setting, tuned, rules, scales, progress, without_noise=partial(_without_band, searched))
+    without_noise = partial(_without_band, searched)
+    found = search(setting, tuned, rules, scales, progress, without_noise=without_noise)
+    for _ in range(_RETUNED):
+        if (other := tuned_beside(replace(found.setting, substeps=first), found.tuned, found.best)) is None:
+            break
+        found = search(*other, rules, scales, progress, without_noise=without_noise)
     if doubtful := _doubtful(found):
         found = exchanged(found, doubtful, rules, scales, progress)
     return beside_strangers(found, rules, scales, progress)

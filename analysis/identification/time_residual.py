@@ -17,7 +17,7 @@ from sim_backend.jit import njit
 from sim_backend.linear import Array, ModalModel, delay_taps, discretise
 
 # samples per pass: the Jacobian of one output over this many samples stays small enough for the cache
-_CHUNK = 4096
+_CHUNK = 2048
 
 
 @dataclass(frozen=True)
@@ -110,46 +110,66 @@ def time_normal_equations(target: TimeTarget, vector: Array, layout: Layout) -> 
     places = nuisances(layout, len(target.inputs))
     modelled = model_outputs(target, vector, layout)
     gradient, hessian, cost = np.zeros(vector.size), np.zeros((vector.size, vector.size)), 0.0
-    skip = target.whitening.shape[1] - 1
     for r, place in enumerate(places):
         error = modelled[r] - target.outputs[r]
-        tails: list[Array | None] = [None] * layout.n_outputs
-        for start, columns in _jacobians(target, r, vector, layout, place):
-            for o, (index, jacobian) in enumerate(columns):
-                stop = start + jacobian.shape[1]
-                rows = np.concatenate([jacobian, error[None, start:stop, o]])
-                history = tails[o]
-                joined = rows if history is None else np.concatenate([history, rows], axis=1)
-                tails[o] = joined[:, joined.shape[1] - skip :] if skip else None
-                white = scipy.signal.lfilter(target.whitening[o], [1.0], joined, axis=1)[:, skip:]
-                cost += float(white[-1] @ white[-1])
-                gradient[index] += white[:-1] @ white[-1]
-                hessian[np.ix_(index, index)] += white[:-1] @ white[:-1].T
+        for index, products in _products(target, r, error, vector, layout, place):
+            cost += float(products[-1, -1])
+            gradient[index] += products[:-1, -1]
+            hessian[np.ix_(index, index)] += products[:-1, :-1]
     return Normal(cost, gradient, hessian)
 
 
-def _jacobians(
-    target: TimeTarget, record: int, vector: Array, layout: Layout, place: Nuisance
-) -> Iterator[tuple[int, list[tuple[NDArray[np.intp], Array]]]]:
-    """Yield per chunk its first sample and, per output, the indices (k,) and the Jacobian's columns (k, n)."""
+def _products(
+    target: TimeTarget, record: int, error: Array, vector: Array, layout: Layout, place: Nuisance
+) -> Iterator[tuple[NDArray[np.intp], Array]]:
+    """Yield per output the indices (k,) and the products (k + 1, k + 1) of whitened Jacobian and `error` (n, n_y).
+
+    All work is done a chunk at a time in the same few arrays: fresh ones of this size cost as much as the arithmetic.
+    """
     model = unpack(vector, layout)
-    x0 = vector[place.state]
     matrices = block_matrices(model.omega_rad_s, model.sigma_1_s, target.rate_hz)
     u = np.ascontiguousarray(delayed(target.inputs[record], model.delay_s * target.rate_hz).T)
     slopes = _delay_slopes(target, record, model, layout)
-    m, n_u = layout.n_blocks, layout.n_inputs
-    state = np.zeros((m, n_u + 2, 6))
+    m, n_u, n = layout.n_blocks, layout.n_inputs, u.shape[1]
+    weights = [_weights(model, vector[place.state], o) for o in range(layout.n_outputs)]
+    k, skip, chunk = m * weights[0].shape[1] + 2 * n_u + 2, target.whitening.shape[1] - 1, min(_CHUNK, n)
+    # before its first sample a record has no rows; the first `skip` of a chunk are the last of the one before
+    rows, white = np.zeros((layout.n_outputs, k, skip + chunk)), np.empty((k, chunk))
+    state, room = np.zeros((m, n_u + 2, 6)), np.empty(m * (n_u + 2) * 6 * chunk)
     state[:, n_u, 0] = state[:, n_u + 1, 1] = 1.0
-    for start in range(0, u.shape[1], _CHUNK):
-        part = np.ascontiguousarray(u[:, start : start + _CHUNK])
-        signals = np.empty((m, n_u + 2, 6, part.shape[1]))
-        _block_signals(matrices.a, matrices.b, matrices.da, matrices.db, part, state, signals)
-        slope = slopes[:, start : start + _CHUNK]
-        yield start, [_columns(model, layout, place, x0, signals, part, slope, o) for o in range(layout.n_outputs)]
+    products = np.zeros((layout.n_outputs, k, k))
+    for start in range(0, n, chunk):
+        part = slice(start, min(start + chunk, n))
+        size = part.stop - start
+        signals = room[: state.size * size].reshape(*state.shape, size)
+        drive = np.ascontiguousarray(u[:, part])
+        _block_signals(matrices.a, matrices.b, matrices.da, matrices.db, drive, state, signals)
+        for o in range(layout.n_outputs):
+            own = rows[o, :, : skip + size]
+            own[:, :skip] = rows[o, :, chunk:]
+            _fill(own[:, skip:], weights[o], signals, drive, slopes[:, o, part], error[part, o])
+            _filtered(target.whitening[o], own, white[:, :size])
+            known = white[:, max(skip - start, 0) : size]
+            products[o] += known @ known.T
+    yield from zip((_indices(layout, place, o) for o in range(layout.n_outputs)), products, strict=True)
+
+
+@njit
+def _filtered(taps: Array, rows: Array, out: Array) -> None:
+    """Fill `out` (k, n) with `rows` (k, p + n) filtered by `taps` (p + 1,)."""
+    skip, n = taps.size - 1, out.shape[1]
+    for j in range(out.shape[0]):
+        now, of = out[j], rows[j, skip:]
+        for i in range(n):
+            now[i] = taps[0] * of[i]
+        for lag in range(1, skip + 1):
+            past, weight = rows[j, skip - lag :], taps[lag]
+            for i in range(n):
+                now[i] += weight * past[i]
 
 
 def _delay_slopes(target: TimeTarget, record: int, model: ModalModel, layout: Layout) -> Array:
-    """Return the derivative of each output to each input's delay, (n_u · n_y, n), zero rows when delays are fixed."""
+    """Return the derivative of each output to each input's delay, (n_u, n_y, n), zero rows when delays are fixed."""
     n_u, n_y, n = layout.n_inputs, layout.n_outputs, target.inputs[record].shape[0]
     slopes = np.zeros((n_u, n_y, n))
     free = layout.free[layout.index("delay_s")]
@@ -160,51 +180,50 @@ def _delay_slopes(target: TimeTarget, record: int, model: ModalModel, layout: La
             only = np.zeros((n, n_u))
             only[:, j] = target.rate_hz * weighted(target.inputs[record][:, j], taps.first, taps.slopes)
             slopes[j] = simulate_linear(bare, only).T
-    return slopes.reshape(n_u * n_y, n)
+    return slopes
 
 
-def _columns(
-    model: ModalModel,
-    layout: Layout,
-    place: Nuisance,
-    x0: Array,
-    signals: Array,
-    u: Array,
-    slope: Array,
-    output: int,
-) -> tuple[NDArray[np.intp], Array]:
-    """Return the indices and the Jacobian (k, n) of one output over one chunk; the equations are modal_parameters'."""
-    part, n_u, m = participation(model), layout.n_inputs, layout.n_blocks
-    c, rate = model.c[output], model.c_rate[output]
-    omega2 = model.omega_rad_s[:, None] ** 2
-    n0, n1 = part.n0[:, output], part.n1[:, output]
+def _weights(model: ModalModel, x0: Array, output: int) -> Array:
+    """Return how each block's signals add up to the derivatives of one output, (m, 2 n_u + 6, 6 n_u + 12).
 
-    def weighted(on_q: Array, on_v: Array, free_q: Array, free_v: Array, pair: int) -> Array:
-        """Sum over inputs of the pair's two signals under weights (m, n_u), free responses under (m,) times x0."""
-        first = np.concatenate([on_q, free_q[:, None] * x0], axis=1)
-        second = np.concatenate([on_v, free_v[:, None] * x0], axis=1)
-        both = np.stack([first, second], axis=2).reshape(m, 1, -1)
-        return (both @ signals[:, :, 2 * pair : 2 * pair + 2].reshape(m, -1, signals.shape[3]))[:, 0]
+    The equations are modal_parameters'. `x0` (m, 2) are the states at the first sample. Rows are in the order of
+    `_indices`, signals in that of `_block_signals`.
+    """
+    part = participation(model)
+    m, n_u = model.b.shape
+    c, rate, omega2 = model.c[output], model.c_rate[output], model.omega_rad_s[:, None] ** 2
+    out = np.zeros((m, 2 * n_u + 6, n_u + 2, 6))
+    for row, first, changed in ((0, 2, part.n0_log_omega), (1, 4, part.n0_log_sigma)):
+        out[:, row, :n_u, first], out[:, row, :n_u, first + 1] = part.n0[:, output], part.n1[:, output]
+        out[:, row, n_u:, first], out[:, row, n_u:, first + 1] = c[:, None] * x0, rate[:, None] * x0
+        out[:, row, :n_u, 0] = changed[:, output]
+    for j in range(n_u):
+        out[:, 2 + j, j, 0], out[:, 2 + j, j, 1] = c, rate
+        out[:, 2 + n_u + j, j, 0] = 2.0 * model.sigma_1_s * c - omega2[:, 0] * rate
+        out[:, 2 + n_u + j, j, 1] = c
+    by_c, by_rate = out[:, 2 + 2 * n_u], out[:, 3 + 2 * n_u]
+    by_c[:, :n_u, 0], by_c[:, :n_u, 1], by_c[:, n_u:, 0] = part.force, model.b_direct, x0
+    by_rate[:, :n_u, 0], by_rate[:, :n_u, 1], by_rate[:, n_u:, 1] = -omega2 * model.b_direct, model.b, x0
+    for i in range(2):
+        out[:, 4 + 2 * n_u + i, n_u + i, 0], out[:, 4 + 2 * n_u + i, n_u + i, 1] = c, rate
+    return out.reshape(m, 2 * n_u + 6, -1)
 
-    none, one, zero = np.zeros((m, n_u)), np.ones(m), np.zeros(m)
-    q, v = signals[:, :n_u, 0], signals[:, :n_u, 1]
-    into_b = c[:, None, None] * q + rate[:, None, None] * v
-    force = 2.0 * model.sigma_1_s[:, None]
-    into_direct = (c[:, None] * force - omega2 * rate[:, None])[:, :, None] * q + c[:, None, None] * v
-    start = c[:, None, None] * signals[:, n_u:, 0] + rate[:, None, None] * signals[:, n_u:, 1]
-    by_omega = weighted(n0, n1, c, rate, 1) + weighted(part.n0_log_omega[:, output], none, zero, zero, 0)
-    by_sigma = weighted(n0, n1, c, rate, 2) + weighted(part.n0_log_sigma[:, output], none, zero, zero, 0)
-    by_c = weighted(part.force, model.b_direct, one, zero, 0)
-    by_rate = weighted(-omega2 * model.b_direct, model.b, zero, one, 0)
-    n = u.shape[1]
-    columns = [by_omega, by_sigma, into_b.reshape(-1, n), into_direct.reshape(-1, n), by_c, by_rate, u]
-    columns += [slope.reshape(n_u, layout.n_outputs, -1)[:, output], start.reshape(-1, n), np.ones((1, n))]
-    names = [layout.index("log_omega"), layout.index("log_sigma"), layout.index("b").ravel()]
-    names += [layout.index("b_direct").ravel(), layout.index("c")[output], layout.index("c_rate")[output]]
-    names += [
-        layout.index("d")[output],
-        layout.index("delay_s"),
-        place.state.ravel(),
-        place.offset[output : output + 1],
-    ]
-    return np.concatenate(names), np.concatenate(columns)
+
+def _indices(layout: Layout, place: Nuisance, output: int) -> NDArray[np.intp]:
+    """Return where the derivatives of one output stand in the vector: block by block, then what no block carries."""
+    own = [layout.index(name)[:, None] for name in ("log_omega", "log_sigma")]
+    own += [layout.index("b"), layout.index("b_direct")]
+    own += [layout.index(name)[output][:, None] for name in ("c", "c_rate")]
+    blocks = np.concatenate([*own, place.state], axis=1).ravel()
+    rest = layout.index("d")[output], layout.index("delay_s"), place.offset[output : output + 1]
+    return np.concatenate([blocks, *rest])
+
+
+def _fill(rows: Array, weights: Array, signals: Array, u: Array, slopes: Array, error: Array) -> None:
+    """Fill `rows` (k + 1, n) with the derivatives of one output, in the order of `_indices`, and its `error` (n,)."""
+    (m, each, _), n_u = weights.shape, u.shape[0]
+    blocks = rows[: m * each]
+    for i in range(m):
+        np.matmul(weights[i], signals[i].reshape(weights.shape[2], -1), out=blocks[i * each : (i + 1) * each])
+    rest = rows[m * each :]
+    rest[:n_u], rest[n_u : 2 * n_u], rest[2 * n_u], rest[2 * n_u + 1] = u, slopes, 1.0, error

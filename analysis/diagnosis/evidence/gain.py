@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
-from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import SELDOM, Gain, OutputGain, SegmentGain
 from sim_backend.linear import ModalModel, discretise
 
@@ -23,6 +23,10 @@ DRAWS = 2000
 
 LEAST_BLOCKS = 8
 """Blocks that a window should give at least; with fewer the interval would rest on too few draws."""
+
+LEAST_ROWS = 8
+"""Readings for every state, at least, of a window that is begun anew: from fewer a start would take more than an eighth
+of what is left, and with it what a wrong damping or stiffness does in so short a time."""
 
 
 def gain_of(
@@ -39,9 +43,9 @@ def gain_of(
 
     `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
     relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
-    noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. Where a record
-    is held out as a whole, no fit knows the state it started in, so that what a start can add under `first` and
-    `extended`, the linear models that left `before` and `after`, is taken out of it.
+    noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. What the state
+    in which a window begins can add under `first` and `extended`, the linear models that left `before` and `after`, is
+    taken out of it.
     """
     windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
     if not windows:
@@ -98,8 +102,15 @@ def _simulated_size(data: Dataset, residuals: Sequence[Array], windows: Sequence
 def _cleaned(
     data: Dataset, residuals: Sequence[Array], linear: ModalModel, windows: Sequence[tuple[int, Window]]
 ) -> dict[int, Array]:
-    """Return the residuals (n, n_y) of the records of `windows`, by number, without what an unknown start adds."""
-    return {i: _without_start(data.records[i], residuals[i], linear, data.rate_hz) for i in {i for i, _ in windows}}
+    """Return the residuals (n, n_y) of the records of `windows`, by number, without what the start of each window adds.
+
+    So an identification has it that never saw them: what a model swings on with from the rows before is an error there.
+    """
+    cleaned = {i: residuals[i].copy() for i in {i for i, _ in windows}}
+    for i, w in windows:
+        rows = slice(w.start, w.stop)
+        cleaned[i][rows] = _without_start(residuals[i][rows], linear, data.rate_hz)
+    return cleaned
 
 
 def _squares(cleaned: Mapping[int, Array], windows: Sequence[tuple[int, Window]], size: Array) -> list[Array]:
@@ -114,15 +125,20 @@ def _rms(squares: Sequence[Array]) -> float:
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
-def _without_start(record: Record, residual: Array, linear: ModalModel, rate_hz: float) -> Array:
-    """Return the residual (n, n_y) without what an unknown first state adds, in records that no fit has touched."""
-    if record.fitted().any():
+def _without_start(residual: Array, linear: ModalModel, rate_hz: float) -> Array:
+    """Return the residual (n, n_y) without what an unknown first state adds, one number for each state of `linear`.
+
+    These numbers were fitted, so that what is left counts as left of so many fewer: noise stays as large as it is. In
+    a window too short to tell them from its noise nothing is taken out.
+    """
+    free = free_responses(discretise(linear, rate_hz), residual.shape[0]).reshape(residual.size, -1)
+    if residual.size < LEAST_ROWS * free.shape[1]:
         return residual
-    free = free_responses(discretise(linear, rate_hz), record.n).reshape(record.n * linear.n_outputs, -1)
     scale = np.linalg.norm(free, axis=0)
     free = free[:, scale > 0.0] / scale[scale > 0.0]
-    states, *_ = np.linalg.lstsq(free, residual.reshape(-1), rcond=1e-9)
-    return residual - (free @ states).reshape(residual.shape)
+    states, _, rank, _ = np.linalg.lstsq(free, residual.reshape(-1), rcond=1e-9)
+    left = residual - (free @ states).reshape(residual.shape)
+    return np.asarray(left * np.sqrt(residual.size / (residual.size - int(rank))))
 
 
 def _block(data: Dataset, linear: ModalModel) -> int:

@@ -76,6 +76,18 @@ def tune(setting: Setting) -> tuple[Setting, Fit]:
     return best
 
 
+def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit] | None:
+    """Return setting and fit of the nominal model tuned from the numbers of `best`, None where that is no better.
+
+    Where nothing repeats, the noise follows what a fit leaves, and a descent may end where both have made their peace.
+    An effect moves the numbers on from there; what these gain by themselves is no merit of the effect.
+    """
+    if setting.whitener.repeats or setting.whitener.even or not best.candidates:
+        return None
+    found = _tuned(setting, best.change)
+    return found if score(found[1], False) < score(tuned, False) - _IN_LINE else None
+
+
 def _afresh(setting: Setting, change: Array) -> tuple[Setting, Array]:
     """Return the setting and the change of the knobs (n_knobs,) after a descent from there in white noise.
 

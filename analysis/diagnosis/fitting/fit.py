@@ -21,7 +21,7 @@ from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel
 from sim_backend.replay import Motion, replay, stepped
 
 Array = NDArray[np.float64]

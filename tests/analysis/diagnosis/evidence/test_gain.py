@@ -22,6 +22,15 @@ def coloured(rng, n):
     return lfilter([np.sqrt(1.0 - 0.8**2)], [1.0, -0.8], rng.standard_normal((n + 100, 1)), axis=0)[100:]
 
 
+def bare(linear, residual):
+    """Return a residual (n, 1) of a window less what the state in which it begins may add, by plain least squares.
+
+    In a size that is not biased by the two numbers fitted.
+    """
+    free, n = free_responses(discretise(linear, RATE_HZ), residual.shape[0])[:, 0], residual.size
+    return (residual - free @ np.linalg.lstsq(free, residual, rcond=None)[0]) * np.sqrt(n / (n - 2))
+
+
 def test_only_held_out_rows_count(oscillator):
     rng = np.random.default_rng(0)
     y, before = 10.0 * rng.standard_normal((4000, 1)), rng.standard_normal((4000, 1))
@@ -34,7 +43,7 @@ def test_only_held_out_rows_count(oscillator):
     assert found is not None
     size = np.std(y[2000:])
     assert found.held_out == ("run#held-out",)
-    assert found.rms_before == pytest.approx(np.sqrt(np.mean(before[2000:] ** 2)) / size, rel=1e-12)
+    assert found.rms_before == pytest.approx(np.sqrt(np.mean(bare(linear, before[2000:]) ** 2)) / size, rel=1e-12)
     assert found.rms_after == pytest.approx(0.25 * found.rms_before, rel=1e-12)
     # before and after are drawn together, so a ratio that is the same in every row has no spread
     assert found.ci95 == pytest.approx((0.75, 0.75), abs=1e-9)
@@ -134,9 +143,52 @@ def test_each_output_has_a_gain_of_its_own(oscillator):
     found = gain_of(data, [before], [noise], Whitener(np.array([[1.0], [1.0]]), repeats=False), two, two, ["a", "b"])
     assert found is not None
     sizes = np.std(y[10:], axis=0)
+    # one state moves both outputs alike: it is found from both at once
+    free, n = free_responses(discretise(linear, RATE_HZ), 3990)[:, 0], 2 * 3990
+    starts = [np.linalg.lstsq(free, x[10:].mean(axis=1), rcond=None)[0] for x in (before, noise)]
     for o, one in enumerate(found.outputs):
         assert one.output == "ab"[o]
-        assert one.rms_before == pytest.approx(np.sqrt(np.mean(before[10:, o] ** 2)) / sizes[o], rel=1e-9)
-        assert one.rms_after == pytest.approx(np.sqrt(np.mean(noise[10:, o] ** 2)) / sizes[o], rel=1e-9)
+        both = zip((before, noise), starts, strict=True)
+        own = [np.sqrt(np.mean((x[10:, o] - free @ start) ** 2) * n / (n - 2)) for x, start in both]
+        assert (one.rms_before, one.rms_after) == pytest.approx(tuple(np.array(own) / sizes[o]), rel=1e-9)
     # together they are the mean of squares
     assert found.rms_before**2 == pytest.approx(np.mean([one.rms_before**2 for one in found.outputs]), rel=1e-9)
+
+
+def test_a_held_out_window_begins_anew_beside_rows_that_were_fitted(oscillator):
+    rng = np.random.default_rng(6)
+    linear = oscillator.linear()
+    # a motion that swings on from the rows before, fifty times the noise
+    swing = np.zeros((3000, 1))
+    swing[1000:] = free_responses(discretise(linear, RATE_HZ), 2000)[:, :, 0]
+    swing *= 0.5 / np.std(swing[1000:])
+    noise, y = 0.01 * rng.standard_normal((3000, 1)), rng.standard_normal((3000, 1))
+    data = Dataset(RATE_HZ, (record(y, (Window("fit", 0, 1000), Window("held-out", 1000, 3000, held_out=True))),))
+    found = gain_of(data, [noise + swing], [noise + swing], WHITENER, linear, linear, ["x"])
+    assert found is not None
+    # of 2000 rows of noise the rms is known to 1.6 %, and it is this very noise but for two numbers
+    assert found.rms_after == pytest.approx(np.sqrt(np.mean(noise[1000:] ** 2)) / np.std(y[1000:]), rel=2e-3)
+
+
+def test_a_window_too_short_to_know_its_start_keeps_what_is_left(oscillator):
+    rng = np.random.default_rng(7)
+    linear, y, left = oscillator.linear(), rng.standard_normal((1000, 1)), rng.standard_normal((1000, 1))
+    data = Dataset(RATE_HZ, (record(y, (Window("fit", 0, 985), Window("held-out", 985, 1000, held_out=True))),))
+    found = gain_of(data, [left], [left], WHITENER, linear, linear, ["x"])
+    assert found is not None
+    assert found.rms_after == pytest.approx(np.sqrt(np.mean(left[985:] ** 2)) / np.std(y[985:]), rel=1e-12)
+
+
+@pytest.mark.parametrize("rows", [40, 400])
+def test_noise_stays_as_large_as_it_is_beside_a_start(oscillator, rows):
+    linear, squares = oscillator.linear(), []
+    for seed in range(300):
+        noise = np.random.default_rng(seed).standard_normal((rows + 10, 1))
+        windows = (Window("fit", 0, 10), Window("held-out", 10, rows + 10, held_out=True))
+        found = gain_of(
+            Dataset(RATE_HZ, (record(noise, windows),)), [noise], [noise], WHITENER, linear, linear, ["x"], seed
+        )
+        assert found is not None
+        squares.append((found.rms_after * np.std(noise[10:])) ** 2)
+    # the mean of 300 sums of `rows` squares, five standard deviations
+    assert np.mean(squares) == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / (300 * rows)))
