@@ -126,22 +126,17 @@ def search(
             trials += _against_white_noise(setting, stage, trials, rules, scales)
         ahead = [(lead_of(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
-            found = _unmasked(flat, best, beneath, last.price)
-            # what the slow noise has taken for its own may have stood out there as well, by too little
-            upheld = _upheld(flat, stage.trials(flat, found), best, last.price)
-            ahead = [(lead, f) for lead, f in ahead if not _keys([f]) & _keys(upheld)]
-            ahead += [(score(best, True) - score(f, True), f) for f in upheld]
+            ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
             if upheld and not best.candidates:  # causes are compared where they stand out
                 first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
-        trials = [f for _, f in ahead]
         if _top(ahead) <= last.price:
-            rivals += trials
+            rivals += [f for _, f in ahead]
             break
         if not best.candidates:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
-        some = trials[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]
+        some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
         setting, trials, before = _settled(careful, some, rivals[0])
         best = sharpened(setting, _best_of(setting, trials, before))
@@ -155,6 +150,17 @@ def search(
     explained = explained_by(setting, tuned, best)
     leeway = leeway_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *smaller]), first, last, explained, leeway, passed)
+
+
+def _beneath(
+    flat: Setting, stage: _Stage, beneath: Screen, price: float, ahead: Sequence[tuple[float, Fit]]
+) -> tuple[list[tuple[float, Fit]], list[Fit]]:
+    """Return leads and fits with those that stand out against `flat` noise in place of their like, and these alone."""
+    found = _unmasked(flat, stage.best, beneath, price)
+    # what the slow noise has taken for its own may have stood out there as well, by too little
+    upheld = _upheld(flat, stage.trials(flat, found), stage.best, price)
+    kept = [(lead, f) for lead, f in ahead if not _keys([f]) & _keys(upheld)]
+    return kept + [(score(stage.best, True) - score(f, True), f) for f in upheld], upheld
 
 
 def _against_white_noise(
