@@ -45,14 +45,22 @@ def nominal(off: float = 0.02, seed: int = 0) -> Model:
     linear = ModalModel(
         omega, zeta * omega, residue[:, None], none, np.ones((1, 2)), none.T, np.zeros((1, 1)), np.zeros(1)
     )
-    ports = [[Port(name=name, unit=unit, dof="x")] for name, unit in (("u", "N m"), ("y", "rad"))]
+    return modelled(linear, "two modes", ("",))
+
+
+def modelled(linear: ModalModel, name: str, axes: tuple[str, ...]) -> Model:
+    """A model of the drives u and readings y of axes x, each with the suffix of its axis."""
+    inputs, outputs = (
+        [Port(name=f"{letter}{axis}", unit=unit, dof=f"x{axis}") for axis in axes]
+        for letter, unit in (("u", "N m"), ("y", "rad"))
+    )
     return from_linear(
         linear,
-        name="two modes",
+        name=name,
         title="",
         sample_rate_hz=5000.0,
-        inputs=ports[0],
-        outputs=ports[1],
+        inputs=inputs,
+        outputs=outputs,
         origin="stated",
         source="",
     )

@@ -10,8 +10,7 @@ import scipy
 
 from analysis.diagnosis.response.diagnose import diagnose_response
 from analysis.diagnosis.response.lines import load_lines
-from sim_backend.model import Port, from_linear
-from tests.analysis.diagnosis.response.tables import MODES, F, noisy, nominal, response, written
+from tests.analysis.diagnosis.response.tables import MODES, F, modelled, noisy, nominal, response, written
 
 S = 2j * np.pi * F
 EXTRA = 0.05 * 40.0 / (S**2 + 2.0 * 0.01 * (2 * np.pi * 80.0) * S + (2 * np.pi * 80.0) ** 2)
@@ -147,17 +146,7 @@ def test_of_two_drives_and_two_readings_the_late_drive_is_named(tmp_path):
     shape, drive = np.array([[1.0, 0.6], [0.7, -1.0]]), np.array([[1.0, 0.5], [0.4, -1.0]])
     none = np.zeros((2, 2))
     both = one.with_(b=one.b * drive, b_direct=none, c=shape, c_rate=none, d=none, delay_s=np.zeros(2))
-    ports = [[Port(name=f"{c}{k}", unit=unit, dof=f"x{k}") for k in (1, 2)] for c, unit in (("u", "N m"), ("y", "rad"))]
-    model = from_linear(
-        both,
-        name="two axes",
-        title="",
-        sample_rate_hz=5000.0,
-        inputs=ports[0],
-        outputs=ports[1],
-        origin="stated",
-        source="",
-    )
+    model = modelled(both, "two axes", ("1", "2"))
     h = model.linear().frequency_response(F, None)
     h[:, :, 1] *= np.exp(-S * 2e-4)[:, None]
     rows = ["output,input,frequency_hz,magnitude,phase_rad,std,noise_std"]
