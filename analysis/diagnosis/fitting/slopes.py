@@ -8,6 +8,7 @@ they say. Where something strong acts in the modes themselves, that the effects 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -26,72 +27,89 @@ from sim_backend.modes import is_mode
 
 Array = NDArray[np.float64]
 
-_STRONG_STEPS = 2
-"""Steps for which the knobs' columns serve beside a strong effect: computing them costs more than a step."""
-
-_STRAIGHT = 0.05
-"""A step that ends this much of its own length off what columns with torques held said of it has them renewed."""
+_STRAIGHT, _STRAIGHT_SIMULATED = 0.05, 0.3
+"""How far off what was said of it, in parts of its length, a step may end and only correct the columns: a few for
+simulated ones, each of which costs as much as a step."""
 
 
 class Slopes:
-    """d(stacked)/dx of a hypothesis, the knobs' columns with torques held or, `exact`, from full simulations.
+    """d(stacked)/dx of a hypothesis, as true as a descent has to have it.
 
-    `approximate` tells whether it makes a difference. Exact knob columns are computed once and kept for the small steps
-    that are left; beside a `strong` effect, where steps still are large, they are renewed every other step. Many modes
-    that something strong acts in would make that slow: the columns then are those of effects that answer, every time.
+    The knobs' columns are those with torques held as long as these lead somewhere, then those of full simulations;
+    beside a `strong` effect they are so from the start. A step that does nearly what was said of it corrects the
+    columns along its own direction (Broyden 1965), and the next needs no simulations.
+
+    Many modes that something strong acts in would make those slow: the columns then are those of effects that answer.
     """
 
-    def __init__(self, problem: Problem, *, exact: bool, strong: bool = False) -> None:
+    def __init__(self, problem: Problem, *, strong: bool = False) -> None:
+        self._problem = problem
         # columns are computed side by side already; each simulation need not be
-        self._problem = replace(problem, setting=replace(problem.setting, workers=1)) if exact else problem
+        self._alone = replace(problem, setting=replace(problem.setting, workers=1))
         self._answering = strong and any(is_mode(c.where) for c in problem.candidates)
-        self._workers, self._exact, self._strong, self._age = problem.setting.workers, exact, strong, 0
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
         late = any(knob.field == "delay_s" for knob in problem.setting.knobs)
         self.approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
+        self._simulated = strong and self.approximate and not self._answering
         self._last: tuple[Array, Array, Array] | None = None
+        self._outworn = self._own = False
 
     def normal(self, x: Array, at: Point) -> tuple[Array, Array]:
         """Return the normal equations at `x`."""
-        jacobian = self._at(x, at)
-        self._last = x, at.stacked, jacobian
+        kept = None if self._outworn else self._corrected(x, at)
+        self._own, self._outworn = kept is None, False
+        self._last = x, at.stacked, self._at(x, at) if kept is None else kept
+        jacobian = self._last[2]
         return jacobian.T @ jacobian, -jacobian.T @ at.stacked
+
+    def fresh(self) -> bool:
+        """Tell whether the last columns were of the place itself; if not, the next ones will be."""
+        self._outworn |= not self._own
+        return self._own
+
+    def truer(self) -> bool:
+        """Tell whether there are truer columns, which is what is asked for from then on."""
+        if self._simulated or self._answering or not self.approximate:
+            return False
+        self._simulated = self._outworn = True
+        return True
 
     def latest(self, x: Array, at: Point) -> Array:
         """Return the columns at the last place where a step began."""
         return self._at(x, at) if self._last is None else self._last[2]
 
-    def _at(self, x: Array, at: Point) -> Array:
-        n_knobs = len(self._problem.setting.knobs)
-        columns = np.empty((x.size, at.stacked.size)).T  # a column is one stretch of memory, as it is computed
-        kept = self._serving(x, at)
-        columns[:, :n_knobs] = self._knobs(x, at) if kept is None else kept[:, :n_knobs]
-        self._age += 1
-        own = range(n_knobs, x.size)
-        with ThreadPoolExecutor(self._workers) as pool:
-            for i, column in zip(own, pool.map(lambda i: self._slope(x, at, i), own), strict=True):
-                columns[:, i] = column
-        return columns
-
-    def _serving(self, x: Array, at: Point) -> Array | None:
-        """Return the last columns if those of the knobs serve at `x` as well."""
+    def _corrected(self, x: Array, at: Point) -> Array | None:
+        """Return the last columns, so that they say what the step from there did; None where they were too far off."""
         if self._last is None:
             return None
         before, there, jacobian = self._last
-        if self._exact:
-            outworn = self._answering or (self._strong and self._age % _STRONG_STEPS == 0)
-        else:
-            told = jacobian @ (x - before)
-            outworn = bool(np.sum((at.stacked - there - told) ** 2) > _STRAIGHT**2 * np.sum(told**2))
-        return None if outworn else jacobian
+        told = jacobian @ (x - before)
+        missed = at.stacked - there - told
+        straight = _STRAIGHT_SIMULATED if self._simulated else _STRAIGHT
+        if self._answering or not np.sum(missed**2) <= straight**2 * np.sum(told**2):
+            return None
+        weights = np.einsum("ij,ij->j", jacobian, jacobian) * (x - before)  # no unit of a parameter counts
+        length = float(weights @ (x - before))
+        return jacobian + np.outer(missed, weights / length) if length > 0.0 else jacobian
+
+    def _at(self, x: Array, at: Point) -> Array:
+        n_knobs = len(self._problem.setting.knobs)
+        columns = np.empty((x.size, at.stacked.size)).T  # a column is one stretch of memory, as it is computed
+        columns[:, :n_knobs] = self._knobs(x, at)
+        self._fill(columns, range(n_knobs, x.size), x, at)
+        return columns
+
+    def _fill(self, columns: Array, which: Sequence[int], x: Array, at: Point) -> None:
+        with ThreadPoolExecutor(self._problem.setting.workers) as pool:
+            for i, column in zip(which, pool.map(lambda i: self._slope(x, at, i), which), strict=True):
+                columns[:, i] = column
 
     def _knobs(self, x: Array, at: Point) -> Array:
         """Return the knobs' columns: with torques held, or from simulations for modes that an effect acts on."""
         problem, s = self._problem, self._problem.setting
         n_knobs = len(s.knobs)
         columns = np.zeros((n_knobs, at.stacked.size)).T
-        exact = self._exact and self.approximate and not self._answering
-        hard = [i for i in range(n_knobs) if exact and self._touched(s.knobs[i])]
+        hard = [i for i in range(n_knobs) if self._simulated and self._touched(s.knobs[i])]
         easy = [i for i in range(n_knobs) if i not in hard]
         if easy:
             moved = self._moved(x, at, [s.knobs[i] for i in easy])
@@ -99,9 +117,7 @@ class Slopes:
             for i, column in zip(easy, problem.whiten(moved).reshape(rows, -1).T, strict=True):
                 columns[:rows, i] = -column
             columns[rows:, easy] = problem.root[:, easy]
-        with ThreadPoolExecutor(self._workers) as pool:
-            for i, column in zip(hard, pool.map(lambda i: self._slope(x, at, i), hard), strict=True):
-                columns[:, i] = column
+        self._fill(columns, hard, x, at)
         return columns
 
     def _moved(self, x: Array, at: Point, knobs: list[Knob]) -> list[Array]:
@@ -130,7 +146,7 @@ class Slopes:
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
         """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""
-        problem = self._problem
+        problem = self._alone
         column, rows = np.zeros(at.stacked.size), at.stacked.size - x.size
         found = problem.slope(x, i, at.residuals)
         if found is not None:

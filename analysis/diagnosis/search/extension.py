@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
 from analysis.diagnosis.nominal.prior import spreads_of
@@ -17,6 +21,8 @@ from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
+
+_HALVINGS = 4
 
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
@@ -36,4 +42,23 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kno
         with suppress(ConfigError):
             sizes = sizes * part_to_take(setting, fit, candidate, sizes)
             start = np.clip(taken_over(setting, fit, candidate, sizes)[0], least, most)
-    return refit(setting, (*before, candidate), np.concatenate([held, sizes]), start)
+    candidates = (*before, candidate)
+    start, sizes = _near_enough(setting, fit, candidates, start, held, sizes)
+    return refit(setting, candidates, np.concatenate([held, sizes]), start)
+
+
+def _near_enough(
+    setting: Setting, fit: Fit, candidates: Sequence[Candidate], start: Array, held: Array, sizes: Array
+) -> tuple[Array, Array]:
+    """Return the knobs' `start` and the new effect's `sizes`, halved from `fit` on until better than it, a few times.
+
+    Screening is right to first order only. Where knobs are known poorly it asks for changes at which nothing is right
+    that it went by.
+    """
+    without = float(np.sum(squares_of(setting, fit.residuals)))
+    for _ in range(_HALVINGS):
+        scales, own = parameters_of(candidates, np.concatenate([held, sizes]))
+        if Problem(setting, tuple(candidates), scales).evaluate(np.concatenate([start, own])).misfit < without:
+            break
+        start, sizes = 0.5 * (start + fit.change), 0.5 * sizes
+    return start, sizes

@@ -90,12 +90,13 @@ def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
 
     Sizes of one loop take each other's place, and a size that of a shape: each is uncertain, and the loop is not.
     `without` is the fit that has all else re-tuned in its place. What changes the linear model itself re-tuned numbers
-    may do as well, from another place: there a size has to be seen.
+    may do as well, from another place, and a single size has nothing that takes its place: there it has to be seen.
     """
     count = sum(effect == i for effect, _ in fit.names)
     chance = 2.0 * float(scipy.stats.norm.sf(SEEN))
     gained = without.objective - fit.objective
-    return fit.effects[i].site is not Site.MODEL and gained > float(scipy.stats.chi2.isf(chance, count))
+    hidden = count > 1 and fit.effects[i].site is not Site.MODEL
+    return hidden and gained > float(scipy.stats.chi2.isf(chance, count))
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:

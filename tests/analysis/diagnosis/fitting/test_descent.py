@@ -8,25 +8,63 @@ from scipy.optimize import least_squares
 
 from analysis.diagnosis.fitting.descent import Descent, inverse_of
 
+T = np.linspace(0, 1, 50)
+DATA = 2.0 * np.exp(-3.0 * T) + 0.01 * np.sin(40 * T)
 
-def test_descent_finds_what_scipy_finds() -> None:
-    t = np.linspace(0, 1, 50)
-    data = 2.0 * np.exp(-3.0 * t) + 0.01 * np.sin(40 * t)
 
-    class Point:
-        def __init__(self, x: np.ndarray) -> None:
-            self.r = data - x[0] * np.exp(-x[1] * t)
-            self.objective = float(self.r @ self.r) * 1e6
+class Point:
+    """What an exponential of size x₀ and rate x₁ leaves of `DATA`."""
 
-    def normal(x: np.ndarray, at: Point) -> tuple[np.ndarray, np.ndarray]:
-        j = np.column_stack([np.exp(-x[1] * t), -x[0] * t * np.exp(-x[1] * t)])
+    def __init__(self, x: np.ndarray) -> None:
+        self.r = DATA - x[0] * np.exp(-x[1] * T)
+        self.objective = float(self.r @ self.r) * 1e6
+
+
+class Along:
+    """The slopes of a `Point`: those of another place or wrong ones until better ones are asked for."""
+
+    def __init__(self, wrong: float = 1.0) -> None:
+        self.wrong, self.asked, self.kept = wrong, 0, None
+
+    def normal(self, x: np.ndarray, at: Point) -> tuple[np.ndarray, np.ndarray]:
+        j = np.column_stack([np.exp(-x[1] * T), -self.wrong * x[0] * T * np.exp(-x[1] * T)])
         return 1e6 * j.T @ j, 1e6 * j.T @ at.r
 
-    high = np.array([np.inf, 2.5])
-    for upper in (np.full(2, np.inf), high):
-        x, _ = Descent(Point, normal, -upper, upper, np.full(2, 1.0)).run(np.array([1.0, 1.0]), 50)
-        expected = least_squares(lambda p: data - p[0] * np.exp(-p[1] * t), [1, 1], bounds=(-upper, upper)).x
-        np.testing.assert_allclose(x, expected, rtol=1e-3)
+    def fresh(self) -> bool:
+        return True
+
+    def truer(self) -> bool:
+        self.asked += 1
+        better, self.wrong = self.wrong != 1.0, 1.0
+        return better
+
+
+def expected(upper: np.ndarray) -> np.ndarray:
+    return least_squares(lambda p: DATA - p[0] * np.exp(-p[1] * T), [1, 1], bounds=(-upper, upper)).x
+
+
+def descended(slopes: Along, upper: np.ndarray, *, exact: bool = True) -> np.ndarray:
+    cap = np.full(2, 1.0)
+    return Descent(Point, slopes, -upper, upper, cap, exact=exact).run(np.array([1.0, 1.0]), 500)[0]
+
+
+@pytest.mark.parametrize("upper", [np.full(2, np.inf), np.array([np.inf, 2.5])], ids=["free", "bounded"])
+def test_descent_finds_what_scipy_finds(upper) -> None:
+    np.testing.assert_allclose(descended(Along(), upper), expected(upper), rtol=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [-1.0, 0.3, 5.0])
+def test_wrong_slopes_are_given_up_for_true_ones(wrong) -> None:
+    """A column of the wrong sign leads up, one of the wrong length to a crawl: neither may end a descent."""
+    slopes, upper = Along(wrong), np.full(2, np.inf)
+    np.testing.assert_allclose(descended(slopes, upper), expected(upper), rtol=1e-3)
+    assert slopes.asked
+
+
+def test_a_rough_descent_that_ends_freely_asks_for_nothing() -> None:
+    slopes, upper = Along(), np.full(2, np.inf)
+    np.testing.assert_allclose(descended(slopes, upper, exact=False), expected(upper), rtol=1e-3)
+    assert not slopes.asked
 
 
 def test_what_only_the_prior_determines_keeps_its_deviation_beside_what_is_known_to_many_digits() -> None:

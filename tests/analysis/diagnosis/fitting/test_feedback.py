@@ -43,7 +43,8 @@ def columns(*effects: tuple[str, str, dict[str, float]]) -> tuple[Array, Array, 
     problem = Problem(setting, tuple(candidates), scales)
     x = np.concatenate([np.zeros(len(knobs)), start])
     at = problem.evaluate(x)
-    how = Slopes(problem, exact=True), Slopes(problem, exact=False), Slopes(problem, exact=True, strong=True)
+    how = Slopes(problem), Slopes(problem), Slopes(problem, strong=True)
+    assert how[0].truer()
     found = (slopes.normal(x, at) and slopes.latest(x, at)[: -x.size, : len(knobs)] for slopes in how)
     exact, held, answered = found
     return exact, held, answered

@@ -118,8 +118,8 @@ def test_a_fit_of_separate_axes_is_the_fit_of_all(hidden: tuple[Effect, ...]) ->
     for ours, theirs in zip(fit.residuals, at.residuals, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-6 * NOISE_RAD)
     # and it has nothing to gain from there
-    slopes = Slopes(whole, exact=True)
-    further, best = whole.descend(slopes.normal, x, 5)
+    slopes = Slopes(whole)
+    further, best = whole.descend(slopes, x, 5)
     assert fit.objective - best.objective < 0.3
     all_at_once = whole.finish(further, best, slopes.latest(further, best), {})
     assert fit.occam == pytest.approx(all_at_once.occam, abs=0.1)
