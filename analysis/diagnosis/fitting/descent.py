@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton descent in normal equations, stopped in units of likelihood.
+"""Gauss-Newton descent in a trusted region, from normal equations, stopped in units of likelihood.
 
 General least-squares routines stop when a sum of squares changes little *relative* to itself. Here the sum of squares
 is a likelihood: a change of a tenth is convergence at any size, and a change of a hundred is evidence even where it
@@ -20,18 +20,20 @@ _CLOSE, _NOTHING = 0.1, 0.01
 tenth of a standard deviation, squared or not."""
 
 _KEPT, _WORSE = 0.75, 0.25
-"""Parts of what a step promised beyond which the next one is damped less, and below which it is damped more."""
+"""Parts of what a step promised beyond which the next one may be longer, and below which it has to be shorter."""
 
-_LEAST, _FIRST, _STIFF, _MOST = 1e-9, 1e-3, 0.1, 1e6
-"""Damping of a step that does what it promised, and that of the next after one that failed; one from which on it is
-rather the slopes that fail than the step that is too long; and one at which nothing moves.
+_SHORTER, _LONGER, _FAILURES = 0.25, 4.0, 12
+"""How much shorter a step is after one that failed, and how much longer it may be after one that kept its promise; how
+often one fails until nothing moves."""
 
-What was tried without success at the least hardly differs below a thousandth of the curvature.
-"""
-
+_TRIES = 2
+"""Failures at one place from which on it is rather the slopes that fail than the steps that are too long."""
 
 _ROUNDING = 1e-15
 """Eigenvalues of a matrix of ones on its diagonal are known no better."""
+
+_ENOUGH = 0.05
+"""How well the logarithm of a damping is found."""
 
 
 class Evaluated(Protocol):
@@ -85,14 +87,14 @@ class Descent(Generic[Point]):
     def run(self, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point found from `x` in at most `steps` steps, and its evaluation."""
         x = np.clip(x, self._low, self._high)
-        here, damping = self._evaluate(x), _LEAST
+        here, radius = self._evaluate(x), np.inf
         for _ in range(steps if x.size else 0):
-            moved = self._step(x, here, damping)
+            moved = self._step(x, here, radius)
             if moved is None:
                 break
             gained = here.objective - moved[1].objective
-            x, here, damping = moved
-            if gained < _CLOSE * self._level(here) and not self._improved(sure=damping < _FIRST):
+            x, here, radius, free = moved
+            if gained < _CLOSE * self._level(here) and not self._improved(sure=free):
                 break
         return x, here
 
@@ -106,54 +108,110 @@ class Descent(Generic[Point]):
             return False
         return not self._slopes.fresh() or self._slopes.truer()
 
-    def _step(self, x: Array, here: Point, damping: float) -> tuple[Array, Point, float] | None:
-        """Return the next point and the damping of the step after it, or None when no step helps."""
-        normal = self._slopes.normal(x, here)
-        while damping < _MOST:
-            step, cut = self._damped(x, *normal, damping)
-            promised = float(2.0 * normal[1] @ step - step @ normal[0] @ step)
+    def _step(self, x: Array, here: Point, radius: float) -> tuple[Array, Point, float, bool] | None:
+        """Return the next point, the radius of the step after it, and whether the step was free; None if none helps."""
+        way, failures = self._way(x, here), 0
+        while failures < _FAILURES:
+            wanted = way.within(radius)
+            promised, step = self._allowed(x, wanted, way)
             if promised < _NOTHING * self._level(here):
-                if cut:  # what is left of a step need not lead down: of a shorter one less is cut off
-                    damping = max(10.0 * damping, _FIRST)
-                elif self._improved(sure=damping < _STIFF):
-                    normal = self._slopes.normal(x, here)
+                if step is not wanted:  # of a shorter one less is cut off
+                    radius, failures = _SHORTER * way.length(wanted), failures + 1
+                elif self._improved(sure=_within(way.length(step), radius)):
+                    way = self._way(x, here)
                 else:
                     return None
                 continue
             found = self._evaluate(x + step)
             gained = here.objective - found.objective
-            kept = gained / promised
-            misled = kept < _WORSE and self._misled(damping)
+            kept, length = gained / promised, way.length(step)
+            misled = kept < _WORSE and self._misled(failures)
             if gained > 0.0:
-                return x + step, found, damping if misled else _next(damping, kept)
+                following = radius if misled else _next(radius, length, kept)
+                return x + step, found, following, _within(length, radius)
             if misled:
-                normal = self._slopes.normal(x, here)
+                way = self._way(x, here)
             else:
-                damping = _next(damping, kept)
+                radius, failures = _SHORTER * length, failures + 1
         return None
 
-    def _misled(self, damping: float) -> bool:
-        """Tell whether rather the slopes fail than a step of this damping is too long; others are asked for then."""
-        return not self._slopes.fresh() or (damping > _STIFF and self._slopes.truer())
+    def _misled(self, failures: int) -> bool:
+        """Tell whether rather the slopes fail than a step is too long; others are asked for then."""
+        return not self._slopes.fresh() or (failures >= _TRIES and self._slopes.truer())
 
-    def _damped(self, x: Array, h: Array, slope: Array, damping: float) -> tuple[Array, bool]:
-        """Return a step that stays within the bounds, and whether some of it had to be cut off for that."""
-        free = ~((x <= self._low) & (slope < 0.0) | (x >= self._high) & (slope > 0.0))
-        scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
-        live = free & (scale > 1e-12 * np.max(scale))
-        step = np.zeros(x.size)
-        if live.any():
-            inner = h[np.ix_(live, live)] / np.outer(scale[live], scale[live]) + damping * np.eye(int(live.sum()))
-            step[live] = np.linalg.lstsq(inner, slope[live] / scale[live], rcond=1e-15)[0] / scale[live]
-        within = np.clip(x + np.clip(step, -self._cap, self._cap), self._low, self._high) - x
-        return within, bool(np.any(np.abs(within - step) > 1e-9 * np.abs(step)))
+    def _way(self, x: Array, here: Point) -> _Way:
+        """Return what the slopes say of the steps from `x`, along what is not held at a bound."""
+        h, slope = self._slopes.normal(x, here)
+        held = (x <= self._low) & (slope < 0.0) | (x >= self._high) & (slope > 0.0)
+        return _Way(h, slope, ~held)
+
+    def _allowed(self, x: Array, step: Array, way: _Way) -> tuple[float, Array]:
+        """Return by how much a step is to lower the sum of squares, and the step; the better of two where it is cut.
+
+        Cut off parameter by parameter it may lead up; shortened as a whole, it may be held up by the one that matters
+        least.
+        """
+        low, high = np.maximum(self._low - x, -self._cap), np.minimum(self._high - x, self._cap)
+        if np.all((low <= step) & (step <= high)):
+            return way.promises(step), step
+        room = np.where(step < 0.0, low, high)
+        part = np.min(np.divide(room, step, out=np.ones_like(step), where=step != 0.0))
+        ways = [np.clip(step, low, high), min(part, 1.0) * step]
+        return max(((way.promises(s), s) for s in ways), key=lambda pair: pair[0])
 
 
-def _next(damping: float, kept: float) -> float:
-    """Return the damping of the step after one that `kept` this part of its promise, less than nothing if it led up."""
+class _Way:
+    """What normal equations (H, -gradient/2) say of the steps from a place, along the parameters that are `free`.
+
+    Lengths are in units of each parameter's own curvature.
+    """
+
+    def __init__(self, h: Array, slope: Array, free: NDArray[np.bool_]) -> None:
+        self._h, self._slope = h, slope
+        self._scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
+        self._live = free & (self._scale > 1e-12 * np.max(self._scale))
+        own = self._scale[self._live]
+        self._values, self._vectors = np.linalg.eigh(h[np.ix_(self._live, self._live)] / np.outer(own, own))
+        self._along = self._vectors.T @ (slope[self._live] / own)
+
+    def promises(self, step: Array) -> float:
+        """Return by how much a step would lower the sum of squares."""
+        return float(2.0 * self._slope @ step - step @ self._h @ step)
+
+    def length(self, step: Array) -> float:
+        """Return the length of a step."""
+        return float(np.linalg.norm(step * self._scale))
+
+    def within(self, radius: float) -> Array:
+        """Return the best step that is no longer than `radius`: damped so much that it ends there (Levenberg 1944)."""
+        values = np.maximum(self._values, _ROUNDING)
+
+        def damped(logarithm: float) -> Array:
+            return np.asarray(self._along / (values + np.exp(logarithm)))
+
+        least, most = np.log(_ROUNDING), np.log(max(float(np.linalg.norm(self._along)) / radius, _ROUNDING))
+        if np.linalg.norm(damped(least)) <= radius:
+            most = least
+        while most - least > _ENOUGH:
+            middle = 0.5 * (least + most)
+            least, most = (middle, most) if np.linalg.norm(damped(middle)) > radius else (least, middle)
+        step = np.zeros(self._scale.size)
+        step[self._live] = self._vectors @ damped(most) / self._scale[self._live]
+        return step
+
+
+def _next(radius: float, length: float, kept: float) -> float:
+    """Return the radius of the step after one of this length that `kept` a part of what it promised."""
     if kept < _WORSE:
-        return max(10.0 * damping, _FIRST)
-    return damping if kept < _KEPT else 0.1 * damping if damping > _FIRST else _LEAST
+        return 2.0 * _SHORTER * length
+    if kept < _KEPT:
+        return radius
+    return np.inf if _within(length, radius) else _LONGER * radius
+
+
+def _within(length: float, radius: float) -> bool:
+    """Tell whether a step has not been shortened to a radius."""
+    return length < 0.9 * radius
 
 
 def inverse_of(precision: Array) -> Array:

@@ -55,10 +55,10 @@ def _near_enough(
     Screening is right to first order only. Where knobs are known poorly it asks for changes at which nothing is right
     that it went by.
     """
-    without = float(np.sum(squares_of(setting, fit.residuals)))
+    without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
     for _ in range(_HALVINGS):
         scales, own = parameters_of(candidates, np.concatenate([held, sizes]))
-        if Problem(setting, tuple(candidates), scales).evaluate(np.concatenate([start, own])).misfit < without:
+        if Problem(setting, tuple(candidates), scales).evaluate(np.concatenate([start, own])).objective < without:
             break
         start, sizes = 0.5 * (start + fit.change), 0.5 * sizes
     return start, sizes
