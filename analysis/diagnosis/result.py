@@ -118,7 +118,8 @@ class Gain:
 
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
-    below on other rows of the same kind.
+    below on other rows of the same kind; `likelier` tells whether the error after is likelier to be noise than the one
+    before: where noise is slow, chance decides which of both is larger.
     """
 
     held_out: tuple[str, ...]
@@ -130,6 +131,7 @@ class Gain:
     segments: tuple[SegmentGain, ...] = ()
     outputs: tuple[OutputGain, ...] = ()
     least_error: float = 0.0
+    likelier: bool = False
 
     @property
     def measurable(self) -> bool:

@@ -84,6 +84,7 @@ def gain_of(
             for o in np.flatnonzero(counted).tolist()
         ),
         least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
+        likelier=bool(np.less(*(_in_noise(clean, data, windows, whitener, counted) for clean in reversed(left)))),
     )
 
 
@@ -119,6 +120,23 @@ def _squares(cleaned: Mapping[int, Array], windows: Sequence[tuple[int, Window]]
     if not moving.any():
         return [np.full(w.stop - w.start, np.nan) for _, w in windows]
     return [np.mean((cleaned[i][w.start : w.stop, moving] / size[moving]) ** 2, axis=1) for i, w in windows]
+
+
+def _in_noise(
+    cleaned: Mapping[int, Array],
+    data: Dataset,
+    windows: Sequence[tuple[int, Window]],
+    whitener: Whitener,
+    counted: NDArray[np.bool_],
+) -> float:
+    """Return the sum of squares of what is left of the `counted` outputs on held-out rows, in units of the noise."""
+    total = 0.0
+    for i, w in windows:
+        rows = np.zeros(data.records[i].n, dtype=bool)
+        rows[w.start : w.stop] = True
+        for o in np.flatnonzero(counted).tolist():
+            total += float(np.sum(whitener.rows(cleaned[i][:, o : o + 1], rows, o) ** 2))
+    return total
 
 
 def _rms(squares: Sequence[Array]) -> float:

@@ -48,9 +48,13 @@ def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
 def loses(gain: Gain | None) -> bool:
     """Tell whether the extended model is surely worse on held-out rows than the one before, and leaves more than noise.
 
-    Of two models that both leave noise the one that lies nearer to it by chance is no better.
+    Of two models that both leave noise the one that lies nearer to it by chance is no better; nor is it where noise is
+    slow, and what the other one leaves is the likelier noise and hardly larger.
     """
-    return gain is not None and gain.ci95[1] < 0.0 and gain.rms_after > ABOVE_NOISE * gain.noise_floor
+    if gain is None or not gain.ci95[1] < 0.0:
+        return False
+    by_chance = gain.likelier and gain.rms_after < ABOVE_NOISE * gain.rms_before
+    return gain.rms_after > ABOVE_NOISE * gain.noise_floor and not by_chance
 
 
 def beyond_noise(gain: Gain | None) -> bool:

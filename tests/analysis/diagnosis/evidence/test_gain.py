@@ -50,6 +50,20 @@ def test_only_held_out_rows_count(oscillator):
     assert found.reduction == pytest.approx(0.75, abs=1e-12)
 
 
+def test_an_error_inside_slow_noise_is_told_from_it(oscillator):
+    """A tone of a tenth of a random walk's rms hardly makes it larger, and is no walk."""
+    rng, linear = np.random.default_rng(4), oscillator.linear()
+    walk = np.cumsum(rng.standard_normal((4000, 1)), axis=0)
+    tone = 0.1 * np.std(walk[2000:]) * np.sqrt(2.0) * np.sin(np.arange(4000.0) * 0.7)[:, None]
+    data = Dataset(RATE_HZ, (record(walk, (Window("fit", 0, 2000), Window("held-out", 2000, 4000, held_out=True))),))
+    differences = Whitener(np.array([[1.0, -1.0]]), repeats=False)
+    for before, after, likelier in ((walk + tone, walk, True), (walk, walk + tone, False), (walk, walk, False)):
+        found = gain_of(data, [before], [after], differences, linear, linear, ["x"])
+        assert found is not None
+        assert found.likelier is likelier
+        assert found.reduction == pytest.approx(0.0, abs=0.01)
+
+
 def test_nothing_held_out_gives_no_gain(oscillator):
     data = Dataset(RATE_HZ, (record(np.zeros((100, 1)), (Window("fit", 0, 100),)),))
     linear = oscillator.linear()

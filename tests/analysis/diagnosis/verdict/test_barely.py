@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.result import Domain, Gain, Remainder
-from analysis.diagnosis.verdict.barely import barely_explained, doubted, follows_play
+from analysis.diagnosis.verdict.barely import barely_explained, doubted, follows_play, loses
 from analysis.diagnosis.verdict.judging import Judgement
 
 UNSTEADY = "the residual is no steady noise"
@@ -81,6 +81,12 @@ def test_what_a_name_leaves_of_held_out_rows_is_told(repeats: bool) -> None:
     assert told.remainder.share == pytest.approx((0.13**2 - 0.1**2) / (0.5**2 - 0.1**2))
     known = replace(NAMED, remainder=Remainder(0.2, 1e-9, "a torque that follows time"))
     assert doubted(known, LEFT, repeats, "") is known
+
+
+@pytest.mark.parametrize(("after", "likelier", "lost"), [(0.101, False, True), (0.101, True, False), (0.2, True, True)])
+def test_a_loss_that_slow_noise_decides_is_none_unless_it_is_large(after, likelier, lost) -> None:
+    worse = Gain(("run#held-out",), 0.1, after, 0.07, 1.0 - after / 0.1, (-1.2, -0.001), likelier=likelier)
+    assert loses(worse) is lost
 
 
 @pytest.mark.parametrize("repeats", [True, False])
