@@ -118,8 +118,9 @@ class Gain:
 
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
-    below on other rows of the same kind; `likelier` tells whether the error after is likelier to be noise than the one
-    before: where noise is slow, chance decides which of both is larger.
+    below on other rows of the same kind. `likelier` tells whether the error after is likelier to be noise than the one
+    before: where noise is slow, chance decides which of both is larger. That likelihood has grown by `short_sigma`
+    standard deviations less than the extension foretells.
     """
 
     held_out: tuple[str, ...]
@@ -132,6 +133,7 @@ class Gain:
     outputs: tuple[OutputGain, ...] = ()
     least_error: float = 0.0
     likelier: bool = False
+    short_sigma: float = 0.0
 
     @property
     def measurable(self) -> bool:

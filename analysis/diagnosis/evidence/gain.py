@@ -68,6 +68,8 @@ def gain_of(
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
 
+    grown, short = _likelihood(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
+
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
 
@@ -84,7 +86,8 @@ def gain_of(
             for o in np.flatnonzero(counted).tolist()
         ),
         least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
-        likelier=bool(np.less(*(_in_noise(clean, data, windows, whitener, counted) for clean in reversed(left)))),
+        likelier=grown > 0.0,
+        short_sigma=short,
     )
 
 
@@ -128,15 +131,28 @@ def _in_noise(
     windows: Sequence[tuple[int, Window]],
     whitener: Whitener,
     counted: NDArray[np.bool_],
-) -> float:
-    """Return the sum of squares of what is left of the `counted` outputs on held-out rows, in units of the noise."""
-    total = 0.0
+) -> Array:
+    """Return what is left of the `counted` outputs on held-out rows, whitened and joined (rows,)."""
+    white = []
     for i, w in windows:
         rows = np.zeros(data.records[i].n, dtype=bool)
         rows[w.start : w.stop] = True
-        for o in np.flatnonzero(counted).tolist():
-            total += float(np.sum(whitener.rows(cleaned[i][:, o : o + 1], rows, o) ** 2))
-    return total
+        white += [whitener.rows(cleaned[i][:, o : o + 1], rows, o)[:, 0] for o in np.flatnonzero(counted).tolist()]
+    return np.concatenate(white) if white else np.zeros(0)
+
+
+def _likelihood(before: Array, after: Array) -> tuple[float, float]:
+    """Return by how much twice the log-likelihood grows, and by how many deviations that is less than was foretold.
+
+    Of whitened rows. What an extension changes by d makes it grow by d'd if it is right, give or take 2 (d'd)^½ in
+    units of the noise's deviation, which on these rows may be larger than it was thought.
+    """
+    foretold = float(np.sum((before - after) ** 2))
+    grown = float(before @ before - after @ after)
+    if not foretold > 0.0:
+        return grown, 0.0
+    noise = max(1.0, float(after @ after) / after.size)
+    return grown, (foretold - grown) / (2.0 * float(np.sqrt(foretold * noise)))
 
 
 def _rms(squares: Sequence[Array]) -> float:

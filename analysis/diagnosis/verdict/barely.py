@@ -27,6 +27,9 @@ ABOVE_NOISE = 1.2
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of what is left in squares are none."""
 
+_SHORT = 3.0
+"""Standard deviations below what was foretold from which on a growth of the likelihood is no chance."""
+
 _PLAYED = "amplitude", "position", "direction", "rate"
 """Domains of the evidence that what is played decides."""
 
@@ -57,6 +60,15 @@ def loses(gain: Gain | None) -> bool:
     return gain.rms_after > ABOVE_NOISE * gain.noise_floor and not by_chance
 
 
+def gainsaid(gain: Gain | None) -> bool:
+    """Tell whether held-out rows are less likely after than before, and surely less than the extension foretells.
+
+    A cause that is right lowers what is left of any rows along its own way, noise or no noise: a stand-in does so where
+    it was fitted.
+    """
+    return gain is not None and not gain.likelier and gain.short_sigma > _SHORT
+
+
 def beyond_noise(gain: Gain | None) -> bool:
     """Tell whether the error on held-out rows is surely no noise alone."""
     return gain is not None and gain.least_error > ABOVE_NOISE * gain.noise_floor
@@ -80,7 +92,7 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
     against = ""
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
         against = f"on held-out rows the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
-    elif judgement.verdict in ("named", "ambiguous") and loses(gain):
+    elif judgement.verdict in ("named", "ambiguous") and (loses(gain) or gainsaid(gain)):
         against = (
             "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
             "worse than the model without it"

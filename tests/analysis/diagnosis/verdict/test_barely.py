@@ -89,6 +89,13 @@ def test_a_loss_that_slow_noise_decides_is_none_unless_it_is_large(after, likeli
     assert loses(worse) is lost
 
 
+@pytest.mark.parametrize(("short_sigma", "verdict"), [(2.9, "named"), (3.1, "unknown")])
+def test_a_cause_that_held_out_rows_gainsay_has_no_name(short_sigma, verdict) -> None:
+    level = Gain(("run#held-out",), 0.1, 0.1, 0.1, 0.0, (-0.01, 0.01), likelier=False, short_sigma=short_sigma)
+    assert doubted(NAMED, level, True, "").verdict == verdict
+    assert doubted(NAMED, replace(level, likelier=True), True, "").verdict == "named"
+
+
 @pytest.mark.parametrize("repeats", [True, False])
 def test_a_model_that_loses_on_held_out_rows_has_no_name(repeats: bool) -> None:
     worse = Gain(("run#held-out",), 0.1, 0.2, 0.09, -1.0, (-1.2, -0.8), least_error=0.19)
