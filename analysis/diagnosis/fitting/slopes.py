@@ -27,9 +27,11 @@ from sim_backend.modes import is_mode
 
 Array = NDArray[np.float64]
 
-_STRAIGHT, _STRAIGHT_SIMULATED = 0.05, 0.3
-"""How far off what was said of it, in parts of its length, a step may end and only correct the columns: a few for
-simulated ones, each of which costs as much as a step."""
+_STRAIGHT = 0.05
+"""How far off what was said of it, in parts of its length, a step may end and only correct the columns."""
+
+_STRAIGHT_SIMULATED, _SIMULATED = 0.3, 8
+"""The same for simulated columns, each of which costs as much as a step; and so many of the knobs' for every step."""
 
 
 class Slopes:
@@ -52,12 +54,13 @@ class Slopes:
         self.approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._simulated = strong and self.approximate and not self._answering
         self._last: tuple[Array, Array, Array] | None = None
-        self._outworn = self._own = False
+        self._outworn, self._own, self._age = False, False, 0
 
     def normal(self, x: Array, at: Point) -> tuple[Array, Array]:
         """Return the normal equations at `x`."""
         kept = None if self._outworn else self._corrected(x, at)
         self._own, self._outworn = kept is None, False
+        self._age = 0 if kept is None else self._age + 1
         self._last = x, at.stacked, self._at(x, at) if kept is None else kept
         jacobian = self._last[2]
         return jacobian.T @ jacobian, -jacobian.T @ at.stacked
@@ -79,18 +82,30 @@ class Slopes:
         return self._at(x, at) if self._last is None else self._last[2]
 
     def _corrected(self, x: Array, at: Point) -> Array | None:
-        """Return the last columns, so that they say what the step from there did; None where they were too far off."""
-        if self._last is None:
+        """Return the last columns, so that they say what the step from there did; None where others are to be had.
+
+        Where a step ended far off what was said of it, those of the effects, which are few, are had anew.
+        """
+        if self._last is None or self._answering:
             return None
         before, there, jacobian = self._last
         told = jacobian @ (x - before)
         missed = at.stacked - there - told
         straight = _STRAIGHT_SIMULATED if self._simulated else _STRAIGHT
-        if self._answering or not np.sum(missed**2) <= straight**2 * np.sum(told**2):
+        astray = not np.sum(missed**2) <= straight**2 * np.sum(told**2)
+        if astray and not (self._simulated and _SIMULATED * self._age < len(self._hard())):
             return None
         weights = np.einsum("ij,ij->j", jacobian, jacobian) * (x - before)  # no unit of a parameter counts
         length = float(weights @ (x - before))
-        return jacobian + np.outer(missed, weights / length) if length > 0.0 else jacobian
+        corrected = jacobian + np.outer(missed, weights / length) if length > 0.0 else jacobian.copy()
+        if astray:
+            self._fill(corrected, range(len(self._problem.setting.knobs), x.size), x, at)
+        return corrected
+
+    def _hard(self) -> list[int]:
+        """Return the numbers of the knobs whose columns are simulated, those of modes that an effect acts on."""
+        knobs = self._problem.setting.knobs
+        return [i for i, knob in enumerate(knobs) if self._simulated and self._touched(knob)]
 
     def _at(self, x: Array, at: Point) -> Array:
         n_knobs = len(self._problem.setting.knobs)
@@ -109,7 +124,7 @@ class Slopes:
         problem, s = self._problem, self._problem.setting
         n_knobs = len(s.knobs)
         columns = np.zeros((n_knobs, at.stacked.size)).T
-        hard = [i for i in range(n_knobs) if self._simulated and self._touched(s.knobs[i])]
+        hard = self._hard()
         easy = [i for i in range(n_knobs) if i not in hard]
         if easy:
             moved = self._moved(x, at, [s.knobs[i] for i in easy])
