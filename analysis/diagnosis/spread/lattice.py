@@ -1,7 +1,8 @@
 """Readings that come in whole steps: found on the recorded numbers themselves, whatever the noise before the rounding.
 
-All differences of such readings are multiples of one step, within the rounding of floating-point numbers. Of numbers
-that do not lie on a lattice each would have to fall within that rounding of a multiple by chance.
+All differences of such readings are multiples of one step, within the rounding of floating-point numbers, or of the
+text that they were written as. Of numbers that do not lie on a lattice each would have to fall within that rounding of
+a multiple by chance.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ _PARTS = (1, 2, 3)
 
 _COARSE = 0.1
 """Numbers are no lattice when their last place is more than this part of the step: every float is a multiple then."""
+
+_LOG_CHANCE = math.log(1e-12)
+"""Logarithm of the chance above which numbers may lie on a lattice at random."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,10 @@ def _with_step(seen: Array, step: float, rounding: float) -> Lattice | None:
     count = float(np.rint(gaps / step).sum())
     # the smallest gap is known to its rounding, the whole span to as much, over many more steps
     exact = float(seen[-1] - seen[0]) / count
-    if np.max(np.abs(gaps / exact - np.rint(gaps / exact))) * exact > rounding:
-        return None
-    return Lattice(exact, rounding / count, (gaps.size - 1) * math.log(2.0 * rounding / exact))
+    # what text has rounded away nobody has written down: it is how far the numbers are off, if they are off little
+    off = max(rounding, float(np.max(np.abs(gaps / exact - np.rint(gaps / exact)))) * exact)
+    log_p = (gaps.size - 1) * math.log(2.0 * off / exact)
+    return Lattice(exact, off / count, log_p) if off < _COARSE * exact and log_p < _LOG_CHANCE else None
 
 
 def lattices_of(data: Dataset, outputs: Sequence[str]) -> dict[str, Lattice]:

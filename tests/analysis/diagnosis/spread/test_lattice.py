@@ -33,6 +33,18 @@ def test_a_lattice_may_lie_beside_zero_and_in_other_units() -> None:
     assert found.step == pytest.approx(1.2345e-7, rel=1e-9)
 
 
+@pytest.mark.parametrize("digits", [5, 6, 8, 10])
+def test_steps_are_found_in_what_text_has_kept_of_them(digits: int) -> None:
+    """Of 0.2 rad five digits keep 1e-5 at most: a twentieth of the step, and every gap is off by as much."""
+    step = 2.368e-4
+    x = np.random.default_rng(6).standard_normal(12_000) * 0.02
+    written = np.array([float(f"{value:.{digits}g}") for value in step * np.rint(x / step)])
+    found = lattice_of(written)
+    assert found is not None
+    assert found.step == pytest.approx(step, abs=3.0 * found.std)
+    assert found.std < 1e-3 * step
+
+
 def test_numbers_off_a_lattice_are_none() -> None:
     """Of 100 sets of continuous numbers none; one number off the lattice is enough to break it."""
     rng = np.random.default_rng(3)
