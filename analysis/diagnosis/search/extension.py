@@ -43,17 +43,21 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kno
             sizes = sizes * part_to_take(setting, fit, candidate, sizes)
             start = np.clip(taken_over(setting, fit, candidate, sizes)[0], least, most)
     candidates = (*before, candidate)
-    start, sizes = _near_enough(setting, fit, candidates, start, held, sizes)
-    return refit(setting, candidates, np.concatenate([held, sizes]), start)
+    found = refit(setting, candidates, np.concatenate([held, sizes]), start)
+    near, less = _nearer(setting, fit, candidates, start, held, sizes)
+    if less is sizes:
+        return found
+    return min(found, refit(setting, candidates, np.concatenate([held, less]), near), key=lambda f: f.objective)
 
 
-def _near_enough(
+def _nearer(
     setting: Setting, fit: Fit, candidates: Sequence[Candidate], start: Array, held: Array, sizes: Array
 ) -> tuple[Array, Array]:
     """Return the knobs' `start` and the new effect's `sizes`, halved from `fit` on until better than it, a few times.
 
     Screening is right to first order only. Where knobs are known poorly it asks for changes at which nothing is right
-    that it went by.
+    that it went by. A start that is far off by itself need not be: where a size and knobs multiply, a first step mends
+    what is known well, and leaves what is not where screening has put it.
     """
     without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
     for _ in range(_HALVINGS):
