@@ -119,8 +119,8 @@ class Gain:
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
     below on other rows of the same kind. `likelier` tells whether the error after is likelier to be noise than the one
-    before: where noise is slow, chance decides which of both is larger. That likelihood has grown by `short_sigma`
-    standard deviations less than the extension foretells.
+    before: where noise is slow, chance decides which of both is larger. What was added should have `times` its size for
+    the held-out rows, which is known to `times_std`.
     """
 
     held_out: tuple[str, ...]
@@ -133,7 +133,8 @@ class Gain:
     outputs: tuple[OutputGain, ...] = ()
     least_error: float = 0.0
     likelier: bool = False
-    short_sigma: float = 0.0
+    times: float = 1.0
+    times_std: float = np.inf
 
     @property
     def measurable(self) -> bool:

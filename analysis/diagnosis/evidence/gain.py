@@ -68,7 +68,7 @@ def gain_of(
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
 
-    grown, short = _likelihood(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
+    grown, times, times_std = _likelihood(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
@@ -87,7 +87,8 @@ def gain_of(
         ),
         least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
         likelier=grown > 0.0,
-        short_sigma=short,
+        times=times,
+        times_std=times_std,
     )
 
 
@@ -141,18 +142,19 @@ def _in_noise(
     return np.concatenate(white) if white else np.zeros(0)
 
 
-def _likelihood(before: Array, after: Array) -> tuple[float, float]:
-    """Return by how much twice the log-likelihood grows, and by how many deviations that is less than was foretold.
+def _likelihood(before: Array, after: Array) -> tuple[float, float, float]:
+    """Return by how much twice the log-likelihood grows, how many times its size the change should have, and the std.
 
-    Of whitened rows. What an extension changes by d makes it grow by d'd if it is right, give or take 2 (d'd)^½ in
-    units of the noise's deviation, which on these rows may be larger than it was thought.
+    Of whitened rows: the change that an extension makes of them, d, is fitted to what there was before, b: d'b / d'd
+    times d leaves least. Its deviation is that of the noise, which on these rows may be larger than it was thought.
     """
-    foretold = float(np.sum((before - after) ** 2))
+    change = before - after
+    foretold = float(change @ change)
     grown = float(before @ before - after @ after)
     if not foretold > 0.0:
-        return grown, 0.0
+        return grown, 1.0, np.inf
     noise = max(1.0, float(after @ after) / after.size)
-    return grown, (foretold - grown) / (2.0 * float(np.sqrt(foretold * noise)))
+    return grown, float(change @ before) / foretold, float(np.sqrt(noise / foretold))
 
 
 def _rms(squares: Sequence[Array]) -> float:

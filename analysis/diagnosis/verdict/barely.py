@@ -27,8 +27,8 @@ ABOVE_NOISE = 1.2
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of what is left in squares are none."""
 
-_SHORT = 3.0
-"""Standard deviations below what was foretold from which on a growth of the likelihood is no chance."""
+_SURELY = 3.0
+"""Standard deviations from which on what was added is of another size on held-out rows, where none is told of it."""
 
 _PLAYED = "amplitude", "position", "direction", "rate"
 """Domains of the evidence that what is played decides."""
@@ -61,12 +61,15 @@ def loses(gain: Gain | None) -> bool:
 
 
 def gainsaid(gain: Gain | None) -> bool:
-    """Tell whether held-out rows are less likely after than before, and surely less than the extension foretells.
+    """Tell whether what was added would have to be of another size for held-out rows, surely and by a good part.
 
-    A cause that is right lowers what is left of any rows along its own way, noise or no noise: a stand-in does so where
-    it was fitted.
+    A cause that is right is of one size on all rows, noise or no noise: a stand-in has it where it was fitted. As the
+    error may exceed the noise, the size may be off.
     """
-    return gain is not None and not gain.likelier and gain.short_sigma > _SHORT
+    if gain is None:
+        return False
+    off = abs(gain.times - 1.0)
+    return off > ABOVE_NOISE - 1.0 and off > _SURELY * gain.times_std
 
 
 def beyond_noise(gain: Gain | None) -> bool:
@@ -92,10 +95,17 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
     against = ""
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
         against = f"on held-out rows the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
-    elif judgement.verdict in ("named", "ambiguous") and (loses(gain) or gainsaid(gain)):
+    elif judgement.verdict in ("named", "ambiguous") and loses(gain):
         against = (
             "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
             "worse than the model without it"
+        )
+    elif (
+        gain is not None and judgement.verdict in ("named", "ambiguous") and not judgement.remainder and gainsaid(gain)
+    ):
+        against = (
+            "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "
+            f"have to be {gain.times:.2g} ± {gain.times_std:.1g} times as large"
         )
     elif repeats:
         against = unsteady if judgement.verdict == "consistent" and played else ""

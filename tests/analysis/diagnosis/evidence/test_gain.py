@@ -64,23 +64,23 @@ def test_an_error_inside_slow_noise_is_told_from_it(oscillator):
         assert found.reduction == pytest.approx(0.0, abs=0.01)
 
 
-def test_what_is_foretold_of_held_out_rows_comes_true_only_of_a_right_cause(oscillator):
-    """Of 150 causes of four deviations each: right ones are short by unit normal numbers, absent ones by four more."""
+def test_a_cause_has_its_size_on_held_out_rows_only_where_it_is_there(oscillator):
+    """Of 150 causes of four deviations each: once its size where it is there, else none, give or take a quarter."""
     rng, linear, n = np.random.default_rng(5), oscillator.linear(), 500
     shape = np.sin(np.arange(n) * 2.0)[:, None]
     cause = 4.0 * shape / np.linalg.norm(shape)
     windows = (Window("fit", 0, 10), Window("held-out", 10, n, held_out=True))
-    short = np.empty((2, 150))
+    times, std = np.empty((2, 2, 150))
     for k in range(150):
         noise = rng.standard_normal((n, 1))
         data = Dataset(RATE_HZ, (record(100.0 * noise, windows),))
         for there in (0, 1):
             found = gain_of(data, [noise + there * cause], [noise + (there - 1) * cause], WHITENER, linear, linear, "x")
             assert found is not None
-            short[there, k] = found.short_sigma
-    # a start takes two of 490 rows away, and two of the cause's 16 squares at most
-    assert np.mean(short, axis=1) == pytest.approx([4.0, 0.0], abs=0.25)
-    assert np.std(short, axis=1) == pytest.approx([1.0, 1.0], abs=0.2)
+            times[there, k], std[there, k] = found.times, found.times_std
+    assert np.mean(times, axis=1) == pytest.approx([0.0, 1.0], abs=0.07)
+    # a deviation of 150 is known to 6 %
+    assert np.std(times, axis=1) == pytest.approx(np.mean(std, axis=1), rel=0.18)
 
 
 def test_nothing_held_out_gives_no_gain(oscillator):

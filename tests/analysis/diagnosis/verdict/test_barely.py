@@ -89,11 +89,15 @@ def test_a_loss_that_slow_noise_decides_is_none_unless_it_is_large(after, likeli
     assert loses(worse) is lost
 
 
-@pytest.mark.parametrize(("short_sigma", "verdict"), [(2.9, "named"), (3.1, "unknown")])
-def test_a_cause_that_held_out_rows_gainsay_has_no_name(short_sigma, verdict) -> None:
-    level = Gain(("run#held-out",), 0.1, 0.1, 0.1, 0.0, (-0.01, 0.01), likelier=False, short_sigma=short_sigma)
+@pytest.mark.parametrize(
+    ("times", "std", "verdict"),
+    [(1.1, 0.01, "named"), (0.7, 0.2, "named"), (0.7, 0.05, "unknown"), (1.4, 0.1, "unknown"), (-0.3, 0.2, "unknown")],
+)
+def test_a_cause_of_another_size_on_held_out_rows_has_no_name(times, std, verdict) -> None:
+    level = Gain(("run#held-out",), 0.1, 0.1, 0.1, 0.0, (-0.01, 0.01), times=times, times_std=std)
     assert doubted(NAMED, level, True, "").verdict == verdict
-    assert doubted(NAMED, replace(level, likelier=True), True, "").verdict == "named"
+    told = replace(NAMED, remainder=Remainder(0.1, 1e-3, "the position"))
+    assert doubted(told, level, True, "").verdict == "named"
 
 
 @pytest.mark.parametrize("repeats", [True, False])
