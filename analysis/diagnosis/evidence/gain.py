@@ -59,15 +59,13 @@ def gain_of(
     size = np.where(moved | ~np.any(moved), size, np.inf)
     one, other = (_squares(clean, windows, size) for clean in left)
     rms_before, rms_after = _rms(one), _rms(other)
-    block = _block(data, first)
-    draws, mean_squares = _bootstrap(one, other, block, np.random.default_rng(seed))
+    draws, mean_squares = _bootstrap(one, other, _block(data, first), np.random.default_rng(seed))
     counted = np.isfinite(size)
     names = tuple(f"{data.records[i].name}#{w.label}" for i, w in windows)
     own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
-
     grown, times, times_std = _likelihood(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
