@@ -118,8 +118,7 @@ class Gain:
 
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
-    below on other rows of the same kind. `likelier` tells whether the error after is likelier to be noise than the one
-    before: where noise is slow, chance decides which of both is larger. What was added should have `times` its size for
+    below on other rows of the same kind. What was added should have `times` its size for
     the held-out rows, which is known to `times_std`.
     """
 
@@ -132,9 +131,16 @@ class Gain:
     segments: tuple[SegmentGain, ...] = ()
     outputs: tuple[OutputGain, ...] = ()
     least_error: float = 0.0
-    likelier: bool = False
     times: float = 1.0
     times_std: float = np.inf
+
+    @property
+    def likelier(self) -> bool:
+        """Whether the error after is likelier to be noise than the one before: where noise is slow, it may be larger.
+
+        A change of `times` its best size lowers the whitened squares where it is less than twice as large as that.
+        """
+        return self.times > 0.5 and bool(np.isfinite(self.times_std))
 
     @property
     def measurable(self) -> bool:

@@ -66,7 +66,7 @@ def gain_of(
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
-    grown, times, times_std = _likelihood(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
+    times, times_std = _times(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
@@ -84,7 +84,6 @@ def gain_of(
             for o in np.flatnonzero(counted).tolist()
         ),
         least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
-        likelier=grown > 0.0,
         times=times,
         times_std=times_std,
     )
@@ -140,19 +139,18 @@ def _in_noise(
     return np.concatenate(white) if white else np.zeros(0)
 
 
-def _likelihood(before: Array, after: Array) -> tuple[float, float, float]:
-    """Return by how much twice the log-likelihood grows, how many times its size the change should have, and the std.
+def _times(before: Array, after: Array) -> tuple[float, float]:
+    """Return how many times its size the change of whitened rows should have, and the standard deviation of that.
 
-    Of whitened rows: the change that an extension makes of them, d, is fitted to what there was before, b: d'b / d'd
+    The change that an extension makes of them, d, is fitted to what there was before, b: d'b / d'd
     times d leaves least. Its deviation is that of the noise, which on these rows may be larger than it was thought.
     """
     change = before - after
     foretold = float(change @ change)
-    grown = float(before @ before - after @ after)
     if not foretold > 0.0:
-        return grown, 1.0, np.inf
+        return 1.0, np.inf
     noise = max(1.0, float(after @ after) / after.size)
-    return grown, float(change @ before) / foretold, float(np.sqrt(noise / foretold))
+    return float(change @ before) / foretold, float(np.sqrt(noise / foretold))
 
 
 def _rms(squares: Sequence[Array]) -> float:

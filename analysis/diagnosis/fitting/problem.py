@@ -27,8 +27,9 @@ from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
+
 _KNOB_STEP = 0.2
-"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the damping."""
+"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the descent."""
 
 _KNOB_DIFFERENCE = 1e-6
 """A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality

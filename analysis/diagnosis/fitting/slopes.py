@@ -51,8 +51,9 @@ class Slopes:
         self._answering = strong and any(is_mode(c.where) for c in problem.candidates)
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
         late = any(knob.field == "delay_s" for knob in problem.setting.knobs)
-        self.approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
-        self._simulated = strong and self.approximate and not self._answering
+        approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
+        self._may_simulate = approximate and not self._answering
+        self._simulated = strong and self._may_simulate
         self._last: tuple[Array, Array, Array] | None = None
         self._outworn, self._own, self._age = False, False, 0
 
@@ -72,7 +73,7 @@ class Slopes:
 
     def truer(self) -> bool:
         """Tell whether there are truer columns, which is what is asked for from then on."""
-        if self._simulated or self._answering or not self.approximate:
+        if self._simulated or not self._may_simulate:
             return False
         self._simulated = self._outworn = True
         return True

@@ -60,16 +60,19 @@ def loses(gain: Gain | None) -> bool:
     return gain.rms_after > ABOVE_NOISE * gain.noise_floor and not by_chance
 
 
-def gainsaid(gain: Gain | None) -> bool:
-    """Tell whether what was added would have to be of another size for held-out rows, surely and by a good part.
+def gainsaid(gain: Gain | None) -> str:
+    """Return of what other size what was added would have to be for held-out rows, surely and by a good part, in words.
 
     A cause that is right is of one size on all rows, noise or no noise: a stand-in has it where it was fitted. As the
     error may exceed the noise, the size may be off.
     """
-    if gain is None:
-        return False
-    off = abs(gain.times - 1.0)
-    return off > ABOVE_NOISE - 1.0 and off > _SURELY * gain.times_std
+    off = 0.0 if gain is None else abs(gain.times - 1.0)
+    if gain is None or not off > max(ABOVE_NOISE - 1.0, _SURELY * gain.times_std):
+        return ""
+    return (
+        "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "
+        f"have to be {gain.times:.2g} ± {gain.times_std:.1g} times as large"
+    )
 
 
 def beyond_noise(gain: Gain | None) -> bool:
@@ -100,13 +103,8 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
             "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
             "worse than the model without it"
         )
-    elif (
-        gain is not None and judgement.verdict in ("named", "ambiguous") and not judgement.remainder and gainsaid(gain)
-    ):
-        against = (
-            "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "
-            f"have to be {gain.times:.2g} ± {gain.times_std:.1g} times as large"
-        )
+    elif judgement.verdict in ("named", "ambiguous") and not judgement.remainder and (other := gainsaid(gain)):
+        against = other
     elif repeats:
         against = unsteady if judgement.verdict == "consistent" and played else ""
     elif gain is None:

@@ -85,7 +85,9 @@ def test_what_a_name_leaves_of_held_out_rows_is_told(repeats: bool) -> None:
 
 @pytest.mark.parametrize(("after", "likelier", "lost"), [(0.101, False, True), (0.101, True, False), (0.2, True, True)])
 def test_a_loss_that_slow_noise_decides_is_none_unless_it_is_large(after, likelier, lost) -> None:
-    worse = Gain(("run#held-out",), 0.1, after, 0.07, 1.0 - after / 0.1, (-1.2, -0.001), likelier=likelier)
+    worse = Gain(
+        ("run#held-out",), 0.1, after, 0.07, 1.0 - after / 0.1, (-1.2, -0.001), times=float(likelier), times_std=0.1
+    )
     assert loses(worse) is lost
 
 
