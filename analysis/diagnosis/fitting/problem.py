@@ -138,12 +138,9 @@ class Problem:
     def shortened(self, x: Array) -> Array:
         """Return `x` with knobs and sizes halved until it fits better than the model as it is, at most four times."""
         some = np.array([True] * len(self.setting.knobs) + [s.size for s in self.scales])
-        without = self.evaluate(np.where(some, 0.0, x)).misfit
-        for _ in range(_HALVINGS):
-            if self.evaluate(x).misfit < without:
-                break
-            x = np.where(some, 0.5 * x, x)
-        return x
+        nothing = np.where(some, 0.0, x)
+        without = self.evaluate(nothing).misfit
+        return halved(x, nothing, lambda there: self.evaluate(there).misfit < without)
 
     def descend(self, slopes: Slopes[Point], x: Array, steps: int, *, exact: bool = True) -> tuple[Array, Point]:
         """Return the best point from `x` along `slopes`, and its simulation."""
@@ -259,6 +256,15 @@ class Problem:
                 energy = float(x[own] @ seen[np.ix_(own, own)] @ x[own]) / (count + 1)
                 price += 0.5 * count * math.log1p(2.0 * math.pi * energy)
         return price
+
+
+def halved(start: Array, nothing: Array, good: Callable[[Array], bool]) -> Array:
+    """Return `start`, its way from `nothing` halved until it is `good`, at most four times."""
+    for _ in range(_HALVINGS):
+        if good(start):
+            break
+        start = 0.5 * (start + nothing)
+    return start
 
 
 def _with(x: Array, i: int, value: float) -> Array:

@@ -12,7 +12,7 @@ from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.fitting.problem import Problem
+from analysis.diagnosis.fitting.problem import Problem, halved
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
 from analysis.diagnosis.nominal.prior import spreads_of
@@ -21,8 +21,6 @@ from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
-
-_HALVINGS = 4
 
 _TRUSTED = 3.0
 """Refits start with knobs within this many standard deviations of the nominal model."""
@@ -44,25 +42,29 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kno
             start = np.clip(taken_over(setting, fit, candidate, sizes)[0], least, most)
     candidates = (*before, candidate)
     found = refit(setting, candidates, np.concatenate([held, sizes]), start)
-    near, less = _nearer(setting, fit, candidates, start, held, sizes)
-    if less is sizes:
+    near = _nearer(setting, fit, candidates, start, held, sizes)
+    if near is None:
         return found
-    return min(found, refit(setting, candidates, np.concatenate([held, less]), near), key=lambda f: f.objective)
+    other = refit(setting, candidates, np.concatenate([held, near[start.size :]]), near[: start.size])
+    return min(found, other, key=lambda f: f.objective)
 
 
 def _nearer(
     setting: Setting, fit: Fit, candidates: Sequence[Candidate], start: Array, held: Array, sizes: Array
-) -> tuple[Array, Array]:
-    """Return the knobs' `start` and the new effect's `sizes`, halved from `fit` on until better than it, a few times.
+) -> Array | None:
+    """Return knobs and the new effect's sizes, halved from `fit` on until better than it; None where they are at once.
 
     Screening is right to first order only. Where knobs are known poorly it asks for changes at which nothing is right
     that it went by. A start that is far off by itself need not be: where a size and knobs multiply, a first step mends
     what is known well, and leaves what is not where screening has put it.
     """
     without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
-    for _ in range(_HALVINGS):
-        scales, own = parameters_of(candidates, np.concatenate([held, sizes]))
-        if Problem(setting, tuple(candidates), scales).evaluate(np.concatenate([start, own])).objective < without:
-            break
-        start, sizes = 0.5 * (start + fit.change), 0.5 * sizes
-    return start, sizes
+
+    def better(there: Array) -> bool:
+        scales, own = parameters_of(candidates, np.concatenate([held, there[start.size :]]))
+        x = np.concatenate([there[: start.size], own])
+        return Problem(setting, tuple(candidates), scales).evaluate(x).objective < without
+
+    far = np.concatenate([start, sizes])
+    near = halved(far, np.concatenate([fit.change, np.zeros(sizes.size)]), better)
+    return None if near is far else near
