@@ -20,10 +20,16 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.evidence.bins import Binned, accumulate, binned, largest_test, mean_test, moving_rms, rate_of
-from analysis.diagnosis.evidence.slow_noise import excess_of_indicators, first_of_fast, levelled, low_levels
+from analysis.diagnosis.evidence.slow_noise import (
+    cosine_rows,
+    excess_of_indicators,
+    first_of_fast,
+    levelled,
+    low_levels,
+)
 from analysis.diagnosis.evidence.spectra import Repeat, bands, coherence_test, explained_by_shifts, repeat_test
 from analysis.diagnosis.noise.levels import BAND_ROWS
-from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.noise.whitener import Whitener, filtered
 from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.result import Domain
@@ -263,13 +269,15 @@ def _through_plant(s: _Series, force: Force, found: Binned, parts: NDArray[np.in
     n = found.count.size
     gram, cross = np.zeros((n, n)), np.zeros(n)
     for (a, b), levels in zip(itertools.pairwise(parts), s.levels, strict=True):
-        columns = np.empty((b - a, n))
+        moved = np.empty((n, b - a))
         for k in range(n):
             acting = (found.index[a:b] == k).astype(float)
-            moved = response(force.plant, acting, force.input)[:, force.output]
-            columns[:, k] = levelled(scipy.signal.lfilter(s.taps, [1.0], moved), levels)
-        gram += columns.T @ columns
-        cross += columns.T @ s.w[a:b]
+            moved[k] = response(force.plant, acting, force.input)[:, force.output]
+        columns, left = filtered(s.taps, moved), s.w[a:b]
+        if levels.size:
+            columns, left = cosine_rows(columns, levels), scipy.fft.dct(left, norm="ortho")
+        gram += columns @ columns.T
+        cross += columns @ left
     return gram, cross
 
 

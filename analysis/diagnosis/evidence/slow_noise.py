@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.noise.whitener import Whitener, filtered
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,9 +42,18 @@ def levelled(values: Array, levels: Array) -> Array:
     """Return `values` (n,) or (n, k), whitened but for the `levels` of their lowest rows, with these divided out."""
     if not levels.size:
         return values
-    rows = scipy.fft.dct(values, axis=0, norm="ortho")
-    rows[: levels.size] /= np.sqrt(levels).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(scipy.fft.idct(rows, axis=0, norm="ortho", overwrite_x=True))
+    rows = cosine_rows(np.ascontiguousarray(values.T), levels)
+    return np.asarray(scipy.fft.idct(rows, norm="ortho", overwrite_x=True).T)
+
+
+def cosine_rows(series: Array, levels: Array) -> Array:
+    """Return `series` (n,) or each of (k, n), whitened but for `levels`, in the cosine basis with these divided out.
+
+    Its inner products are those of the levelled series themselves: the basis is orthonormal.
+    """
+    rows = scipy.fft.dct(series, norm="ortho")
+    rows[..., : levels.size] /= np.sqrt(levels)
+    return np.asarray(rows)
 
 
 def excess_of_indicators(taps: Array, index: Indices, count: int, levels: Array) -> Array:
@@ -52,11 +61,9 @@ def excess_of_indicators(taps: Array, index: Indices, count: int, levels: Array)
 
     `index` (n,) numbers the bin of every row, -1 for none.
     """
-    low = np.empty((levels.size, count))
+    low = np.empty((count, levels.size))
     for some in range(0, count, _TOGETHER):
         bins = np.arange(some, min(some + _TOGETHER, count))
-        acting = (index[:, None] == bins).astype(float)
-        low[:, bins] = scipy.fft.dct(scipy.signal.lfilter(taps, [1.0], acting, axis=0), axis=0, norm="ortho")[
-            : levels.size
-        ]
-    return np.asarray((low * (1.0 - 1.0 / levels)[:, None]).T @ low)
+        acting = (index == bins[:, None]).astype(float)
+        low[bins] = scipy.fft.dct(filtered(taps, acting), axis=1, norm="ortho", overwrite_x=True)[:, : levels.size]
+    return np.asarray((low * (1.0 - 1.0 / levels)) @ low.T)

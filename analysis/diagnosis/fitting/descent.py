@@ -83,11 +83,13 @@ class Descent(Generic[Point]):
         self._evaluate, self._slopes = evaluate, slopes
         self._low, self._high, self._cap = low, high, cap
         self._rows, self._exact = rows, exact
+        self._poor, self._trusted = 0, np.inf  # steps that kept little of their promise, and the length of the first
 
     def run(self, x: Array, steps: int) -> tuple[Array, Point]:
         """Return the best point found from `x` in at most `steps` steps, and its evaluation."""
         x = np.clip(x, self._low, self._high)
         here, radius = self._evaluate(x), np.inf
+        self._poor, self._trusted = 0, radius
         for _ in range(steps if x.size else 0):
             moved = self._step(x, here, radius)
             if moved is None:
@@ -110,8 +112,8 @@ class Descent(Generic[Point]):
 
     def _step(self, x: Array, here: Point, radius: float) -> tuple[Array, Point, float, bool] | None:
         """Return the next point, the radius of the step after it, and whether the step was free; None if none helps."""
-        way, failures = self._way(x, here), 0
-        while failures < _FAILURES:
+        way, failures = self._way(x, here), self._poor
+        while failures < self._poor + _FAILURES:
             wanted = way.within(radius)
             promised, step = self._allowed(x, wanted, way)
             if promised < _NOTHING * self._level(here):
@@ -126,14 +128,32 @@ class Descent(Generic[Point]):
             gained = here.objective - found.objective
             kept, length = gained / promised, way.length(step)
             misled = kept < _WORSE and self._misled(failures)
+            if misled:
+                radius = self._as_before(radius)
             if gained > 0.0:
-                following = radius if misled else _next(radius, length, kept)
+                following = radius if misled else self._following(radius, length, kept)
                 return x + step, found, following, _within(length, radius)
             if misled:
-                way = self._way(x, here)
+                way, failures = self._way(x, here), 0
             else:
                 radius, failures = _SHORTER * length, failures + 1
         return None
+
+    def _as_before(self, radius: float) -> float:
+        """Return the radius from before steps were poor ones: that was the fault of the slopes, not of their length."""
+        if self._poor:
+            self._poor, radius = 0, self._trusted
+        return radius
+
+    def _following(self, radius: float, length: float, kept: float) -> float:
+        """Return the radius of the step after one of this length that `kept` a part of what it promised."""
+        if kept >= _WORSE:
+            self._poor = 0
+            return radius if kept < _KEPT else np.inf if _within(length, radius) else _LONGER * radius
+        if not self._poor:
+            self._trusted = length
+        self._poor += 1
+        return 2.0 * _SHORTER * length
 
     def _misled(self, failures: int) -> bool:
         """Tell whether rather the slopes fail than a step is too long; others are asked for then."""
@@ -198,15 +218,6 @@ class _Way:
         step = np.zeros(self._scale.size)
         step[self._live] = self._vectors @ damped(most) / self._scale[self._live]
         return step
-
-
-def _next(radius: float, length: float, kept: float) -> float:
-    """Return the radius of the step after one of this length that `kept` a part of what it promised."""
-    if kept < _WORSE:
-        return 2.0 * _SHORTER * length
-    if kept < _KEPT:
-        return radius
-    return np.inf if _within(length, radius) else _LONGER * radius
 
 
 def _within(length: float, radius: float) -> bool:

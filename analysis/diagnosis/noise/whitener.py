@@ -137,8 +137,7 @@ class Whitener:
     def _filtered(self, values: Array, output: int) -> Array:
         """Return `values` (n, k), whitened, with time along the rows: (k, n)."""
         series = np.ascontiguousarray(values.T)
-        out = np.empty_like(series)
-        _fir(self.taps[output], series, out)
+        out = filtered(self.taps[output], series)
         begin = self._beginnings[output][: series.shape[1], : series.shape[1]]
         out[:, : begin.shape[0]] = series[:, : begin.shape[0]] @ begin.T
         return out
@@ -231,6 +230,13 @@ def beginning(taps: Array) -> Array:
         weights = (weights[:m] - weights[m] * weights[m:0:-1]) / left
         scale *= np.sqrt(left)
         out[m - 1, :m] = scale * weights[::-1]
+    return out
+
+
+def filtered(taps: Array, series: Array) -> Array:
+    """Return each row of `series` (k, n) filtered by `taps` from zeros, same shape."""
+    out = np.empty(series.shape)
+    _fir(taps, np.ascontiguousarray(series), out)
     return out
 
 
