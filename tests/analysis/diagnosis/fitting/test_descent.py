@@ -61,6 +61,39 @@ def test_wrong_slopes_are_given_up_for_true_ones(wrong) -> None:
     assert slopes.asked
 
 
+class Bowl:
+    """A million (x - 1)²."""
+
+    def __init__(self, x: np.ndarray) -> None:
+        self.objective = 1e6 * float((x[0] - 1.0) ** 2)
+
+
+class TenTimes:
+    """The slopes of a `Bowl`: its column ten times as long as it is, until truer ones are asked for."""
+
+    def __init__(self) -> None:
+        self.true = False
+
+    def normal(self, x: np.ndarray, at: Bowl) -> tuple[np.ndarray, np.ndarray]:
+        times = 1.0 if self.true else 10.0
+        return 1e6 * np.full((1, 1), times**2), 1e6 * times * (1.0 - x)
+
+    def fresh(self) -> bool:
+        return True
+
+    def truer(self) -> bool:
+        better, self.true = not self.true, True
+        return better
+
+
+def test_steps_that_keep_little_of_their_promise_at_any_length_are_the_fault_of_the_slopes() -> None:
+    """Each of them helps a little, and half as much as the one before: without end, and never far."""
+    slopes, far = TenTimes(), np.full(1, np.inf)
+    _, found = Descent(Bowl, slopes, -far, far, far).run(np.zeros(1), 5)
+    assert slopes.true
+    assert found.objective < 1e-3
+
+
 def test_a_rough_descent_that_ends_freely_asks_for_nothing() -> None:
     slopes, upper = Along(), np.full(2, np.inf)
     np.testing.assert_allclose(descended(slopes, upper, exact=False), expected(upper), rtol=1e-3)
