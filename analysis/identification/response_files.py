@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.identification.response_curves import ResponseCurve, save_curves
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.safe_write import write_text
 
 _COLUMNS = list(ResponseCurve.__dataclass_fields__)
 _NAMES = re.compile(r"^!\s*(inputs|outputs):\s*(.*)$")
@@ -27,7 +28,7 @@ def save_response(curves: tuple[ResponseCurve, ...], path: Path) -> None:
     if not curves or path.exists():
         raise ConfigError(f"{path} exists or there is no response to write; choose another path, excite periodically")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_touchstone(curves, path), encoding="utf-8")
+    write_text(path, _touchstone(curves, path))
 
 
 def load_response(path: Path) -> tuple[ResponseCurve, ...]:

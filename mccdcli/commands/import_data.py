@@ -51,6 +51,7 @@ def import_data(files: tuple[Path, ...], guess: bool, out: Path | None, as_json:
 def _guess(files: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
     from campaigns.importing.guess import guess
     from sim_backend.errors import ConfigError
+    from sim_backend.safe_write import write_text
 
     if out is not None and out.exists():
         raise ConfigError(f"{out} exists and is not overwritten: choose another path with --out")
@@ -60,7 +61,7 @@ def _guess(files: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
     for line in found.said:
         say(f"guess: {line}")
     if out is not None:
-        out.write_text(found.text, encoding="utf-8")
+        write_text(out, found.text)
     result = {"map": out, "text": found.text, "said": list(found.said)}
     emit(
         result,
