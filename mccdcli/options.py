@@ -36,6 +36,10 @@ class BenchAddress(click.ParamType[str]):
             self.fail(f"{address!r} is not a bench; a bench is {', '.join(BENCHES)}.{hint}", param, ctx)
         return address
 
+    def risk_of(self, value: Any) -> str:
+        """Say what a default from somebody else's file would do, nothing where that is harmless."""
+        return "" if str(value).partition(":")[0] in ("sim", "emulator") else "that opens a line to a bench"
+
 
 class NewPath(click.Path):
     """Where something is to be written: a path of UTF-8 text, as files that name other files hold nothing else."""
@@ -50,6 +54,11 @@ class NewPath(click.Path):
         except UnicodeEncodeError:
             self.fail(f"{str(value)!r} holds bytes that are no UTF-8 text; choose a name that is", param, ctx)
         return super().convert(value, param, ctx)
+
+    def risk_of(self, value: Any) -> str:
+        """Say what a default from somebody else's file would do, nothing where that is harmless."""
+        inside = Path(str(value)).resolve().is_relative_to(Path.cwd())
+        return "" if inside else "that writes outside this folder"
 
 
 POSITIVE: Final = click.FloatRange(0.0, min_open=True)
