@@ -15,6 +15,7 @@ from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, 
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
+from campaigns.spreadsheet import inert_frame
 from campaigns.strategies.controller import dump_controller
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError
@@ -110,7 +111,7 @@ def write_design(designed: Designed, folder: Path, stages: Sequence[StageResult]
     for name, canvas in design_figures(designed).items():
         svg = canvas.svg(stamp)
         paths[f"figures/{name}.svg"] = write_text(figures / f"{name}.svg", svg)
-        write_text(figures / f"{name}.csv", canvas.numbers().to_csv(index=False))
+        write_text(figures / f"{name}.csv", inert_frame(canvas.numbers()).to_csv(index=False))
         drawings[name] = (canvas.title, canvas.caption, Markup(inlined(svg, name, canvas.title)))
     content = document(designed, stages)
     paths["design.json"] = write_numbers(designed, folder, stages)

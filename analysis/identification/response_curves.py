@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.frequency.frf import FrequencyResponse
 from analysis.recorded.sweep import Sweep
+from campaigns.spreadsheet import inert_frame
 from sim_backend.errors import ConfigError
 from sim_backend.safe_write import whole_text_file
 
@@ -71,4 +72,4 @@ def save_curves(curves: tuple[ResponseCurve, ...], path: Path) -> None:
     frames = [pd.DataFrame({name: getattr(curve, name) for name in curve.__dataclass_fields__}) for curve in curves]
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_text_file(path, replace=False) as file:
-        pd.concat(frames).to_csv(file, index=False)
+        inert_frame(pd.concat(frames, ignore_index=True)).to_csv(file, index=False)

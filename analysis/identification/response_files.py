@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.identification.response_curves import ResponseCurve, save_curves
+from campaigns.spreadsheet import as_named
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import write_text
 
@@ -54,7 +55,9 @@ def _from_csv(path: Path) -> tuple[ResponseCurve, ...]:
     if missing:
         raise ValueError(f"no column {missing[0]}")
     return tuple(
-        ResponseCurve(str(output), str(input_), *(part[name].to_numpy(dtype=float) for name in _COLUMNS[2:]))
+        ResponseCurve(
+            as_named(str(output)), as_named(str(input_)), *(part[name].to_numpy(dtype=float) for name in _COLUMNS[2:])
+        )
         for (output, input_), part in table.groupby(["output", "input"], sort=False)
     )
 

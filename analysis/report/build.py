@@ -20,6 +20,7 @@ from analysis.report.explore import make_explorers
 from analysis.report.page import FigurePart, render_page, render_table
 from analysis.report.stages import measured_stages
 from analysis.report.tables import write_table
+from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
 from sim_backend.safe_write import folder_within, write_text
 
@@ -110,7 +111,9 @@ def _write_figure(key: str, canvas: Canvas, measured: Measured, folder: Path) ->
     svg = canvas.svg(_stamp(canvas, measured))
     write_text(path, svg)
     numbers = canvas.numbers()
-    write_text(path.with_suffix(".csv"), numbers.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
+    write_text(
+        path.with_suffix(".csv"), inert_frame(numbers).to_csv(index=False, lineterminator="\n", float_format="%.9g")
+    )
     return FigurePart(key, canvas.title, canvas.caption, svg, path, canvas.run_uids, numbers)
 
 
@@ -133,7 +136,7 @@ def _write_evidence(evidence: list[Evidence], folder: Path) -> None:
 
     for i, item in enumerate(evidence, start=1):
         frame = pd.DataFrame(item.rows, columns=list(item.heads))
-        write_text(folder / f"evidence-{i}.csv", frame.to_csv(index=False, lineterminator="\n"))
+        write_text(folder / f"evidence-{i}.csv", inert_frame(frame).to_csv(index=False, lineterminator="\n"))
 
 
 def _silent(done: float, total: float, what: str) -> None:

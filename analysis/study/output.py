@@ -14,6 +14,7 @@ from analysis.study.figures import study_figure
 from analysis.study.store import FILE, Store
 from analysis.study.summary import Summary
 from analysis.study.trial import Job
+from campaigns.spreadsheet import inert
 from sim_backend.errors import DataError
 from sim_backend.safe_write import whole_text_file, write_text
 
@@ -56,8 +57,9 @@ def study_stamp(job: Job) -> str:
 def _csv(job: Job, store: Store, path: Path) -> Path:
     with whole_text_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["trial", "status", "reason", *job.varied_names, *(c.name for c in job.columns)])
-        writer.writerows(store.rows(job.study.total))
+        heads = ("trial", "status", "reason", *job.varied_names, *(c.name for c in job.columns))
+        writer.writerow(map(inert, heads))
+        writer.writerows([inert(v) if isinstance(v, str) else v for v in row] for row in store.rows(job.study.total))
     return path
 
 

@@ -21,6 +21,7 @@ from campaigns.log.matlab import Numbers, Value, write_structure
 from campaigns.log.read import BLOCK_ROWS, Run
 from campaigns.log.schema import to_json
 from campaigns.progress import Report, unheard
+from campaigns.spreadsheet import inert
 from sim_backend.errors import ConfigError, DataError, did_you_mean
 from sim_backend.safe_write import whole_file, whole_path, whole_text_file
 
@@ -88,7 +89,7 @@ def save_csv(run: Run, path: Path, report: Report = unheard) -> None:
         for start, block in run.blocks(rows=CSV_ROWS):
             report(start, run.rows, f"writing {path.name}")
             stop = start + next(iter(block.values())).size
-            columns = {f"{names[name]} ({run.channels[name].unit})": values for name, values in block.items()}
+            columns = {inert(f"{names[name]} ({run.channels[name].unit})"): values for name, values in block.items()}
             frame = pd.DataFrame(columns, index=pd.Index(run.time_s(first, start, stop), name="time (s)"))
             frame.to_csv(file, header=start == 0)
 

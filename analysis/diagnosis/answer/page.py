@@ -25,6 +25,7 @@ from analysis.pages.explorer import Explorer
 from analysis.pages.formats import shown
 from analysis.pages.quantities import chance, quantity, share
 from analysis.pages.svg import inlined
+from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import NAMED
 from sim_backend.model import Model
@@ -98,7 +99,7 @@ def write_drawn(
     for figure in (*figures[0], *figures[1]):
         svg = figure.canvas.svg(stamp)
         paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
-        write_text(folder / f"{figure.name}.csv", figure.canvas.numbers().to_csv(index=False))
+        write_text(folder / f"{figure.name}.csv", inert_frame(figure.canvas.numbers()).to_csv(index=False))
         drawings[figure.name] = Markup(inlined(svg, figure.name, str(escape(figure.title))))
     page = render(diagnosis, model, sources, Drawings(figures, drawings, dict(explorers or {})), chops)
     return paths | {"index.html": write_text(out / "index.html", page)}
