@@ -68,7 +68,12 @@ def test_files_are_written_by_the_one_module_that_follows_no_link() -> None:
         r"\.write_(?:text|bytes)\(|open\([^)\n]*[\"'][rwax]*b?[wax+]+b?[\"']|mkstemp\(|NamedTemporaryFile\(|\.truncate\("
         r"|\.savefig\((?!stream|buffer)|\.to_csv\((?!file\b|index|\))|np\.save(?:z|txt)?\((?!file\b)|h5py\.File\([^)]*[\"']w"
     )
-    allowed = {"safe_write.write_text(", 'archive.open(f"{name}.npy", "w"', 'archive.open("about.npy", "w"'}
+    allowed = {
+        "safe_write.write_text(",
+        "open(os.devnull",
+        'archive.open(f"{name}.npy", "w"',
+        'archive.open("about.npy", "w"',
+    }
     found = [
         f"{name}: {line.strip()}"
         for name in sources(*PRODUCT)
