@@ -2,11 +2,11 @@
 #   make report   the whole campaign on the simulated bench, then the report (in report/)
 #   make test     the tests: every effect, plan, bench, command and page at least once
 #   make test-all all tests; required after a change of diagnosis, effects or challenge
-#   make check    formatting, lint, types and import contracts
+#   make check    formatting, lint, types, import contracts and pins
 #   make format   rewrite the sources in the one format
 #   make docs     the documents as a site (in build/docs), warnings as errors
-#   make release  wheel and source archive (in dist/), each tried in an empty environment
-#   make lock     pin all dependencies anew (constraints*.txt)
+#   make release  wheel, source archive and bill of materials (in dist/), each archive tried in an empty environment
+#   make lock     pin all dependencies anew, with digests (requirements*.txt, constraints*.txt)
 #   make picture  the picture of the README, from the report
 #   make help     set up, and show this list
 #   make clean    remove what the targets above have made
@@ -16,14 +16,14 @@ OUT    ?= report
 BIN    := $(VENV)/bin
 
 # The set-up is done again only when the contents of these two files change, whatever their dates say.
-STAMP  := $(VENV)/.mccd-$(shell cat pyproject.toml constraints.txt | cksum | cut -d ' ' -f 1)
+STAMP  := $(VENV)/.mccd-$(shell cat pyproject.toml requirements.txt | cksum | cut -d ' ' -f 1)
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # One thread per process in the linear algebra: the tests already use one process per core.
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report picture test test-all durations check check-format check-lint check-types check-imports format docs release help lock clean
+.PHONY: report picture test test-all durations check check-format check-lint check-types check-imports check-lock format docs release help lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
@@ -47,7 +47,7 @@ test-all: $(STAMP)
 durations: $(STAMP)
 	$(TESTS) -m "not soak" --write-durations $(ARGS)
 
-check: check-format check-lint check-types check-imports
+check: check-format check-lint check-types check-imports check-lock
 
 check-format: $(STAMP)
 	$(BIN)/ruff format --quiet --check .
@@ -60,6 +60,9 @@ check-types: $(STAMP)
 
 check-imports: $(STAMP)
 	$(BIN)/lint-imports
+
+check-lock: $(STAMP)
+	$(BIN)/python release/lock.py --check
 
 format: $(STAMP)
 	$(BIN)/ruff format .
@@ -74,17 +77,20 @@ release: $(STAMP)
 	$(BIN)/python -m build --outdir dist
 	for archive in dist/*; do \
 	  $(PYTHON) -m venv --clear build/release && \
-	  PIP_CONSTRAINT=constraints.txt build/release/bin/python -m pip install --quiet "$$archive" && \
+	  build/release/bin/python -m pip install --quiet --require-hashes -r requirements-run.txt && \
+	  build/release/bin/python -m pip install --quiet --no-deps --no-build-isolation "$$archive" && \
 	  build/release/bin/mccd --version && \
 	  (cd build/release && bin/mccd campaign run quick --out try/quick && bin/mccd log verify try/quick/*.h5) || exit 1; \
 	done
+	$(BIN)/python release/bill.py dist
 	ls dist
 
 help: $(STAMP)
 	@sed -n 's/^#   make/make/p' Makefile
 
 $(STAMP): $(BIN)/python
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --editable '.[dev,docs,cluster]'
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	rm -f $(VENV)/.mccd-*
 	touch $@
 
@@ -93,16 +99,8 @@ $(BIN)/python:
 	  { echo "mccd needs Python 3.11 or newer; $(PYTHON) is older or absent: make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV)
 
-lock:
-	$(PYTHON) -m venv --clear build/lock
-	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers,peers-identify,cluster,docs,exchange,formats]'
-	{ echo '# Every dependency, direct or not, of mccd and its extras but `peers-diagnosis`. Made by `make lock`; do not edit.'; \
-	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints.txt
-	$(PYTHON) -m venv --clear build/lock
-	build/lock/bin/python -m pip install --quiet --upgrade setuptools '.[dev,peers-diagnosis]'
-	{ echo '# Every dependency of mccd with the extras `dev` and `peers-diagnosis`, which asks for an older numpy. Made by `make lock`; do not edit.'; \
-	  build/lock/bin/python -m pip freeze --all --exclude mccd --exclude pip; } > constraints-peers-diagnosis.txt
-	rm -rf build/lock
+lock: $(STAMP)
+	$(BIN)/python release/lock.py
 
 clean:
 	rm -rf $(VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -174,7 +174,7 @@ def _peers(fitted: Parts, held: Parts, there: dict[str, Any]) -> dict[str, dict[
 
 def _ours(folder: Path, diagnose: bool) -> dict[str, Any]:
     """Return what the commands get from the map in a folder; a command that fails leaves its last line."""
-    _mccd(folder, "import", "map.toml", "-o", "run.h5")
+    _mccd(folder, "import", "map.toml", "-o", "run.h5", "--allow-outside")  # the data are links
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     printed = _mccd(folder, "identify", "--log", "run.h5", "-o", "m.toml", "--json")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

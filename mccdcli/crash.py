@@ -13,6 +13,7 @@ from pathlib import Path
 from platformdirs import user_log_path
 
 from campaigns.version import tool_commit, tool_version
+from sim_backend.safe_write import write_text
 
 
 def write_crash_file(error: BaseException) -> Path:
@@ -30,8 +31,6 @@ def write_crash_file(error: BaseException) -> Path:
     name = f"crash-{now:%Y%m%dT%H%M%S}-{os.getpid()}.txt"
     try:
         path = user_log_path("mccd", appauthor=False, ensure_exists=True) / name
-        path.write_text(text, encoding="utf-8")
+        return write_text(path, text)
     except OSError:
-        path = Path(tempfile.mkdtemp(prefix="mccd-")) / name
-        path.write_text(text, encoding="utf-8")
-    return path
+        return write_text(Path(tempfile.mkdtemp(prefix="mccd-")) / name, text)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import click
 
-from mccdcli.output import say
+from mccdcli.output import discard, say
 from sim_backend.errors import ConfigError, DataError, MccdError
 
 USAGE = ConfigError.exit_code
@@ -41,8 +41,7 @@ def exit_code_of(run: Callable[[], object]) -> int:
     except MccdError as error:
         return _refuse(str(error), error.exit_code)
     except BrokenPipeError:
-        # what is still buffered has no reader: give it one that discards it, or Python complains at its exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard(sys.stdout)
         return BROKEN_PIPE
     except OSError as error:
         # with a file name, or for these reasons, it is the state of the user's disk or folder
@@ -56,7 +55,10 @@ def exit_code_of(run: Callable[[], object]) -> int:
 
 
 def _refuse(message: str, exit_code: int) -> int:
-    say(f"mccd: error: {' '.join(message.split())}")
+    try:
+        say(f"mccd: error: {' '.join(message.split())}")
+    except BrokenPipeError:  # nobody listens, and the exit code says it too
+        discard(sys.stderr)
     return exit_code
 
 

@@ -81,10 +81,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
+    _open_closed_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # a terminal without Greek letters gets \u03b8, not an error
         sys.stdout.reconfigure(errors="backslashreplace")
     with warnings_in_one_line():
         return exit_code_of(lambda: run(cli, sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def _open_closed_streams() -> None:
+    """Let standard streams that were closed lead nowhere; else the first file opened, a log, would take their place."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")
 
 
 def run(tree: click.Group, arguments: list[str]) -> object:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sim_backend.errors import ConfigError
+from sim_backend.safe_write import write_text
 
 if TYPE_CHECKING:
     from sim_backend.model import Model
@@ -18,10 +19,8 @@ def refuse_existing(path: Path, *, force: bool) -> None:
 
 
 def save_model(model: Model, path: Path, *, force: bool) -> None:
-    """Write the TOML of `model` beside `path` and rename it there; raises ConfigError as `refuse_existing`."""
+    """Write the TOML of `model` to `path`; raises ConfigError as `refuse_existing`."""
     from sim_backend.model import dump_model
 
     refuse_existing(path, force=force)
-    hidden = path.with_name(f".{path.name}.tmp")
-    hidden.write_text(dump_model(model), encoding="utf-8")
-    hidden.replace(path)
+    write_text(path, dump_model(model))

@@ -36,6 +36,30 @@ class BenchAddress(click.ParamType[str]):
             self.fail(f"{address!r} is not a bench; a bench is {', '.join(BENCHES)}.{hint}", param, ctx)
         return address
 
+    def risk_of(self, value: Any) -> str:
+        """Say what a default from somebody else's file would do, nothing where that is harmless."""
+        return "" if str(value).partition(":")[0] in ("sim", "emulator") else "that opens a line to a bench"
+
+
+class NewPath(click.Path):
+    """Where something is to be written: a path of UTF-8 text, as files that name other files hold nothing else."""
+
+    def __init__(self, *, dir_okay: bool = True) -> None:
+        super().__init__(path_type=Path, dir_okay=dir_okay)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return `value` as a Path, or end with a usage error."""
+        try:
+            str(value).encode("utf-8")
+        except UnicodeEncodeError:
+            self.fail(f"{str(value)!r} holds bytes that are no UTF-8 text; choose a name that is", param, ctx)
+        return super().convert(value, param, ctx)
+
+    def risk_of(self, value: Any) -> str:
+        """Say what a default from somebody else's file would do, nothing where that is harmless."""
+        inside = Path(str(value)).resolve().is_relative_to(Path.cwd())
+        return "" if inside else "that writes outside this folder"
+
 
 POSITIVE: Final = click.FloatRange(0.0, min_open=True)
 
@@ -49,9 +73,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
         metavar="BENCH",
         help=f"Where to run: {', '.join(BENCHES)}.",
     ),
-    "out": click.option(
-        "-o", "--out", type=click.Path(path_type=Path), metavar="PATH", help="Where to write the result."
-    ),
+    "out": click.option("-o", "--out", type=NewPath(), metavar="PATH", help="Where to write the result."),
     "seed": click.option(
         "--seed",
         envvar="MCCD_SEED",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
+import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,8 +27,22 @@ def emit(result: object, *, as_json: bool, text: str) -> None:
 
 
 def say(remark: str) -> None:
-    """Print a remark on standard error, where it cannot mix with the result."""
-    click.echo(visible(remark), err=True)
+    """Print a remark on standard error, where it cannot mix with the result.
+
+    One that a full disk does not take is lost: what was asked for is done all the same.
+    """
+    try:
+        click.echo(visible(remark), err=True)
+    except BrokenPipeError:
+        raise
+    except OSError:
+        discard(sys.stderr)
+
+
+def discard(stream: TextIO) -> None:
+    """Let `stream` lead nowhere: what it still holds cannot be written, or Python complains at its exit."""
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 @contextmanager

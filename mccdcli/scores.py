@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mccdcli.output import plain, table
+from sim_backend.safe_write import write_text
 
 if TYPE_CHECKING:
     from analysis.challenge.score import Score
@@ -22,10 +23,8 @@ def written(score: Score, target: Path, made_by: Sequence[str]) -> str:
     document = {"date": date, "version": score.version, **plain(score.plain())}
     target.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False)
-    target.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
-    target.with_suffix(".md").write_text(
-        page(score, date=date, commands=made_by, version=score.version), encoding="utf-8"
-    )
+    write_text(target.with_suffix(".json"), text + "\n")
+    write_text(target.with_suffix(".md"), page(score, date=date, commands=made_by, version=score.version))
     rows = [
         (
             m.name,

@@ -42,8 +42,13 @@ def places() -> tuple[Path, ...]:
     """Return the files that are read, the one that overrules the others last."""
     if explicit := os.environ.get(EXPLICIT):
         return (Path(explicit),)
+    return (_own(), HERE)
+
+
+def _own() -> Path:
+    """Return the user's own file."""
     home = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
-    return (Path(home) / "mccd" / "config.toml", HERE)
+    return Path(home) / "mccd" / "config.toml"
 
 
 def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> Settings:
@@ -88,6 +93,7 @@ def defaults_of(settings: Settings, command: click.Command, path: tuple[str, ...
     common = settings.table((FOR_ALL,)).items()
     shared = {n: v for n, v in common if n in options and options[n].envvar == f"{PREFIX}_{n.upper()}"}
     own = {name.replace("_", "-"): value for name, value in settings.table(path).items()}
+    _refuse_from_the_folder(settings, options, path)
     for name in own:
         if name not in options:
             where = next(file for key, file in settings.origins.items() if key[:-1] == path and same(key[-1], name))
@@ -105,6 +111,22 @@ def options_of(command: click.Command) -> Iterator[tuple[str, click.Option]]:
             long = [name for name in parameter.opts if name.startswith("--")]
             if long:
                 yield long[0].removeprefix("--"), parameter
+
+
+def _refuse_from_the_folder(settings: Settings, options: Mapping[str, click.Option], path: tuple[str, ...]) -> None:
+    """Raise ConfigError for what `mccd.toml` of the current folder may not set: whoever made the folder wrote it."""
+    if os.environ.get(EXPLICIT):
+        return  # the user has named the file
+    for key, file in settings.origins.items():
+        name = key[-1].replace("_", "-")
+        if file == HERE and key[:-1] in (path, (FOR_ALL,)) and name in options:
+            value: Any = settings.table(key[:-1])[key[-1]]
+            why = getattr(options[name].type, "risk_of", lambda _: "")(value)
+            if why:
+                raise ConfigError(
+                    f"{file} sets {'.'.join(key)} = {value!r}, and {why}: a file of the current folder may not, as "
+                    f"others may have put it there; move the line to {_own()}, or give --{name}"
+                )
 
 
 def same(first: str, second: str) -> bool:

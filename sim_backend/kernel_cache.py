@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import stat
-import tempfile
 import time
 import warnings
 from functools import cache
@@ -16,6 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from sim_backend.errors import MccdWarning
+from sim_backend.safe_write import write_bytes
 
 VARIABLE = "MCCD_KERNEL_CACHE"
 """Environment variable that names the folder; by default it is one in the user's cache."""
@@ -60,14 +60,7 @@ def keep_entry(name: str, data: bytes) -> None:
     if place is None:
         return
     try:
-        with tempfile.NamedTemporaryFile(dir=place, prefix=".new-", delete=False) as part:
-            try:
-                part.write(_digest(name, data) + data)
-                part.close()
-                Path(part.name).replace(place / name)
-            except OSError:
-                Path(part.name).unlink(missing_ok=True)
-                raise
+        write_bytes(place / name, _digest(name, data) + data, mode=0o600)
     except OSError as error:
         _doubt(f"{place} cannot be written ({error.strerror or error})")
 

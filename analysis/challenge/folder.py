@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.challenge.truth import Case, Truth, seal
 from sim_backend.errors import ConfigError
+from sim_backend.safe_write import write_text
 
 Plan = TypeVar("Plan")
 Maker = Callable[[Path, Plan, int, int], Case]
@@ -53,7 +54,7 @@ def fill(
     salt = np.random.default_rng([seed, 1]).bytes(16).hex()
     digest = seal(folder, Truth(seed=seed, salt=salt, cases=dict(sorted(truths.items()))))
     listed = {"schema": "mccd-challenge/1", "cases": names, "seal": digest, **public}
-    (folder / "challenge.json").write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+    write_text(folder / "challenge.json", json.dumps(listed, indent=1) + "\n")
     return digest
 
 

@@ -24,6 +24,7 @@ from campaigns.log import Channel, LogWriter
 from campaigns.log.checksum import sidecar_of, write_sidecar
 from sim_backend.errors import ConfigError
 from sim_backend.model import dump_model
+from sim_backend.safe_write import write_text
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,7 @@ def make_case(folder: Path, plan: Plan, seed: int, index: int) -> Case:
     for run, reading in zip(campaign.runs, readings, strict=True):
         write_run(folder / f"{run.name}.h5", folder.name, run, reading, rng)
     model = nominal_model(campaign.plant, rng, campaign.runs[0].excitation.rate_hz)
-    (folder / "nominal.toml").write_text(dump_model(model), encoding="utf-8")
+    write_text(folder / "nominal.toml", dump_model(model))
     for path in folder.iterdir():
         os.utime(path, (_EPOCH.timestamp(),) * 2)
     return _truth(drawn, readings)

@@ -15,8 +15,10 @@ from threading import Event, Timer
 
 from analysis.challenge.plant import NOMINAL_ERROR
 from analysis.challenge.truth import reveal
+from campaigns.names import check_file_name
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError
+from sim_backend.safe_write import folder_within, whole_file, write_text
 
 RESULTS, OUTCOME, DIAGNOSIS = "results", "run.json", "diagnosis.json"
 
@@ -82,6 +84,8 @@ def cases_of(folder: Path, first: str | None = None) -> list[str]:
     if not public.is_file():
         raise ConfigError(f"{folder} holds no challenge.json: make a challenge there first")
     names: list[str] = json.loads(public.read_text(encoding="utf-8"))["cases"]
+    for name in names:
+        check_file_name(str(name), f"{public}: case")
     if first is not None and first not in names:
         raise ConfigError(f"{folder} has no case '{first}'; its cases are {names[0]} to {names[-1]}")
     return names if first is None else names[names.index(first) :]
@@ -139,14 +143,14 @@ class _Work:
         How far the nominal model can be trusted is public: uniform within ±3 %, a standard deviation of 3 %/√3, or
         what the challenge states. One that was stopped leaves no outcome, so that it is run again.
         """
-        case, out = (self.folder / "cases" / name).resolve(), (self.folder / RESULTS / name).resolve()
-        out.mkdir(parents=True, exist_ok=True)
+        case = (self.folder / "cases" / name).resolve()
+        out = folder_within(folder_within(self.folder, RESULTS), name).resolve()
         runs = sorted(p.name for p in case.glob("run-*.h5"))
         without = [word for slug in left_out for word in ("--without", slug)]
         tolerance = ["--nominal-tolerance", f"{nominal_error(self.folder) / 3.0**0.5:.4f}"]
         arguments = [*self.command, *runs, "--model", "nominal.toml", "-o", str(out), *tolerance, *without]
         started = time.monotonic()
-        with (out / "words.txt").open("wb") as words:
+        with whole_file(out / "words.txt") as words:
             process = subprocess.Popen(arguments, cwd=case, stdout=words, stderr=words)
             self.running.add(process)
             code, cpu_s = _await(process, self.limit_s)
@@ -154,9 +158,7 @@ class _Work:
         if self.stopping.is_set() or code == INTERRUPTED:
             return name
         outcome = Outcome(name, code, time.monotonic() - started, cpu_s, tool_version(), tool_commit())
-        hidden = out / f".{OUTCOME}"
-        hidden.write_text(json.dumps(asdict(outcome), indent=1) + "\n", encoding="utf-8")
-        hidden.replace(out / OUTCOME)  # an outcome is there whole or not at all
+        write_text(out / OUTCOME, json.dumps(asdict(outcome), indent=1) + "\n")
         return name
 
 

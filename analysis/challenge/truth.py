@@ -10,6 +10,7 @@ from typing import Literal
 import msgspec
 
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.safe_write import folder_within, write_bytes, write_text
 
 Stratum = Literal["one", "faint", "two", "none", "outside", "twisted", "unlisted"]
 """What a case is: one listed effect, one near detection, a pair, nothing, one listed effect that is left out of the
@@ -77,10 +78,10 @@ def seal(folder: Path, truth: Truth) -> str:
     """Write the hash, then the truth; return the hash."""
     data = zlib.compress(msgspec.json.encode(truth), 9)
     digest = hashlib.sha256(data).hexdigest()
-    (folder / SEAL).write_text(f"sha256 {digest}  {TRUTH}\n", encoding="utf-8")
+    write_text(folder / SEAL, f"sha256 {digest}  {TRUTH}\n")
     path = folder / TRUTH
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data)
+    folder_within(folder, path.parent.name)
+    write_bytes(path, data)
     return digest
 
 

@@ -11,6 +11,7 @@ from analysis.identification.identify import identify_runs
 from campaigns.log import Run
 from sim_backend.bench import Limits
 from sim_backend.model import dump_model
+from sim_backend.safe_write import write_text
 
 AXES = ("theta_x", "theta_y")
 
@@ -48,5 +49,5 @@ def _sweeps(run: Run, axis: str) -> bool:
 def _designed(sweeps: list[Run], others: list[Run], limits: Limits, axes: tuple[str, ...], out: Path) -> Designed:
     model = identify_runs(sweeps, name="nominal").model
     out.mkdir(parents=True, exist_ok=True)
-    (out / "nominal.toml").write_text(dump_model(model), encoding="utf-8")
+    write_text(out / "nominal.toml", dump_model(model))
     return design_controller(model, [*others, *sweeps], limits, axes, Options())

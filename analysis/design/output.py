@@ -15,9 +15,11 @@ from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, 
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
+from campaigns.spreadsheet import inert_frame
 from campaigns.strategies.controller import dump_controller
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError
+from sim_backend.safe_write import folder_within, write_text
 
 CONTROLLER = "controller.toml"
 
@@ -34,9 +36,7 @@ def prepare_folder(folder: Path) -> Path:
 
 def write_controller(designed: Designed, folder: Path) -> Path:
     """Write the controller file and return its path."""
-    path = folder / CONTROLLER
-    path.write_text(dump_controller(designed.controller), encoding="utf-8")
-    return path
+    return write_text(folder / CONTROLLER, dump_controller(designed.controller))
 
 
 def numbers_of(one: AxisDesign) -> dict[str, Any]:
@@ -99,26 +99,25 @@ def document(designed: Designed, stages: Sequence[StageResult] = ()) -> dict[str
 def write_numbers(designed: Designed, folder: Path, stages: Sequence[StageResult] = ()) -> Path:
     """Write `design.json` and return its path."""
     text = json.dumps(_finite(document(designed, stages)), indent=2, allow_nan=False, ensure_ascii=False)
-    return _write(folder / "design.json", text + "\n")
+    return write_text(folder / "design.json", text + "\n")
 
 
 def write_design(designed: Designed, folder: Path, stages: Sequence[StageResult] = ()) -> dict[str, Path]:
     """Write `design.json`, `stages.csv` when there are stages, figures and `index.html`; return paths by name."""
-    figures = folder / "figures"
-    figures.mkdir(exist_ok=True)
+    figures = folder_within(folder, "figures")
     stamp = f"mccd {tool_version()} ({tool_commit()}) · runs {', '.join(uid[:8] for uid in designed.sources)}"
     paths: dict[str, Path] = {}
     drawings = {}
     for name, canvas in design_figures(designed).items():
         svg = canvas.svg(stamp)
-        paths[f"figures/{name}.svg"] = _write(figures / f"{name}.svg", svg)
-        _write(figures / f"{name}.csv", canvas.numbers().to_csv(index=False))
+        paths[f"figures/{name}.svg"] = write_text(figures / f"{name}.svg", svg)
+        write_text(figures / f"{name}.csv", inert_frame(canvas.numbers()).to_csv(index=False))
         drawings[name] = (canvas.title, canvas.caption, Markup(inlined(svg, name, canvas.title)))
     content = document(designed, stages)
     paths["design.json"] = write_numbers(designed, folder, stages)
     if stages:
-        paths["stages.csv"] = _write(folder / "stages.csv", stages_csv(stages))
-    return paths | {"index.html": _write(folder / "index.html", _page(designed, content, stages, drawings))}
+        paths["stages.csv"] = write_text(folder / "stages.csv", stages_csv(stages))
+    return paths | {"index.html": write_text(folder / "index.html", _page(designed, content, stages, drawings))}
 
 
 def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
@@ -174,8 +173,3 @@ def _finite(node: Any) -> Any:
     if isinstance(node, list):
         return [_finite(v) for v in node]
     return None if isinstance(node, float) and not abs(node) < float("inf") else node
-
-
-def _write(path: Path, text: str) -> Path:
-    path.write_text(text, encoding="utf-8")
-    return path

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from analysis.diagnosis.answer.output import document, prepare_folder, write_files, write_text
+from analysis.diagnosis.answer.output import document, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.evidence.chop_gain import ChopGain, chops_or_why
 from analysis.diagnosis.experiment.face import Face
@@ -33,6 +33,7 @@ from campaigns.playing.runner import Report
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model, dump_model
+from sim_backend.safe_write import folder_within, write_text
 
 STATE_FILE = "investigation.json"
 SCHEMA = "mccd-investigation/1"
@@ -190,7 +191,7 @@ def _played(quest: Quest, home: Path, entry: Round, plan: Plan, report: Report |
     run = RunEntry(name=plan.name, plan=plan.name, settings=plan.changes())
     outcome = run_campaign(
         Campaign(name=name, title=plan.title, runs=(run,)),
-        home / name,
+        folder_within(home, name),
         address=quest.address,
         seed=run_seed(quest.seed, name),
         resume=read_state(home / name) is not None,
@@ -217,7 +218,7 @@ def _judged(
         done = [_planned(r) for r in (*before, entry)]
         diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, face, heard, done)
         diagnosis = replace(diagnosis, notes=(*loaded.notes, *diagnosis.notes))
-        prepare_folder(folder)
+        folder_within(folder.parent, folder.name)
         write_page(diagnosis, quest.model, loaded.sources, folder)
         files = write_files(diagnosis, quest.model, loaded.sources, folder)
         chops: tuple[ChopGain, ...] = ()

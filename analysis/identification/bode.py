@@ -13,6 +13,7 @@ from analysis.identification.identified import Identification
 from analysis.identification.response_curves import ResponseCurve, curves_of_periods
 from campaigns.facts import usable_segments
 from campaigns.log import Run
+from campaigns.log.plot import write_picture
 from sim_backend.errors import DataError
 from sim_backend.intersample import hold_response
 
@@ -94,4 +95,4 @@ def bode(found: Identification, curves: Sequence[ResponseCurve]) -> Figure:
 
 def save_bode(found: Identification, runs: Sequence[Run], path: Path) -> None:
     """Write the Bode picture; `campaigns.log.plot.require_picture` tells beforehand whether it can be."""
-    bode(found, measured_curves(found, runs)).savefig(path, dpi=150)
+    write_picture(bode(found, measured_curves(found, runs)), path)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from analysis.frequency.frf import FrequencyResponse
 from analysis.recorded.sweep import Sweep
+from campaigns.spreadsheet import inert_frame
 from sim_backend.errors import ConfigError
+from sim_backend.safe_write import whole_text_file
 
 Array = NDArray[np.float64]
 
@@ -69,4 +71,5 @@ def save_curves(curves: tuple[ResponseCurve, ...], path: Path) -> None:
 
     frames = [pd.DataFrame({name: getattr(curve, name) for name in curve.__dataclass_fields__}) for curve in curves]
     path.parent.mkdir(parents=True, exist_ok=True)
-    pd.concat(frames).to_csv(path, index=False)
+    with whole_text_file(path, replace=False) as file:
+        inert_frame(pd.concat(frames, ignore_index=True)).to_csv(file, index=False)

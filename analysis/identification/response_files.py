@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from analysis.identification.response_curves import ResponseCurve, save_curves
+from campaigns.spreadsheet import as_named
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.safe_write import write_text
 
 _COLUMNS = list(ResponseCurve.__dataclass_fields__)
 _NAMES = re.compile(r"^!\s*(inputs|outputs):\s*(.*)$")
@@ -27,7 +29,7 @@ def save_response(curves: tuple[ResponseCurve, ...], path: Path) -> None:
     if not curves or path.exists():
         raise ConfigError(f"{path} exists or there is no response to write; choose another path, excite periodically")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_touchstone(curves, path), encoding="utf-8")
+    write_text(path, _touchstone(curves, path))
 
 
 def load_response(path: Path) -> tuple[ResponseCurve, ...]:
@@ -53,7 +55,9 @@ def _from_csv(path: Path) -> tuple[ResponseCurve, ...]:
     if missing:
         raise ValueError(f"no column {missing[0]}")
     return tuple(
-        ResponseCurve(str(output), str(input_), *(part[name].to_numpy(dtype=float) for name in _COLUMNS[2:]))
+        ResponseCurve(
+            as_named(str(output)), as_named(str(input_)), *(part[name].to_numpy(dtype=float) for name in _COLUMNS[2:])
+        )
         for (output, input_), part in table.groupby(["output", "input"], sort=False)
     )
 

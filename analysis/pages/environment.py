@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import base64
+import hashlib
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
@@ -10,6 +14,8 @@ from analysis.pages.formats import exact, shown
 
 if TYPE_CHECKING:
     import jinja2
+
+NOTHING: Final = "'none'"
 
 
 def page_environment(package: str) -> jinja2.Environment:
@@ -26,7 +32,41 @@ def page_environment(package: str) -> jinja2.Environment:
     environment.filters["shown"] = shown
     environment.filters["exact"] = exact
     environment.filters["embedded"] = embedded
+    own = _OwnElements(environment)
+    environment.globals |= {"element": own.element, "policy": own.policy}
     return environment
+
+
+@dataclass(frozen=True)
+class _OwnElements:
+    """The scripts and styles of the pages, from files of the package alone: what a browser may run and apply.
+
+    Their digests are taken from the files, never from a finished page: a script that found its way there has none.
+    """
+
+    environment: jinja2.Environment
+
+    def element(self, name: str) -> Markup:
+        """Return the file `name` (.js or .css) as an element."""
+        kind = _kind(name)
+        return Markup("<{0}>{1}</{0}>").format(kind, Markup(self._text(name)))
+
+    def policy(self, *names: str) -> Markup:
+        """Return the element that lets a page have these files and images that it holds itself, and nothing else."""
+        digests: dict[str, list[str]] = {"script": [], "style": []}
+        for name in names:
+            digest = base64.b64encode(hashlib.sha256(self._text(name).encode()).digest()).decode()
+            digests[_kind(name)].append(f"'sha256-{digest}'")
+        allowed = [f"{kind}-src {' '.join(found) or NOTHING}" for kind, found in digests.items()]
+        rules = [f"default-src {NOTHING}", *allowed, "img-src data:", f"base-uri {NOTHING}", f"form-action {NOTHING}"]
+        return Markup('<meta http-equiv="Content-Security-Policy" content="{}">').format(Markup("; ".join(rules)))
+
+    def _text(self, name: str) -> str:
+        return f"\n{self.environment.get_template(name).render()}\n"
+
+
+def _kind(name: str) -> str:
+    return {".css": "style", ".js": "script"}[PurePath(name).suffix]
 
 
 def embedded(value: object) -> Markup:

@@ -20,7 +20,9 @@ from analysis.report.explore import make_explorers
 from analysis.report.page import FigurePart, render_page, render_table
 from analysis.report.stages import measured_stages
 from analysis.report.tables import write_table
+from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
+from sim_backend.safe_write import folder_within, write_text
 
 Progress = Callable[[float, float, str], None]
 
@@ -73,7 +75,7 @@ def report_of(measured: Measured, out: Path, progress: Progress | None = None) -
     tell = progress or _silent
     total = float(len(TABLES) + len(FIGURES) + 1)
     for name in ("tables", "figures"):
-        (out / name).mkdir(parents=True, exist_ok=True)
+        folder_within(out, name)
     tables: dict[str, Table] = {}
     for key in TABLES:
         tell(float(len(tables)), total, f"table {key}")
@@ -93,23 +95,25 @@ def report_of(measured: Measured, out: Path, progress: Progress | None = None) -
     page = out / "index.html"
     stages = measured_stages(measured)
     if stages:
-        (out / "tables" / "stages.csv").write_text(stages_csv(stages), encoding="utf-8")
-    page.write_text(render_page(measured.runs, tables, figures, evidence, explorers, stages), encoding="utf-8")
+        write_text(out / "tables" / "stages.csv", stages_csv(stages))
+    write_text(page, render_page(measured.runs, tables, figures, evidence, explorers, stages))
     report = Report(out, tables, {key: part.path for key, part in figures.items()}, page, out / "report.json")
     _write_json(report.content(relative=True), report.json)
     return report
 
 
 def _write_json(content: dict[str, Any], path: Path, indent: int | None = 2) -> None:
-    path.write_text(json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def _write_figure(key: str, canvas: Canvas, measured: Measured, folder: Path) -> FigurePart:
     path = folder / f"figure-{key}.svg"
     svg = canvas.svg(_stamp(canvas, measured))
-    path.write_text(svg, encoding="utf-8")
+    write_text(path, svg)
     numbers = canvas.numbers()
-    numbers.to_csv(path.with_suffix(".csv"), index=False, lineterminator="\n", float_format="%.9g")
+    write_text(
+        path.with_suffix(".csv"), inert_frame(numbers).to_csv(index=False, lineterminator="\n", float_format="%.9g")
+    )
     return FigurePart(key, canvas.title, canvas.caption, svg, path, canvas.run_uids, numbers)
 
 
@@ -132,7 +136,7 @@ def _write_evidence(evidence: list[Evidence], folder: Path) -> None:
 
     for i, item in enumerate(evidence, start=1):
         frame = pd.DataFrame(item.rows, columns=list(item.heads))
-        frame.to_csv(folder / f"evidence-{i}.csv", index=False, lineterminator="\n")
+        write_text(folder / f"evidence-{i}.csv", inert_frame(frame).to_csv(index=False, lineterminator="\n"))
 
 
 def _silent(done: float, total: float, what: str) -> None:

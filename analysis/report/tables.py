@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from analysis.pages.formats import NONE, exact, shown
 from analysis.paper.rows import Row, Table
+from campaigns.spreadsheet import inert_frame
+from sim_backend.safe_write import write_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,9 +78,9 @@ def write_table(table: Table, folder: Path, html: str) -> dict[str, Path]:
     """Write a table into `folder` as CSV, LaTeX and HTML; return the paths by form."""
     stem = f"table-{table.key}"
     paths = {form: folder / f"{stem}.{form}" for form in ("csv", "tex", "html")}
-    table.frame().to_csv(paths["csv"], index=False, lineterminator="\n")
-    paths["tex"].write_text(latex(table), encoding="utf-8")
-    paths["html"].write_text(html, encoding="utf-8")
+    write_text(paths["csv"], inert_frame(table.frame()).to_csv(index=False, lineterminator="\n"))
+    write_text(paths["tex"], latex(table))
+    write_text(paths["html"], html)
     return paths
 
 

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from campaigns.names import check_file_name
 from sim_backend.errors import ConfigError
 
 SCHEMA = "mccd-study/1"
@@ -152,8 +153,10 @@ def load_study(path: str | Path) -> Study:
 def parse_study(text: str, where: str) -> Study:
     """Return the study written in `text`; `where` names it in errors, which are as those of `load_study`."""
     try:
-        return msgspec.convert(tomllib.loads(text), Study)
+        study = msgspec.convert(tomllib.loads(text), Study)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see docs/studies.md for the fields") from None
+    check_file_name(study.name, f"{where}: name")  # that of its folder, where none is given
+    return study

@@ -14,7 +14,9 @@ from analysis.study.figures import study_figure
 from analysis.study.store import FILE, Store
 from analysis.study.summary import Summary
 from analysis.study.trial import Job
+from campaigns.spreadsheet import inert
 from sim_backend.errors import DataError
+from sim_backend.safe_write import whole_text_file, write_text
 
 SCHEMA = "mccd-study-results/1"
 
@@ -40,8 +42,8 @@ def write_results(job: Job, store: Store, summary: Summary, folder: Path) -> dic
     try:
         files["csv"] = _csv(job, store, folder / "trials.csv")
         text = json.dumps(document(job, summary), indent=2, ensure_ascii=False) + "\n"
-        files["json"] = _replaced(folder / "study.json", text)
-        files["figure"] = _replaced(folder / "study.svg", study_figure(job, store, summary).svg(study_stamp(job)))
+        files["json"] = write_text(folder / "study.json", text)
+        files["figure"] = write_text(folder / "study.svg", study_figure(job, store, summary).svg(study_stamp(job)))
     except OSError as error:
         raise DataError(f"{folder}: {error.strerror}; check the folder, its rights and the free space") from None
     return files
@@ -53,18 +55,12 @@ def study_stamp(job: Job) -> str:
 
 
 def _csv(job: Job, store: Store, path: Path) -> Path:
-    hidden = path.with_name(f".{path.name}.tmp")
-    with hidden.open("w", encoding="utf-8", newline="") as file:
+    with whole_text_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["trial", "status", "reason", *job.varied_names, *(c.name for c in job.columns)])
-        writer.writerows(store.rows(job.study.total))
-    return hidden.replace(path)
-
-
-def _replaced(path: Path, text: str) -> Path:
-    hidden = path.with_name(f".{path.name}.tmp")
-    hidden.write_text(text, encoding="utf-8")
-    return hidden.replace(path)
+        heads = ("trial", "status", "reason", *job.varied_names, *(c.name for c in job.columns))
+        writer.writerow(map(inert, heads))
+        writer.writerows([inert(v) if isinstance(v, str) else v for v in row] for row in store.rows(job.study.total))
+    return path
 
 
 def _plain(value: Any) -> Any:

@@ -21,6 +21,7 @@ from analysis.study.fingerprint import require_same
 from analysis.study.kinds import Column, Scalar
 from analysis.study.trial import Outcome
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.safe_write import require_no_link
 
 FILE = "trials.sqlite"
 SCHEMA = "mccd-study-trials/1"
@@ -41,6 +42,7 @@ class Store:
         self.path = folder / FILE
         self._varied, self._columns = tuple(varied), tuple(columns)
         folder.mkdir(parents=True, exist_ok=True)
+        require_no_link(self.path)  # SQLite itself refuses links in place of the files beside it
         existed = self.path.exists()
         if existed and not resume:
             raise ConfigError(f"{folder} holds trials already; go on with --resume, or choose another --out")

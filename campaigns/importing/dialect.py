@@ -15,6 +15,7 @@ from itertools import islice
 from pathlib import Path
 
 from campaigns.log.guard import first_line
+from campaigns.spreadsheet import as_named
 from sim_backend.errors import DataError
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -142,7 +143,7 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
     # a last column that has a name is one, empty as it may be
     trailing = trailing and not any(len(row) == columns and row[-1] for row in rows[:first])
     found = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
-    names, units, first = found
+    names, units, first = tuple(map(as_named, found[0])), *found[1:]
     full = [row for row in rows[first:] if len(row) == columns]
     doubt = "" if named and decimal_named else _doubt(path, full, separator, names)
     return Dialect(encoding, separator, decimal, columns - trailing, names, units, first, trailing, doubt)

@@ -52,12 +52,16 @@ class ImportReport:
 
 
 def import_run(
-    map_path: str | os.PathLike[str], target: str | os.PathLike[str], report: Report = unheard
+    map_path: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    report: Report = unheard,
+    *,
+    allow_outside: bool = False,
 ) -> ImportReport:
     """Import what the map at `map_path` names into a new log at `target`; sources count from the map's folder.
 
-    All data are held in memory once. Raises ConfigError for the map and an existing target, DataError for the
-    sources; in both cases nothing is written.
+    They must lie in there or below, unless `allow_outside`. All data are held in memory once. Raises ConfigError for
+    the map and an existing target, DataError for the sources; in both cases nothing is written.
     """
     path = Path(map_path)
     found, text = read_map(path)
@@ -67,7 +71,7 @@ def import_run(
         units = {name: _unit(name, channel.unit) for name, channel in found.channels.items()}
         wanted: Sequence[PartMap | None] = found.parts or (None,)
         with ExitStack() as closing:
-            files = Files(path.parent, found, closing)
+            files = Files(path.parent, found, closing, allow_outside)
             shares = np.linspace(0.0, GATHERING, len(wanted) + 1)
             parts = [
                 (gather_archive if found.log.archive else gather)(files, part, units, part_of(report, start, stop))

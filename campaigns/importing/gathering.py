@@ -58,11 +58,15 @@ class Part:
 
 @dataclass(frozen=True)
 class Files:
-    """The sources of one import, the last few of them open; `used` names them all."""
+    """The sources of one import, the last few of them open; `used` names them all.
+
+    They lie in the map's `folder` or below, links resolved, unless the user lets a map read elsewhere (`outside`).
+    """
 
     folder: Path
     map: ImportMap
     closing: ExitStack
+    outside: bool = False
     opened: dict[str, Source] = field(default_factory=dict)
     used: dict[str, Path] = field(default_factory=dict)
 
@@ -77,9 +81,19 @@ class Files:
             if len(self.opened) == MOST_OPEN:
                 self.closing.close()
                 self.opened.clear()
-            log, self.used[name] = self.map.log, self.folder / name
-            self.opened[name] = open_source(self.folder / name, self.closing, log.delimiter, log.decimal, log.header)
+            log, self.used[name] = self.map.log, self._path(name)
+            self.opened[name] = open_source(self.used[name], self.closing, log.delimiter, log.decimal, log.header)
         return self.opened[name]
+
+    def _path(self, name: str) -> Path:
+        """Return the path of a source; raises ConfigError, before anything is read, for one that lies elsewhere."""
+        path, folder = self.folder / name, self.folder.resolve()
+        if self.outside or path.resolve().is_relative_to(folder):
+            return path
+        raise ConfigError(
+            f"source '{name}' is {path.resolve()}, outside the folder of the map, {folder}: move the data there, "
+            "or let this map read elsewhere with --allow-outside"
+        )
 
 
 def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report: Report) -> Part:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import uuid
 from pathlib import Path
 
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
+from sim_backend.safe_write import write_text
 
 _SIDECAR_LIMIT_BYTES = 4096
 _BLOCK_BYTES = 2**20
@@ -42,12 +42,7 @@ def write_sidecar(path: Path) -> str:
     with path.open("rb") as stream:
         os.fsync(stream.fileno())
     digest = sha256_of(path)
-    hidden = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.tmp")
-    try:
-        hidden.write_text(f"{digest}  {path.name}\n", encoding="utf-8")
-        hidden.replace(sidecar_of(path))
-    finally:
-        hidden.unlink(missing_ok=True)
+    write_text(sidecar_of(path), f"{digest}  {path.name}\n")
     return digest
 
 

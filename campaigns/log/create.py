@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import astuple, fields
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -21,7 +19,6 @@ from campaigns.log.schema import (
     segment_dtype,
     to_json,
 )
-from sim_backend.errors import ConfigError
 
 SEGMENTS_PER_CHUNK = 64
 
@@ -62,18 +59,6 @@ def lay_out(
                 dataset.attrs[field.name] = getattr(channel, field.name)
     file.create_dataset(SEGMENTS, (0,), segment_dtype(settings_bytes), maxshape=(None,), chunks=(SEGMENTS_PER_CHUNK,))
     file.create_dataset(COMMITTED, data=np.int64(0))
-
-
-def give_name(hidden: Path, target: Path) -> None:
-    """Rename the finished file `hidden` to `target`; raises ConfigError when that name is taken."""
-    try:
-        os.link(hidden, target)  # unlike a rename, it fails when the name is taken in the meantime
-    except FileExistsError:
-        raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out") from None
-    except OSError:  # a file system without hard links
-        hidden.rename(target)
-        return
-    hidden.unlink()
 
 
 def storable(text: str) -> str:

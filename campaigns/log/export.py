@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.log.failure import let_go, reason_of
 from campaigns.log.matlab import Numbers, Value, write_structure
 from campaigns.log.read import BLOCK_ROWS, Run
 from campaigns.log.schema import to_json
 from campaigns.progress import Report, unheard
-from sim_backend.errors import ConfigError, did_you_mean
+from campaigns.spreadsheet import inert
+from sim_backend.errors import ConfigError, DataError, did_you_mean
+from sim_backend.safe_write import whole_file, whole_path, whole_text_file
 
 if TYPE_CHECKING:
     import h5py
@@ -82,11 +85,11 @@ def save_csv(run: Run, path: Path, report: Report = unheard) -> None:
 
     first = next(iter(run.channels))
     names = _stored_names(run.channels, ("time",))
-    with path.open("x", encoding="utf-8", newline="") as file:
+    with whole_text_file(path, replace=False) as file:
         for start, block in run.blocks(rows=CSV_ROWS):
             report(start, run.rows, f"writing {path.name}")
             stop = start + next(iter(block.values())).size
-            columns = {f"{names[name]} ({run.channels[name].unit})": values for name, values in block.items()}
+            columns = {inert(f"{names[name]} ({run.channels[name].unit})"): values for name, values in block.items()}
             frame = pd.DataFrame(columns, index=pd.Index(run.time_s(first, start, stop), name="time (s)"))
             frame.to_csv(file, header=start == 0)
 
@@ -95,7 +98,7 @@ def save_npz(run: Run, path: Path, report: Report = unheard) -> None:
     """Write an archive of numpy arrays: `time_s`, one per channel, and `about` as JSON text."""
     reader = _Reader(run, report)
     names = _stored_names(run.channels, ("time_s", "about"))
-    with zipfile.ZipFile(path, "x", zipfile.ZIP_STORED) as archive:
+    with whole_file(path, replace=False) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, blocks in {"time_s": _times(run), **{names[n]: reader.values(n) for n in run.channels}}.items():
             # its size is not asked for before it is written, so every entry may become larger than 4 GB
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
@@ -133,7 +136,7 @@ def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
         },
         "about": to_json(_about(run, names), "log"),
     }
-    with path.open("xb") as file:
+    with whole_file(path, replace=False) as file:
         write_structure(file, "run", content)
 
 
@@ -141,28 +144,41 @@ def save_nexus(run: Run, path: Path, report: Report = unheard) -> None:
     """Write a NeXus file: an NXentry with one NXdata per role, each channel with `units` over a shared time axis."""
     import h5py
 
-    reader = _Reader(run, report)
-    with h5py.File(path, "x") as file:
-        file.attrs["NX_class"], file.attrs["default"] = "NXroot", "entry"
-        entry = file.create_group("entry")
-        entry.attrs["NX_class"] = "NXentry"
-        entry["title"], entry["start_time"] = run.header.test, run.header.started_utc
-        entry["entry_identifier"] = run.run_uid
-        notes = entry.create_group("about")
-        notes.attrs["NX_class"] = "NXnote"
-        stored = _stored_names(run.channels, ("time",))
-        notes["type"], notes["data"] = "application/json", to_json(_about(run, stored), "log")
-        for role in dict.fromkeys(channel.role for channel in run.channels.values()):
-            names = run.names(role)
-            data = entry.create_group(role)
-            data.attrs.update({"NX_class": "NXdata", "signal": stored[names[0]], "axes": ["time"], "time_indices": 0})
-            if len(names) > 1:
-                data.attrs["auxiliary_signals"] = [stored[name] for name in names[1:]]
-            _stored(data, "time", run.rows, _times(run)).attrs["units"] = "s"
-            for name in names:
-                channel = _stored(data, stored[name], run.rows, reader.values(name))
-                channel.attrs["units"], channel.attrs["long_name"] = run.channels[name].unit, name
-        entry.attrs["default"] = "output" if run.names("output") else next(iter(run.channels.values())).role
+    with whole_path(path, replace=False) as hidden:
+        file = h5py.File(hidden, "x")
+        try:
+            _fill_nexus(file, run, _Reader(run, report))
+            file.flush()
+            file.close()
+        except BaseException as error:
+            let_go(file)
+            if isinstance(error, OSError | RuntimeError):
+                fix = "check the folder, its rights and the free space"
+                raise DataError(f"{path}: {reason_of(error)}; {fix}") from None
+            raise
+
+
+def _fill_nexus(file: h5py.File, run: Run, reader: _Reader) -> None:
+    file.attrs["NX_class"], file.attrs["default"] = "NXroot", "entry"
+    entry = file.create_group("entry")
+    entry.attrs["NX_class"] = "NXentry"
+    entry["title"], entry["start_time"] = run.header.test, run.header.started_utc
+    entry["entry_identifier"] = run.run_uid
+    notes = entry.create_group("about")
+    notes.attrs["NX_class"] = "NXnote"
+    stored = _stored_names(run.channels, ("time",))
+    notes["type"], notes["data"] = "application/json", to_json(_about(run, stored), "log")
+    for role in dict.fromkeys(channel.role for channel in run.channels.values()):
+        names = run.names(role)
+        data = entry.create_group(role)
+        data.attrs.update({"NX_class": "NXdata", "signal": stored[names[0]], "axes": ["time"], "time_indices": 0})
+        if len(names) > 1:
+            data.attrs["auxiliary_signals"] = [stored[name] for name in names[1:]]
+        _stored(data, "time", run.rows, _times(run)).attrs["units"] = "s"
+        for name in names:
+            channel = _stored(data, stored[name], run.rows, reader.values(name))
+            channel.attrs["units"], channel.attrs["long_name"] = run.channels[name].unit, name
+    entry.attrs["default"] = "output" if run.names("output") else next(iter(run.channels.values())).role
 
 
 FORMS: Final[Mapping[str, Callable[[Run, Path, Report], None]]] = {
@@ -184,11 +200,7 @@ def save(run: Run, path: Path, report: Report = unheard) -> None:
         raise ConfigError(f"{path}: '{ending}' is no form; {did_you_mean(ending, FORMS)}there are {', '.join(FORMS)}")
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
-    try:
-        FORMS[ending](run, path, report)
-    except BaseException:
-        path.unlink(missing_ok=True)  # half a file reads like a whole one
-        raise
+    FORMS[ending](run, path, report)  # whole or not at all: half a file reads like a whole one
 
 
 def _stored(group: h5py.Group, name: str, rows: int, blocks: Iterable[tuple[int, Array]]) -> h5py.Dataset:

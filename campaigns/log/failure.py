@@ -17,14 +17,18 @@ _SYSTEM_MESSAGE = re.compile(r"error message = '([^']*)'")
 
 def cannot(verb: str, path: Path, error: Exception, more: str = "") -> DataError:
     """Return the error for a log that could not be made, written or completed, with the system's own reason."""
+    fix = "check the folder, its rights and the free space"
+    return DataError(f"cannot {verb} the log {path}: {reason_of(error)}{more}; {fix}")
+
+
+def reason_of(error: Exception) -> str:
+    """Return the system's own reason for a failure of HDF5."""
     found = _SYSTEM_MESSAGE.search(str(error))
     if found:
-        detail = found[1]
-    elif isinstance(error, OSError) and error.errno:
-        detail = os.strerror(error.errno)
-    else:
-        detail = (str(error).splitlines() or [type(error).__name__])[0]
-    return DataError(f"cannot {verb} the log {path}: {detail}{more}; check the folder, its rights and the free space")
+        return found[1]
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def let_go(file: h5py.File) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from campaigns.log.read import Run
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.safe_write import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +81,13 @@ def require_picture(path: Path, *, force: bool | None = None) -> None:
 def save_picture(run: Run, path: Path) -> None:
     """Write the picture of a log; raises ConfigError as `require_picture`."""
     require_picture(path)
-    picture(run).savefig(path, dpi=150)
+    write_picture(picture(run), path)
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a figure in the form that the ending of `path` names, whole or not at all."""
+    with whole_file(path) as stream:
+        figure.savefig(stream, dpi=150, format=path.suffix.lower().removeprefix("."))
 
 
 def drawn(run: Run, width: int = 60) -> list[tuple[str, str, str]]:

@@ -75,4 +75,8 @@ def take(file: h5py.File, size_bytes: int) -> None:
 def give_back(path: Path, size_bytes: int) -> None:
     """Cut the closed file at `path` down to what HDF5 itself uses of it; raises OSError."""
     if path.stat().st_size > size_bytes:
-        os.truncate(path, size_bytes)
+        descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            os.ftruncate(descriptor, size_bytes)
+        finally:
+            os.close(descriptor)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from campaigns.log.checksum import write_sidecar
-from campaigns.log.create import SEGMENTS_PER_CHUNK, give_name, lay_out, storable
+from campaigns.log.create import SEGMENTS_PER_CHUNK, lay_out, storable
 from campaigns.log.failure import cannot, let_go
 from campaigns.log.room import CLOSING_BYTES, give_back, rows_bytes, take
 from campaigns.log.schema import (
@@ -38,6 +38,7 @@ from campaigns.log.schema import (
 from campaigns.names import check_label
 from campaigns.version import tool_version as installed_version
 from sim_backend.errors import ConfigError, MccdError
+from sim_backend.safe_write import give_name, hidden_name, require_ordinary
 
 CHUNK_ROWS = 4096
 SETTINGS_BYTES = 1024
@@ -110,15 +111,16 @@ class LogWriter:
                 f"settings_bytes {settings_bytes} in 2 to {2**16}: choose values within"
             )
         target = Path(path)
+        require_ordinary(target)
         if target.exists():
             raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
-        hidden = target.with_name(f".{target.name}.{uuid.uuid4().hex[:12]}.tmp")
+        hidden = hidden_name(target)
         try:
             file = h5py.File(hidden, "x")
             try:
                 lay_out(file, header, columns, chunk_rows, settings_bytes, expected_rows)
                 file.flush()
-                give_name(hidden, target)
+                give_name(hidden, target, replace=False)
             except BaseException:
                 let_go(file)
                 raise

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from campaigns.names import check_name
+from campaigns.names import check_file_name
 from campaigns.plans import Plan, make_plan
 from sim_backend.errors import ConfigError, did_you_mean
 
@@ -116,8 +116,8 @@ def parse_campaign(text: str, where: str, folder: str = "") -> Campaign:
     names = [entry.name for entry in campaign.runs]
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"{where}: runs {', '.join(names) or 'none'}; name each run once, and give one at least")
-    check_name(campaign.name, f"{where}: campaign")  # that of its folder, where none is given
+    check_file_name(campaign.name, f"{where}: campaign")  # that of its folder, where none is given
     for name in names:
-        check_name(name, f"{where}: run")
+        check_file_name(name, f"{where}: run")
     campaign.plans()
     return campaign

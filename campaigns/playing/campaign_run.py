@@ -7,8 +7,6 @@ import dataclasses
 import fcntl
 import hashlib
 import json
-import os
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -28,6 +26,7 @@ from campaigns.playing.runner import Outcome, Report, fingerprint, fingerprint_o
 from campaigns.playing.side_by_side import free_cores, share
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.safe_write import open_lock, write_text
 
 STATE_FILE = "campaign.json"
 LOCK_FILE = ".campaign.lock"
@@ -156,7 +155,7 @@ class _Tally:
 def _locked(home: Path) -> Iterator[None]:
     """Keep a second process out of the folder; the lock ends with the process, however that ends."""
     home.mkdir(parents=True, exist_ok=True)
-    with (home / LOCK_FILE).open("w") as file:
+    with open_lock(home / LOCK_FILE) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -292,16 +291,7 @@ def _write_state(
         "runs": runs,
     }
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{STATE_FILE}.", dir=home)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(json.dumps(content, indent=2) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(name, home / STATE_FILE)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        write_text(home / STATE_FILE, json.dumps(content, indent=2) + "\n")
     except OSError as error:
         reason = f"{error.strerror}; check the folder, its rights and the free space"
         raise DataError(f"cannot write {home / STATE_FILE}: {reason}") from None

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from sim_backend.errors import ConfigError, HardwareError
+from sim_backend.safe_write import give_name, hidden_name
 
 
 class Channel(Protocol):
@@ -53,10 +54,9 @@ class PtyPort:
     def __init__(self, link: Path | None = None) -> None:
         self._folder = None if link else tempfile.TemporaryDirectory(prefix="mccd-bench-")
         self._link = link or Path(self._folder.name if self._folder else "") / "tty"
-        if self._link.is_symlink():
-            self._link.unlink()
-        elif self._link.exists():
-            raise ConfigError(f"{self._link} exists and is no symbolic link; choose another name for the terminal")
+        if os.path.lexists(self._link) and not _leads_to_terminal(self._link):
+            raise ConfigError(f"{self._link} exists and leads to no terminal; choose another name for the terminal")
+        self._link.unlink(missing_ok=True)
         self._line: PtyChannel | None = None
 
     @property
@@ -82,6 +82,11 @@ class PtyPort:
             self._folder.cleanup()
 
 
+def _leads_to_terminal(link: Path) -> bool:
+    """Tell whether `link` is one that a bench left or may replace: to a terminal that is there, or was."""
+    return link.is_symlink() and os.readlink(link).startswith("/dev/")
+
+
 class PtyChannel:
     """A raw pseudo-terminal named `link`; its slave end is held open so that a client may come and go."""
 
@@ -90,9 +95,9 @@ class PtyChannel:
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh = hidden_name(link)
         fresh.symlink_to(os.ttyname(self._slave))
-        fresh.replace(link)
+        give_name(fresh, link, replace=True)
         self.closed = False
 
     def fileno(self) -> int:

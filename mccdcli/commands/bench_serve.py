@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import NewPath, common_options
 from mccdcli.output import emit, say
 
 
@@ -15,7 +15,7 @@ from mccdcli.output import emit, say
     "--transport", type=click.Choice(["pty", "tcp"]), default="pty", show_default=True, help="How to reach it."
 )
 @click.option("--model", default="as-built", show_default=True, metavar="MODEL", help="The bench behind the firmware.")
-@click.option("--link", type=click.Path(path_type=Path), metavar="PATH", help="Name of the pseudo-terminal.")
+@click.option("--link", type=NewPath(), metavar="PATH", help="Name of the pseudo-terminal.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on with tcp.")
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one."

@@ -7,13 +7,13 @@ from typing import Any
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import NewPath, common_options
 from mccdcli.output import emit
 from mccdcli.progress import Report, progress
 
 
 @click.command("make")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("folder", type=NewPath(), metavar="DIR")
 @click.option(
     "--generator", type=click.Choice(["first", "second"]), default="first", show_default=True, help="By which."
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import NewPath, common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign, settings_option
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     help="Identify from this log instead of running a sweep; repeatable.",
 )
 @click.option("--axis", "axes", multiple=True, metavar="AXIS", help="Axis to sweep; repeatable.  [default: all]")
-@click.option("--logs", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Where the sweeps' logs go.")
+@click.option("--logs", "folder", type=NewPath(), metavar="DIR", help="Where the sweeps' logs go.")
 @click.option("--modes", type=click.IntRange(min=1), metavar="N", help="Number of modes.  [default: chosen]")
 @click.option("--only", default="", metavar="TEXT", help="Use only segments whose label contains TEXT.")
 @click.option(
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--response",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=NewPath(dir_okay=False),
     metavar="FILE",
     help="Also write the measured frequency response: .csv with its uncertainty, or .sNp (Touchstone-like).",
 )
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 @click.option(
     "--plot",
     "picture",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=NewPath(dir_okay=False),
     metavar="FILE",
     help="Also draw the Bode picture of data and model: .png, .svg or .pdf.",
 )

@@ -17,12 +17,14 @@ from mccdcli.progress import progress
     "files", nargs=-1, required=True, metavar="MAP.toml", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )
 @click.option("--guess", is_flag=True, help="Propose a map for data files instead: printed, or written with --out.")
+@click.option("--allow-outside", is_flag=True, help="Let the map read files outside its own folder.")
 @common_options("out", "json")
-def import_data(files: tuple[Path, ...], guess: bool, out: Path | None, as_json: bool) -> None:
+def import_data(files: tuple[Path, ...], guess: bool, allow_outside: bool, out: Path | None, as_json: bool) -> None:
     """Import data of any bench into a log, as a map file describes them.
 
     The log is MAP.h5 in the current folder unless --out names another; an existing file is never overwritten.
-    With --guess the files are data, and a commented map is proposed for them.
+    With --guess the files are data, and a commented map is proposed for them. A map reads files of its own folder and
+    below; --allow-outside is for maps that you trust.
 
     \b
     Examples:
@@ -39,7 +41,7 @@ def import_data(files: tuple[Path, ...], guess: bool, out: Path | None, as_json:
     from campaigns.importing import import_run
 
     with progress("importing") as report:
-        made = import_run(map, out or Path(f"{map.stem}.h5"), report)
+        made = import_run(map, out or Path(f"{map.stem}.h5"), report, allow_outside=allow_outside)
     summary = f"{made.path}: {length_text(made.rows, made.sample_rate_hz)}"
     clock = [f"clock: {made.clock}"] if made.clock else []
     remarks = [f"remark: {remark}" for remark in made.remarks]
@@ -51,6 +53,7 @@ def import_data(files: tuple[Path, ...], guess: bool, out: Path | None, as_json:
 def _guess(files: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
     from campaigns.importing.guess import guess
     from sim_backend.errors import ConfigError
+    from sim_backend.safe_write import write_text
 
     if out is not None and out.exists():
         raise ConfigError(f"{out} exists and is not overwritten: choose another path with --out")
@@ -60,10 +63,11 @@ def _guess(files: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
     for line in found.said:
         say(f"guess: {line}")
     if out is not None:
-        out.write_text(found.text, encoding="utf-8")
+        write_text(out, found.text)
     result = {"map": out, "text": found.text, "said": list(found.said)}
+    outside = "" if all(path.resolve().is_relative_to(folder) for path in files) else " --allow-outside"
     emit(
         result,
         as_json=as_json,
-        text=found.text.rstrip() if out is None else f"{out}: look at it, then `mccd import {out}`",
+        text=found.text.rstrip() if out is None else f"{out}: look at it, then `mccd import {out}{outside}`",
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mccdcli.options import common_options, existing_file
+from mccdcli.options import NewPath, common_options, existing_file
 from mccdcli.output import emit
 from mccdcli.progress import progress
 
@@ -17,7 +17,7 @@ from mccdcli.progress import progress
     "-o",
     "--out",
     required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=NewPath(dir_okay=False),
     metavar="FILE",
     help="File to write; its ending says the form: .csv, .mat, .npz or .nxs.",
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mccdcli.models import refuse_existing
-from mccdcli.options import common_options
+from mccdcli.options import NewPath, common_options
 from mccdcli.output import emit
 
 
@@ -17,7 +17,7 @@ from mccdcli.output import emit
     "-o",
     "--out",
     required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=NewPath(dir_okay=False),
     metavar="FILE",
     help="File to write; its ending says the form: .toml or .json.",
 )
@@ -41,7 +41,8 @@ def convert(model: str, out: Path, force: bool, as_json: bool) -> None:
     refuse_existing(out, force=force)
 
     from sim_backend.model import dump_model, load_model
+    from sim_backend.safe_write import write_text
 
     found = load_model(model)
-    out.write_text(dump_model(found, "json" if form == "json" else "toml"), encoding="utf-8")
+    write_text(out, dump_model(found, "json" if form == "json" else "toml"))
     emit({"file": out, "name": found.name}, as_json=as_json, text=f"{found.name}: {out}")

@@ -36,6 +36,10 @@ class ClusterAddress(click.ParamType[str]):
             self.fail(f"{address!r} is not the address of a scheduler; write it as in tcp://127.0.0.1:8786", param, ctx)
         return address
 
+    def risk_of(self, _value: Any) -> str:
+        """Say what a default from somebody else's file would do."""
+        return "programs on a cluster run what it sends"
+
 
 @click.command()
 @existing_file("study_file", metavar="STUDY.toml")

@@ -169,7 +169,22 @@ def test_a_report_shows_markup_as_text(here: Path) -> None:
         file.attrs["tool_version"], file.attrs["tool_commit"], file.attrs["run_uid"] = SCRIPT, COMMENT, IMAGE
     digest = hashlib.sha256(log.read_bytes()).hexdigest()
     log.with_name(f"{log.name}.sha256").write_text(f"{digest}  {log.name}\n")
+    # and who can write into the folder of results can put links there
+    victim = here / "victim"
+    victim.write_text("precious")
+    linked = [
+        path
+        for path in (here / "out").rglob("*")
+        if path.is_file() and path.suffix in (".html", ".json", ".csv", ".svg", ".tex")
+    ]
+    linked = [path for path in linked if path.parent.name != "campaign"]
+    assert {"index.html", "report.json", "explore.json", "table-6.6.csv"} <= {path.name for path in linked}
+    for path in linked:
+        path.unlink()
+        path.symlink_to(victim)
     assert main(command) == 0
+    assert victim.read_text() == "precious"
+    assert [path for path in linked if path.is_symlink()] == []
     page = Page((here / "out" / "index.html").read_text(encoding="utf-8"))
     assert_harmless(page)
     for shown in (bench, f"{run}.h5", f"mccd {SCRIPT}", COMMENT, IMAGE):

@@ -36,7 +36,7 @@ def imported(folder: Path) -> None:
     for file in MIRROR.glob("*.npy"):
         (folder / file.name).symlink_to(file)
     (folder / "map.toml").write_text((ROOT / "docs" / "examples" / "fsm-import.toml").read_text())
-    mccd(folder, "import", "map.toml", "-o", "fsm.h5")
+    mccd(folder, "import", "map.toml", "-o", "fsm.h5", "--allow-outside")  # the data are links
 
 
 @pytest.fixture(scope="module")

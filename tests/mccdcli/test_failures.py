@@ -63,6 +63,27 @@ def test_a_full_disk_behind_the_standard_output_is_no_bug(arguments: tuple[str, 
     assert done.stderr.startswith("mccd: error: No space left on device; check") and done.stderr.count("\n") == 1
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize(
+    ("shell", "code"),
+    [
+        ("mccd bench nonsense 2>/dev/full", 2),
+        ("mccd bench list >/dev/full 2>/dev/full", 4),
+        ("mccd bench list >&-", 0),
+        ("mccd bench nonsense 2>&-", 2),
+        ("mccd bench list <&- >&- 2>&-", 0),
+        ("(mccd bench nonsense; echo $? >code) 2>&1 | true", 2),
+    ],
+)
+def test_the_exit_code_holds_where_nothing_can_be_said(shell: str, code: int, tmp_path: Path, log_folder: Path) -> None:
+    script = shell if ">code" in shell else f"({shell}); echo $? >code"
+    script = script.replace("mccd", f"{sys.executable} -m mccdcli")
+    done = subprocess.run(["sh", "-c", script], cwd=tmp_path, capture_output=True, timeout=60)
+    assert (tmp_path / "code").read_text() == f"{code}\n"
+    assert (done.stdout, done.stderr) == (b"", b"")
+    assert not any(log_folder.rglob("crash-*"))
+
+
 @pytest.mark.parametrize("error", [ZeroDivisionError("division by zero"), OSError("no file named"), KeyError("x")])
 def test_a_bug_is_one_line_that_names_a_file_with_the_traceback(
     error: Exception, log_folder: Path, capsys: pytest.CaptureFixture[str]

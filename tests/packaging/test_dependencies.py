@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -11,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, distribution, packages_dist
 from pathlib import Path
 
 import pytest
+from packaging.markers import Marker
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -22,17 +25,28 @@ EXTRAS = set(PROJECT["optional-dependencies"])
 # one of them asks for an older numpy than all the others, and is pinned beside what it is tested with
 LOCKS = {
     "constraints.txt": EXTRAS - {"peers-diagnosis"},
+    "requirements.txt": {"dev", "docs", "cluster"},
+    "requirements-run.txt": set(),
     "constraints-peers-diagnosis.txt": {"dev", "peers-diagnosis"},
 }
+PIN = re.compile(
+    r"(?P<name>[A-Za-z0-9][\w.-]*)==(?P<version>[\w.!+-]+)(?: ; (?P<marker>[^\\]+?))?((?: --hash=sha256:[0-9a-f]{64})+)"
+)
 # names that a distribution gives to its import, for those that need not be installed here
 IMPORT_NAMES = {"myst_parser": "myst-parser", "distributed": "distributed", "dask": "distributed"}
 
 
 def pins(lock: str = "constraints.txt") -> dict[str, str]:
-    """Return the pinned version of each distribution in a file of constraints."""
-    lines = (ROOT / lock).read_text().splitlines()
-    pairs = (line.split("==") for line in lines if line and not line.startswith("#"))
-    return {canonicalize_name(name): version for name, version in pairs}
+    """Return the version of each distribution that a file pins for this Python and system."""
+    found = [PIN.fullmatch(line) for line in entries(lock)]
+    here = [m for m in found if m and (m["marker"] is None or Marker(m["marker"]).evaluate({"extra": ""}))]
+    return {canonicalize_name(m["name"]): m["version"] for m in here}
+
+
+def entries(lock: str) -> list[str]:
+    """Return the pins of a file, each with its digests, in one line."""
+    text = (ROOT / lock).read_text().replace(" \\\n    ", " ")
+    return [line for line in text.splitlines() if not line.startswith("#")]
 
 
 def declared(*extras: str) -> dict[str, Requirement]:
@@ -74,9 +88,48 @@ def closure(names: Iterator[str] | list[str]) -> set[str]:
 
 
 @pytest.mark.parametrize("lock", LOCKS)
-def test_every_line_of_the_constraints_is_one_exact_pin_and_names_no_host(lock: str) -> None:
-    for line in (ROOT / lock).read_text().splitlines():
-        assert line.startswith("#") or re.fullmatch(r"[A-Za-z0-9][\w.-]*==[\w.!+-]+", line), line
+def test_every_line_is_one_exact_pin_with_digests_and_names_no_host(lock: str) -> None:
+    assert len(entries(lock)) > 20
+    for line in entries(lock):
+        assert PIN.fullmatch(line), line
+
+
+def test_what_is_set_up_is_pinned_as_with_all_extras_and_by_the_same_digests() -> None:
+    files = {(m["name"], m["version"]): m[4] for m in map(PIN.fullmatch, entries("constraints.txt")) if m}
+    for lock in ("requirements.txt", "requirements-run.txt"):
+        assert {
+            (m["name"], m["version"]): m[4] for m in map(PIN.fullmatch, entries(lock)) if m
+        }.items() <= files.items()
+
+
+@pytest.mark.parametrize(
+    ("changed", "stale"),
+    [
+        ('"click>=8.5",\n', set(LOCKS)),
+        ('"furo>=2024.5", ', {"constraints.txt", "requirements.txt"}),
+        ('"sysidentpy>=0.9"', {"constraints-peers-diagnosis.txt"}),
+        ('requires = ["setuptools>=77"', set(LOCKS)),
+        ("line-length = 120", set()),
+    ],
+)
+def test_pins_for_other_dependencies_are_told_without_the_network(
+    tmp_path: Path, changed: str, stale: set[str]
+) -> None:
+    (tmp_path / "release").mkdir()
+    for name in (*LOCKS, "release/lock.py"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    whole = (ROOT / "pyproject.toml").read_text()
+    assert whole.count(changed) == 1
+
+    def check(text: str) -> tuple[int, set[str]]:
+        (tmp_path / "pyproject.toml").write_text(text)
+        command = [sys.executable, "release/lock.py", "--check"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert all("run `make lock`" in line for line in done.stderr.splitlines())
+        return done.returncode, {line.split()[0] for line in done.stderr.splitlines()}
+
+    assert check(whole) == (0, set())
+    assert check(whole.replace(changed, re.sub(r"\d+", "1", changed))) == (1 if stale else 0, stale)
 
 
 def test_no_build_file_names_a_place_to_fetch_from() -> None:
@@ -99,7 +152,7 @@ def test_every_declared_dependency_is_pinned_to_a_version_that_it_admits(lock: s
 
 
 def test_everything_that_they_need_in_turn_is_pinned() -> None:
-    missing = closure(list(declared("dev"))) - set(pins())
+    missing = closure(list(declared("dev"))) - set(pins("requirements.txt"))
     assert missing == set(), "run `make lock`"
 
 

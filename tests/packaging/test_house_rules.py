@@ -61,3 +61,24 @@ def test_no_source_names_a_folder_of_one_machine() -> None:
 def test_no_file_is_a_drawer() -> None:
     drawers = {"utils.py", "util.py", "helpers.py", "misc.py", "common.py"}
     assert [name for name in sources(*PRODUCT) if Path(name).name in drawers] == []
+
+
+def test_files_are_written_by_the_one_module_that_follows_no_link() -> None:
+    direct = (
+        r"\.write_(?:text|bytes)\(|open\([^)\n]*[\"'][rwax]*b?[wax+]+b?[\"']|mkstemp\(|NamedTemporaryFile\(|\.truncate\("
+        r"|\.savefig\((?!stream|buffer)|\.to_csv\((?!file\b|index|\))|np\.save(?:z|txt)?\((?!file\b)|h5py\.File\([^)]*[\"']w"
+    )
+    allowed = {
+        "safe_write.write_text(",
+        "open(os.devnull",
+        'archive.open(f"{name}.npy", "w"',
+        'archive.open("about.npy", "w"',
+    }
+    found = [
+        f"{name}: {line.strip()}"
+        for name in sources(*PRODUCT)
+        if name != "sim_backend/safe_write.py"
+        for line in (ROOT / name).read_text().splitlines()
+        if re.search(direct, line) and not any(known in line for known in allowed)
+    ]
+    assert found == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -95,3 +96,17 @@ def test_an_installed_wheel_runs_on_its_own(dist: Path, tmp_path: Path) -> None:
     assert "checks" in run(sys.executable, "-m", "mccdcli", "schema", "chop", cwd=tmp_path, **alone)
     page = "from analysis.report.page import render_page; print(len(render_page([], {}, {}, [])))"
     assert int(run(sys.executable, "-c", page, cwd=tmp_path, **alone)) > 1000
+
+
+def test_the_bill_of_materials_names_every_package_with_its_digests(tmp_path: Path) -> None:
+    pytest.importorskip("cyclonedx_py", reason="comes with the extra dev")
+    (tmp_path / "mccd-1.2.3-py3-none-any.whl").touch()
+    run(sys.executable, str(ROOT / "release" / "bill.py"), str(tmp_path), cwd=tmp_path)
+    bill = json.loads((tmp_path / "mccd-1.2.3.cdx.json").read_text())
+    assert bill["bomFormat"] == "CycloneDX"
+    assert bill["metadata"]["component"]["version"] == "1.2.3"
+    pinned = {line.split(" ")[0] for line in (ROOT / "requirements-run.txt").read_text().splitlines() if "==" in line}
+    assert {f"{part['name']}=={part['version']}" for part in bill["components"]} == pinned
+    for part in bill["components"]:
+        assert part["purl"].startswith("pkg:pypi/")
+        assert all(digest["alg"] == "SHA-256" for place in part["externalReferences"] for digest in place["hashes"])

@@ -19,6 +19,7 @@ from analysis.challenge.second.plant import NOMINAL_ERROR, nominal_text
 from analysis.challenge.second.reserve import unlisted
 from analysis.challenge.second.write import EPOCH, channels_of, columns_of, write_exact, write_text
 from analysis.challenge.truth import Buried, Case, Number, Stratum
+from sim_backend import safe_write
 from sim_backend.errors import ConfigError, did_you_mean
 
 Array = NDArray[np.float64]
@@ -114,7 +115,7 @@ def make_case(folder: Path, plan: Plan, seed: int, index: int) -> Case:
         else:
             used = counts if kind == "counts" else {}
             write_text(path, channels, record, columns, rng, digits=max(digits, 9) if used else digits, counts=used)
-    (folder / "nominal.toml").write_text(nominal_text(plant, rng, campaign.rate_hz), encoding="utf-8")
+    safe_write.write_text(folder / "nominal.toml", nominal_text(plant, rng, campaign.rate_hz))
     for path in folder.iterdir():
         os.utime(path, (EPOCH.timestamp(),) * 2)
     return _truth(drawn, kind, readings)

@@ -17,6 +17,7 @@ from analysis.challenge.second.plant import DRIVES
 from campaigns.importing import import_run
 from campaigns.log import Channel, LogWriter
 from campaigns.log.checksum import sidecar_of, write_sidecar
+from sim_backend import safe_write
 
 Array = NDArray[np.float64]
 
@@ -88,9 +89,10 @@ def write_text(
         rows = rows / np.array([counts.get(name, 1.0) for name in columns])
         rows = np.where([name in counts for name in columns], np.rint(rows), rows)
         head = ",".join(columns)
-        np.savetxt(folder / f"part-{number}.csv", rows, delimiter=",", header=head, comments="", fmt=formats)
+        with safe_write.whole_text_file(folder / f"part-{number}.csv") as file:
+            np.savetxt(file, rows, delimiter=",", header=head, comments="", fmt=formats)
         at += stretch.n
-    (folder / "map.toml").write_text(_map(channels, record, counts), encoding="utf-8")
+    safe_write.write_text(folder / "map.toml", _map(channels, record, counts))
     import_run(folder / "map.toml", path)
     shutil.rmtree(folder)
     _put_in_order(path, record.n / channels[0].sample_rate_hz, rng)

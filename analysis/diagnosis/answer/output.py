@@ -21,6 +21,7 @@ from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 from sim_backend.model import EffectEntry, Mode, Model, Quantity, Value, dump_model, number
+from sim_backend.safe_write import write_text
 
 if TYPE_CHECKING:
     from analysis.diagnosis.evidence.chop_gain import ChopGain
@@ -289,11 +290,3 @@ def write_files(
         "extended.toml": write_extended(diagnosis, model, sources, out),
         "diagnosis.json": write_text(out / "diagnosis.json", text + "\n"),
     }
-
-
-def write_text(path: Path, text: str) -> Path:
-    """Write `text` to `path` so that the file is there whole or not at all; return the path."""
-    hidden = path.with_name(f".{path.name}.tmp")
-    hidden.write_text(text, encoding="utf-8")
-    os.replace(hidden, path)
-    return path

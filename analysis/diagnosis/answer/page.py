@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 from analysis.diagnosis.answer.difference import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.answer.figures import Drawn, evidence_figures, residual_figures
-from analysis.diagnosis.answer.output import DOMAINS, extended_model, write_text
+from analysis.diagnosis.answer.output import DOMAINS, extended_model
 from analysis.diagnosis.answer.sentence import SIGNIFICANT
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
@@ -25,9 +25,11 @@ from analysis.pages.explorer import Explorer
 from analysis.pages.formats import shown
 from analysis.pages.quantities import chance, quantity, share
 from analysis.pages.svg import inlined
+from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import NAMED
 from sim_backend.model import Model
+from sim_backend.safe_write import folder_within, write_text
 
 if TYPE_CHECKING:
     import jinja2
@@ -89,8 +91,7 @@ def write_drawn(
     chops: Sequence[ChopGain] = (),
 ) -> dict[str, Path]:
     """Write `index.html` with figures of the residual and of the evidence; return the paths of all files by name."""
-    folder = out / "figures"
-    folder.mkdir(exist_ok=True)
+    folder = folder_within(out, "figures")
     runs = ", ".join(s.run_uid[:8] for s in sources[:2]) + (" …" if len(sources) > 2 else "")
     stamp = f"mccd {tool_version()} ({tool_commit()}) · run {runs}"
     paths: dict[str, Path] = {}
@@ -98,7 +99,7 @@ def write_drawn(
     for figure in (*figures[0], *figures[1]):
         svg = figure.canvas.svg(stamp)
         paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
-        write_text(folder / f"{figure.name}.csv", figure.canvas.numbers().to_csv(index=False))
+        write_text(folder / f"{figure.name}.csv", inert_frame(figure.canvas.numbers()).to_csv(index=False))
         drawings[figure.name] = Markup(inlined(svg, figure.name, str(escape(figure.title))))
     page = render(diagnosis, model, sources, Drawings(figures, drawings, dict(explorers or {})), chops)
     return paths | {"index.html": write_text(out / "index.html", page)}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -110,6 +112,15 @@ def test_a_response_comes_back_from_its_file(tmp_path, ports, form):
         np.testing.assert_allclose(found.magnitude, given.magnitude, rtol=1e-14)
         np.testing.assert_allclose(found.phase_rad, given.phase_rad, rtol=0, atol=1e-14)
         assert np.array_equal(found.std, given.std) if form == "csv" else np.all(np.isnan(found.std))
+
+
+def test_names_in_a_table_are_no_formulas_and_come_back(tmp_path):
+    (given,) = curves(1)
+    given = replace(given, output="=1+1", input="@x")
+    save_response((given,), tmp_path / "r.csv")
+    assert "\n'=1+1,'@x," in (tmp_path / "r.csv").read_text()
+    (found,) = load_response(tmp_path / "r.csv")
+    assert (found.output, found.input) == ("=1+1", "@x")
 
 
 @pytest.mark.parametrize(

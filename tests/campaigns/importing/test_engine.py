@@ -168,7 +168,7 @@ def test_an_existing_log_is_never_overwritten(tmp_path, run_map, plain, data):
 def test_the_example_map_imports_the_measured_mirror(tmp_path):
     text = EXAMPLE.read_text(encoding="utf-8")
     (tmp_path / "map.toml").write_text(text.replace('= "u_', f'= "{MIRROR}/u_').replace('= "y_', f'= "{MIRROR}/y_'))
-    report = import_run(tmp_path / "map.toml", tmp_path / "fsm.h5")
+    report = import_run(tmp_path / "map.toml", tmp_path / "fsm.h5", allow_outside=True)
     assert report.rows == 3 * (6 + 3) * 2 * 8192  # levels x (train + test realisations) x periods x samples
     assert len(report.segments) == 27
     assert sum(part.held_out for part in report.segments) == 9

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -12,7 +14,7 @@ import pandas as pd
 import pytest
 from scipy.io import loadmat
 
-from campaigns.log import Channel, LogWriter, export, read_run
+from campaigns.log import Channel, LogWriter, read_run
 from campaigns.log.export import FORMS, save, to_dataset, to_frame
 from mccdcli.main import main
 from sim_backend.errors import ConfigError
@@ -181,12 +183,38 @@ def test_every_channel_is_kept_whatever_its_name(clashing, tmp_path, ending):
         np.testing.assert_array_equal(found[about["channels"][name]["stored_as"]], values)
 
 
-def test_half_a_file_is_not_left_behind(clashing, tmp_path, monkeypatch):
-    def fails(*_arguments: object) -> None:
-        (tmp_path / "out.npz").write_bytes(b"half")
-        raise OSError("disk")
+@pytest.mark.parametrize("ending", FORMS)
+def test_half_a_file_is_not_left_behind(clashing, tmp_path, ending):
+    folder = tmp_path / "out"
+    folder.mkdir()
 
-    monkeypatch.setattr(export, "FORMS", {**export.FORMS, ".npz": fails})
-    with read_run(clashing) as run, pytest.raises(OSError, match="disk"):
-        save(run, tmp_path / "out.npz")
-    assert not (tmp_path / "out.npz").exists()
+    def fails(*_progress: object) -> None:
+        raise KeyboardInterrupt
+
+    with read_run(clashing) as run, pytest.raises(KeyboardInterrupt):
+        save(run, folder / f"out{ending}", fails)
+    assert list(folder.iterdir()) == []
+
+
+FULL_DISK = """
+import resource, signal, sys
+from mccdcli.main import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+for ending in sys.argv[2:]:
+    print(main(["log", "export", sys.argv[1], "-o", f"out{ending}"]))
+"""
+
+
+def test_a_full_disk_is_told_and_leaves_no_file(tmp_path):
+    channels = [Channel(n, "rad", "output", "theta_x", RATE_HZ) for n in ("theta_x", "theta_y")]
+    with LogWriter.create(tmp_path / "run.h5", channels, test="t", bench={"kind": "sim"}) as writer:
+        writer.append({c.name: RNG.normal(size=20_000) for c in channels})
+    folder = tmp_path / "out"
+    folder.mkdir()
+    command = [sys.executable, "-W", "error", "-c", FULL_DISK, str(tmp_path / "run.h5"), *FORMS]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["4"] * len(FORMS)
+    reason = "File too large; check the folder, its rights and the free space"
+    assert done.stderr.splitlines() == [f"mccd: error: out{ending}: {reason}" for ending in FORMS]
+    assert list(folder.iterdir()) == []

@@ -128,3 +128,40 @@ def test_a_mistyped_name_is_answered_with_the_one_that_was_meant(arguments, mean
 def test_an_effect_to_leave_out_that_is_mistyped_too():
     with pytest.raises(ConfigError, match="did you mean 'hysteresis'"):
         Options(without=("hysteresys",))
+
+
+@pytest.mark.parametrize(
+    ("line", "command", "why"),
+    [
+        ("[defaults]\nbench = 'tcp:192.0.2.1:5025'\n", "chop", "opens a line to a bench"),
+        ("[chop]\nbench = 'serial:/dev/ttyUSB0'\n", "chop", "opens a line to a bench"),
+        ("[study]\ncluster = 'tcp://192.0.2.1:8786'\n", "study", "programs on a cluster run what it sends"),
+        ("[chop]\nout = '../elsewhere.h5'\n", "chop", "writes outside this folder"),
+        ("[bench.serve]\nlink = '/tmp/elsewhere'\n", "bench serve", "writes outside this folder"),
+    ],
+)
+def test_a_file_of_the_current_folder_reaches_nothing_outside(
+    here, log_folder, monkeypatch, capsys, line, command, why
+):
+    def code() -> int:
+        return main(["config", "show", "--json", *command.split()])
+
+    own = log_folder / ".config" / "mccd" / "config.toml"
+    write(here / "mccd.toml", line)
+    assert code() == 2
+    said = capsys.readouterr().err
+    for part in ("mccd.toml sets ", why, f"move the line to {own}", f"or give --{line.split()[1]}"):
+        assert part in said
+    monkeypatch.setenv("MCCD_CONFIG", "mccd.toml")
+    assert code() == 0
+    monkeypatch.delenv("MCCD_CONFIG")
+    (here / "mccd.toml").unlink()
+    write(own, line)
+    assert code() == 0
+    assert line.split("'")[1] in capsys.readouterr().out
+
+
+def test_a_file_of_the_current_folder_may_name_what_is_simulated_and_what_lies_in_it(here, capsys):
+    write(here / "mccd.toml", "[defaults]\nbench = 'sim:model.toml'\n\n[chop]\nout = 'runs/chop.h5'\n")
+    found = shown(capsys, "chop")["chop"]
+    assert (found["bench"]["value"], found["out"]["value"]) == ("sim:model.toml", "runs/chop.h5")

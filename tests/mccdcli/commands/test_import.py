@@ -88,3 +88,42 @@ def test_an_unknown_field_of_the_map_is_answered_with_the_nearest(
     map_file.write_text(MAP.replace("sample_rate_hz", "sample_rate"))
     assert main(["import", str(map_file)]) == 2
     assert "did you mean 'sample_rate_hz'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["absolute", "above", "a link", "a linked folder", "a process"])
+def test_a_map_reads_nothing_outside_its_folder_unless_allowed(map_file, tmp_path, capsys, place):
+    folder = map_file.parent
+    secret = tmp_path / "secret.csv"
+    (folder / "data.csv").rename(secret)
+    if place == "a link":
+        (folder / "data.csv").symlink_to(secret)
+    if place == "a linked folder":
+        (folder / "data").symlink_to(tmp_path)
+    sources = {"absolute": str(secret), "above": "../secret.csv", "a linked folder": "data/secret.csv"}
+    source = {**sources, "a process": "/proc/self/environ"}.get(place, "data.csv")
+    map_file.write_text(MAP.replace('"data.csv"', f'"{source}"'))
+    assert main(["import", str(map_file)]) == 2
+    said = capsys.readouterr().err
+    for part in (source, f"outside the folder of the map, {folder}", "--allow-outside"):
+        assert part in said
+    assert "0,0" not in said and "PATH=" not in said
+    if place != "a process":
+        assert main(["import", str(map_file), "--allow-outside"]) == 0
+
+
+def test_data_in_the_folder_may_be_named_in_any_way(map_file):
+    folder = map_file.parent
+    (folder / "below").mkdir()
+    (folder / "data.csv").rename(folder / "below" / "data.csv")
+    (folder / "linked.csv").symlink_to("below/data.csv")
+    for k, source in enumerate(("below/data.csv", "./below/../linked.csv", str(folder / "below/data.csv"))):
+        map_file.write_text(MAP.replace('"data.csv"', f'"{source}"'))
+        assert main(["import", str(map_file), "-o", f"{k}.h5"]) == 0
+
+
+def test_a_guess_for_data_elsewhere_says_what_its_map_needs(map_file, capsys):
+    folder = map_file.parent
+    assert main(["import", "--guess", str(folder / "data.csv"), "-o", "map.toml"]) == 0
+    assert "`mccd import map.toml --allow-outside`" in capsys.readouterr().out
+    assert main(["import", "--guess", str(folder / "data.csv"), "-o", str(folder / "map.toml")]) == 0
+    assert "map.toml`" in capsys.readouterr().out

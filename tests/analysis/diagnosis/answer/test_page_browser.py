@@ -134,6 +134,20 @@ def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, pages,
     assert browser.run("[...document.querySelectorAll('.canvas')].every(c => c.querySelector('path, rect'))")
 
 
+def test_links_in_the_folder_are_not_followed(pages, tmp_path):
+    victim, folder = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("precious")
+    (folder / "figures").mkdir(parents=True)
+    names = [path.relative_to(pages["named"].parent) for path in pages["named"].parent.rglob("*.*")]
+    assert len(names) > 3
+    for name in names:
+        (folder / name).symlink_to(victim)
+        (folder / name).with_name(f".{name.name}.tmp").symlink_to(victim)
+    write_page(found("named"), two_axes(), SOURCES, folder)
+    assert victim.read_text() == "precious"
+    assert not any((folder / name).is_symlink() for name in names)
+
+
 @needs_browser
 def test_text_from_data_stays_text(tab):
     assert tab.run("document.title").startswith("Diagnosis of")

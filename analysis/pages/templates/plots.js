@@ -1,7 +1,5 @@
-<script>
 (() => {
 "use strict";
 {% include "drawing.js" %}
 {% include "explore.js" %}
 })();
-</script>
