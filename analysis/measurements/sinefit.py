@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.measurements.arrays import first_absurd, said
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array
 
@@ -103,6 +104,12 @@ def fit_sines(
     # phases run from each segment's first sample, where they are small and exact, and are turned back at the end
     local = inside - np.repeat(start, length)
     data = record[inside]
+    if (absurd := first_absurd(data)) is not None:
+        at = int(np.searchsorted(np.cumsum(length), absurd[0], side="right"))
+        raise DataError(
+            f"segment {at} at {frequency[at]} Hz: sample {int(local[absurd[0]])} of channel {absurd[1]} is "
+            f"{said(data[absurd])}; leave that segment out, or record it again"
+        )
     centre = _sums(data, first) / length[:, None]
     data = data - np.repeat(centre, length, axis=0)
 

@@ -22,6 +22,9 @@ from sim_backend.errors import MccdError
 _WEB_PAGE = b"POST / HTTP/1.1\r\nHost: bench\r\nContent-Type: text/plain\r\n\r\nABORt\r\n*IDN?\r\n"
 """What a browser sends for any web page that asks it to, commands included."""
 
+CHECK_S = 60.0
+"""How long one check may take."""
+
 _IDLE_LINES = 12
 _ABORT_S = 1.0
 _NO_CONNECTIONS = "does not apply: a serial line has no connections"
@@ -311,7 +314,7 @@ def check_bench(
 
 def _result(name: str, check: Callable[[Examiner], str], examiner: Examiner) -> CheckResult:
     try:
-        examiner.link.limit(60.0)
+        examiner.link.limit(CHECK_S)
         examiner.link.make_safe()
         return CheckResult(name, True, check(examiner))
     except (Broken, MccdError) as error:
