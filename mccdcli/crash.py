@@ -15,8 +15,8 @@ from platformdirs import user_log_path
 from campaigns.version import tool_commit, tool_version
 
 
-def write_crash_file(error: BaseException) -> Path:
-    """Write what a report of `error` needs into the log folder, else a temporary one; return the path."""
+def write_crash_file(error: BaseException) -> Path | None:
+    """Write what a report of `error` needs into the log folder, else a temporary one; return the path, None if none."""
     now = datetime.now(UTC)
     text = "\n".join(
         [
@@ -28,10 +28,23 @@ def write_crash_file(error: BaseException) -> Path:
         ]
     )
     name = f"crash-{now:%Y%m%dT%H%M%S}-{os.getpid()}.txt"
-    try:
-        path = user_log_path("mccd", appauthor=False, ensure_exists=True) / name
-        path.write_text(text, encoding="utf-8")
-    except OSError:
-        path = Path(tempfile.mkdtemp(prefix="mccd-")) / name
-        path.write_text(text, encoding="utf-8")
-    return path
+    for folder in (_log_folder, _temporary_folder):
+        try:
+            path = folder() / name
+            path.write_text(text, encoding="utf-8", errors="backslashreplace")
+        except (OSError, RuntimeError):  # RuntimeError: the user has no home
+            continue
+        return path
+    return None
+
+
+def _log_folder() -> Path:
+    folder = user_log_path("mccd", appauthor=False)
+    if not folder.is_absolute():
+        raise RuntimeError("there is no home")  # some versions say so by a path that begins with ~
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _temporary_folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="mccd-"))

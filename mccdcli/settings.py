@@ -42,8 +42,11 @@ def places() -> tuple[Path, ...]:
     """Return the files that are read, the one that overrules the others last."""
     if explicit := os.environ.get(EXPLICIT):
         return (Path(explicit),)
-    home = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
-    return (Path(home) / "mccd" / "config.toml", HERE)
+    try:
+        home = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    except RuntimeError:  # nobody's: neither the environment nor the system tells of a home
+        return (HERE,)
+    return (home / "mccd" / "config.toml", HERE)
 
 
 def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> Settings:

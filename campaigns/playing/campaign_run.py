@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import errno
 import fcntl
 import hashlib
 import json
 import os
+import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import msgspec
 
@@ -156,12 +158,29 @@ class _Tally:
 def _locked(home: Path) -> Iterator[None]:
     """Keep a second process out of the folder; the lock ends with the process, however that ends."""
     home.mkdir(parents=True, exist_ok=True)
-    with (home / LOCK_FILE).open("w") as file:
+    with _opened(home / LOCK_FILE) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ConfigError(f"{home}: another mccd is playing a campaign there; wait for it to end") from None
         yield
+
+
+def _opened(lock: Path) -> IO[bytes]:
+    """Return the lock file, made if it is not there, and never another file that a link of its name leads to."""
+    wrong = f"{lock} is no ordinary file; delete it, or choose another folder"
+    try:
+        # without waiting: a pipe is opened only when somebody is at its other end
+        number = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+            raise ConfigError(wrong) from None
+        raise
+    file = open(number, "rb")
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        file.close()
+        raise ConfigError(wrong)
+    return file
 
 
 def read_state(folder: str | Path) -> dict[str, Any] | None:
