@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim_backend.errors import DataError
+from sim_backend.readings import first_absurd, said
 
 Array = NDArray[np.float64]
-
-MOST = 1e60
-"""Beyond any reading in SI units, and such that the fifth powers and squares of squares that are formed stay finite."""
 
 
 def finite(what: str, values: ArrayLike, ndim: int, least: int = 2, axis: int = 0) -> Array:
@@ -25,20 +23,6 @@ def finite(what: str, values: ArrayLike, ndim: int, least: int = 2, axis: int = 
     if (first := first_absurd(array)) is not None:
         raise DataError(f"{what}: entry {first} is {said(array[first])}; leave that stretch out")
     return array
-
-
-def first_absurd(values: Array) -> tuple[int, ...] | None:
-    """Return the place of the first entry that no sensor reads, not finite or beyond MOST; None where there is none."""
-    if (
-        not values.size or max(float(np.max(values)), -float(np.min(values))) <= MOST
-    ):  # false for NaN, which both pass on
-        return None
-    return tuple(int(i) for i in np.argwhere(~(np.abs(values) <= MOST))[0])
-
-
-def said(value: float) -> str:
-    """Return what is wrong with an entry that no sensor reads."""
-    return f"{value:.3g}, beyond what any sensor reads" if np.isfinite(value) else f"not finite ({value})"
 
 
 def positive(what: str, value: float) -> float:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.measurements.arrays import first_absurd, said
 from sim_backend.errors import DataError
+from sim_backend.readings import first_absurd, said
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.measurements.arrays import first_absurd, said
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array
+from sim_backend.readings import first_absurd, said
 
 ComplexArray = NDArray[np.complex128]
 
