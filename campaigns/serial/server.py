@@ -311,9 +311,9 @@ class Server:
         return min([_PATIENCE_S, *(connection.patience_s(now_s) for connection in self._connections)])
 
     def _open(self, channel: Channel, now_s: float) -> None:
-        ways = [_Way(faults, Throttle(self._baud, now_s)) for faults in self._ways]
+        to_bench, to_host = (_Way(faults, Throttle(self._baud, now_s)) for faults in self._ways)
         guard = Guard(self._token, self._told_of(channel)) if self._port.is_network else None
-        self._connections.append(Connection(channel, self._firmware, *ways, guard, now_s))
+        self._connections.append(Connection(channel, self._firmware, to_bench, to_host, guard, now_s))
         self._selector.register(channel.fileno(), selectors.EVENT_READ)
 
     def _hang_up(self, connection: Connection, now_s: float) -> None:
