@@ -14,7 +14,7 @@ from campaigns.serial.frames import Line, parse_line
 GREETING_BYTES = 64
 """What may come up to the end of the greeting; with its trailer it takes 21 bytes, empty lines before it some."""
 
-_CONTEXT = b"mccd token 1:"
+_CONTEXT = b"mccd-token-1:"
 """Stands before what is signed, so that an answer to a challenge is good for nothing else."""
 
 

@@ -108,7 +108,7 @@ def test_everything_but_stopping_and_asking_who_it_is_needs_the_token() -> None:
 def test_the_token_is_shown_by_an_answer_that_only_its_owner_can_give() -> None:
     talk = Talk()
     challenge = talk.say("SYST:CHAL?")
-    expected = hmac.digest(TOKEN, b"mccd token 1:" + challenge.encode(), hashlib.sha256).hex()  # as documented
+    expected = hmac.digest(TOKEN, b"mccd-token-1:" + challenge.encode(), hashlib.sha256).hex()  # as documented
     assert answer_to(TOKEN, challenge) == expected
     assert talk.say(f"SYST:AUTH {expected}") == "OK"
     assert talk.guard.admits and talk.say("SYST:LOCK me") == "OK 1,0"
