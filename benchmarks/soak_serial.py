@@ -186,8 +186,8 @@ def _becomes_safe(journal: Path, watchdog_s: float) -> bool:
     """Whether the bench's own journal tells of a safe state by the time that its watchdog must have acted."""
     end_s = time.monotonic() + watchdog_s + STALL_S
     while True:
-        last = journal.read_text().splitlines()[-1].split()
-        if last[2] in ("idle", "fault"):
+        states = [line.split()[2] for line in journal.read_text().splitlines()]
+        if [state for state in states if state != "refused"][-1] in ("idle", "fault"):
             return True
         if time.monotonic() > end_s:
             return False

@@ -16,8 +16,8 @@ from campaigns.version import tool_commit, tool_version
 from sim_backend.safe_write import write_text
 
 
-def write_crash_file(error: BaseException) -> Path:
-    """Write what a report of `error` needs into the log folder, else a temporary one; return the path."""
+def write_crash_file(error: BaseException) -> Path | None:
+    """Write what a report of `error` needs into the log folder, else a temporary one; return the path, None if none."""
     now = datetime.now(UTC)
     text = "\n".join(
         [
@@ -29,8 +29,21 @@ def write_crash_file(error: BaseException) -> Path:
         ]
     )
     name = f"crash-{now:%Y%m%dT%H%M%S}-{os.getpid()}.txt"
-    try:
-        path = user_log_path("mccd", appauthor=False, ensure_exists=True) / name
-        return write_text(path, text)
-    except OSError:
-        return write_text(Path(tempfile.mkdtemp(prefix="mccd-")) / name, text)
+    for folder in (_log_folder, _temporary_folder):
+        try:
+            return write_text(folder() / name, text.encode("utf-8", "backslashreplace").decode("utf-8"))
+        except (OSError, RuntimeError):  # RuntimeError: the user has no home
+            continue
+    return None
+
+
+def _log_folder() -> Path:
+    folder = user_log_path("mccd", appauthor=False)
+    if not folder.is_absolute():
+        raise RuntimeError("there is no home")  # some versions say so by a path that begins with ~
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _temporary_folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="mccd-"))

@@ -66,4 +66,6 @@ def _report_bug(error: Exception) -> int:
     from mccdcli.crash import write_crash_file
 
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return _refuse(f"this is a bug in mccd ({what}); please report it together with {write_crash_file(error)}", BUG)
+    file = write_crash_file(error)
+    told = f"together with {file}" if file else "with the command line; no file with the details could be written"
+    return _refuse(f"this is a bug in mccd ({what}); please report it {told}", BUG)

@@ -42,12 +42,16 @@ def places() -> tuple[Path, ...]:
     """Return the files that are read, the one that overrules the others last."""
     if explicit := os.environ.get(EXPLICIT):
         return (Path(explicit),)
-    return (_own(), HERE)
+    own = _own()
+    return (HERE,) if own is None else (own, HERE)
 
 
-def _own() -> Path:
-    """Return the user's own file."""
-    home = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+def _own() -> Path | None:
+    """Return the user's own file; None where neither the environment nor the system tells of a home."""
+    try:
+        home = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    except RuntimeError:
+        return None
     return Path(home) / "mccd" / "config.toml"
 
 

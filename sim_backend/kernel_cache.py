@@ -112,7 +112,10 @@ def _checked(chosen: str) -> Path | None:
 def _of_the_user() -> Path:
     from platformdirs import user_cache_path  # needed only where nothing else is chosen
 
-    return user_cache_path("mccd", appauthor=False) / "kernels"
+    place = user_cache_path("mccd", appauthor=False) / "kernels"
+    if not place.is_absolute():  # "~", where neither the environment nor the system tells of a home
+        raise RuntimeError("there is no home")
+    return place
 
 
 def _remove_old(place: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim_backend.errors import DataError
+from sim_backend.readings import first_absurd, said
 
 Array = NDArray[np.float64]
 
@@ -19,9 +20,8 @@ def finite(what: str, values: ArrayLike, ndim: int, least: int = 2, axis: int = 
     array = np.asarray(values, dtype=float)
     if array.ndim != ndim or array.shape[axis] < least:
         raise DataError(f"{what}: shape {array.shape}; give {ndim} dimensions with {least} or more along axis {axis}")
-    if not np.all(np.isfinite(array)):
-        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise DataError(f"{what}: entry {first} is not finite; leave that stretch out")
+    if (first := first_absurd(array)) is not None:
+        raise DataError(f"{what}: entry {first} is {said(array[first])}; leave that stretch out")
     return array
 
 

@@ -90,6 +90,8 @@ def fit_loops(
             f"{len(starts)} starts; give equal lengths, 100 samples and one start"
         )
     rate = positive("loop fit: the sample rate", rate_hz)
+    if np.ptp(angle) == 0.0:
+        raise DataError(f"loop fit: the angle stays at {angle[0]:g} rad; a loop needs a mirror that moves")
     problem = _Problem(torque, angle, rate, held, tuple(starts[0]), counts)
     found = [
         scipy.optimize.least_squares(

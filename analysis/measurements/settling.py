@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim_backend.errors import DataError
+from sim_backend.readings import first_absurd, said
 
 Array = NDArray[np.float64]
 
@@ -39,9 +40,9 @@ def settling(output: ArrayLike, rate_hz: float, final: ArrayLike | None = None, 
     y = np.atleast_2d(np.asarray(output, dtype=float))
     if y.ndim != 2 or y.shape[1] < 2:
         raise DataError(f"settling: the record has shape {y.shape}; give (moves, samples) with two samples or more")
-    if not np.all(np.isfinite(y)):
-        row, column = np.argwhere(~np.isfinite(y))[0]
-        raise DataError(f"settling: sample {column} of move {row} is not finite; leave that move out")
+    if (first := first_absurd(y)) is not None:
+        row, column = first
+        raise DataError(f"settling: sample {column} of move {row} is {said(y[first])}; leave that move out")
     if not (rate_hz > 0.0 and band > 0.0):
         raise DataError(f"settling: rate {rate_hz} Hz and band {band} must both be above zero")
     n = y.shape[1]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array
+from sim_backend.readings import first_absurd, said
 
 ComplexArray = NDArray[np.complex128]
 
@@ -103,6 +104,7 @@ def fit_sines(
     # phases run from each segment's first sample, where they are small and exact, and are turned back at the end
     local = inside - np.repeat(start, length)
     data = record[inside]
+    _require_readings(data, local, length, frequency)
     centre = _sums(data, first) / length[:, None]
     data = data - np.repeat(centre, length, axis=0)
 
@@ -157,6 +159,16 @@ def _check(
         has, wants = stop[worst] - start[worst], int(np.ceil(need[worst]))
         raise DataError(
             f"segment {worst} at {frequency[worst]} Hz has {has} samples; needs at least {wants}, one period"
+        )
+
+
+def _require_readings(data: Array, local: NDArray[np.intp], length: NDArray[np.intp], frequency: Array) -> None:
+    """Refuse what no sensor reads, with the place of the first."""
+    if (absurd := first_absurd(data)) is not None:
+        at = int(np.searchsorted(np.cumsum(length), absurd[0], side="right"))
+        raise DataError(
+            f"segment {at} at {frequency[at]} Hz: sample {int(local[absurd[0]])} of channel {absurd[1]} is "
+            f"{said(data[absurd])}; leave that segment out, or record it again"
         )
 
 

@@ -37,6 +37,6 @@ def drift_of(run: Run) -> DriftTest:
     time_s = (first[:, None] + phase.period * np.arange(n)) / phase.rate_hz
     warming = None
     if "temperature" in run.channels:
-        warming = float(run.read("temperature", run.rows - 1)[0] - run.read("temperature", 0, 1)[0])
+        warming = float(run.read("temperature", run.rows - 1)[0]) - float(run.read("temperature", 0, 1)[0])
     one, two = (drift(t, m) for t, m in zip(time_s, means, strict=True))
     return DriftTest(time_s, means, (one, two), warming)

@@ -51,7 +51,7 @@ def loops_of(run: Run, lag_s: float = 0.0) -> dict[float, Loop]:
             period = int(segment.settings["period_samples"])
             # the first cycle starts from another history: only a single one is used as it is
             start = segment.start + (period if segment.rows >= 2 * period else 0)
-            torque = run.read(_command(run, axis), start, segment.stop)
+            torque = run.read(command_of(run, axis), start, segment.stop)
             angle = run.read(axis, start, segment.stop)
             amplitude = float(segment.settings["amplitude"])
             loops[amplitude] = loop(torque, angle, period, lag_s, run.sample_rate_hz)
@@ -74,11 +74,15 @@ def steps_of(run: Run) -> list[OffsetStep]:
                     rest,
                     (np.arange(angle.size) - (segment.start - first)) / run.sample_rate_hz,
                     angle - rest,
-                    run.read(_command(run, axis), first, segment.stop),
+                    run.read(command_of(run, axis), first, segment.stop),
                 )
             )
     return steps
 
 
-def _command(run: Run, axis: str) -> str:
-    return next(n for n in run.names("input") if run.channels[n].dof == axis)
+def command_of(run: Run, axis: str) -> str:
+    """Return the input that drives an axis; raises DataError for a log without it."""
+    found = [n for n in run.names("input") if run.channels[n].dof == axis]
+    if not found:
+        raise DataError(f"{run.path} holds no input that drives '{axis}'; record the command with the angle")
+    return found[0]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.measurements.loop_fit import LoopFit, fit_loops
-from analysis.recorded.hysteresis import axis_of
+from analysis.recorded.hysteresis import axis_of, command_of
 from campaigns.log import Run
 from sim_backend.errors import DataError
 
@@ -32,7 +32,7 @@ def loop_fit_of(run: Run) -> LoopFit:
     loops = [s for s in run.segments if s.settings.get("phase") == "loop"]
     if not loops:
         raise DataError(f"{run.path} holds no loops; record some, as in campaigns/paper.toml")
-    command = next(n for n in run.names("input") if run.channels[n].dof == axis)
+    command = command_of(run, axis)
     torque: list[Array] = []
     angle: list[Array] = []
     every = max(int(loops[0].settings["period_samples"]) // SAMPLES_PER_LOOP, 1)

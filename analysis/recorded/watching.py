@@ -18,6 +18,7 @@ from campaigns.log import Run, read_run
 from sim_backend.errors import ConfigError
 from sim_backend.linear import DiscreteModel, delay_taps, discretise
 from sim_backend.model import Model, Port
+from sim_backend.readings import with_gaps
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,10 @@ BINS = 48
 
 @dataclass(frozen=True)
 class Reading:
-    """One output over the last seconds: its newest value, its range, and the mean of each of BINS stretches (k,)."""
+    """One output over the last seconds: its newest value, its range, and the mean of each of BINS stretches (k,).
+
+    NaN stands where the bench gave no number, or one that no sensor reads.
+    """
 
     name: str
     dof: str
@@ -141,17 +145,17 @@ class _Follower:
             # what is not recorded was not driven
             u = np.zeros((next(iter(block.values())).size, self._past.shape[1]))
             for port, name in self.inputs.items():
-                u[:, port] = block[name]
+                u[:, port] = np.nan_to_num(with_gaps(block[name]))  # else all that follows were no number either
             self.simulated = np.concatenate([self.simulated, self._simulate(u)])[-self._window :]
             self.row += u.shape[0]
 
     def misfits(self, run: Run, start: int) -> tuple[Misfit, ...]:
         found = []
         for k, name in self.outputs.items():
-            measured = run.read(name, start, self.row)
+            measured = with_gaps(run.read(name, start, self.row))
             residual = measured - self.simulated[-measured.size :, k]
             channel = run.channels[name]
-            found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(measured - measured.mean())))
+            found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(measured - _mean(measured))))
         return tuple(found)
 
     def _simulate(self, u: Array) -> Array:
@@ -181,12 +185,19 @@ def _channels(run: Run, ports: Sequence[Port], role: str) -> dict[int, str]:
 
 
 def _reading(run: Run, name: str, start: int) -> Reading:
-    values = run.read(name, start)
+    values = with_gaps(run.read(name, start))
     channel = run.channels[name]
-    recent = np.array([part.mean() for part in np.array_split(values, min(BINS, values.size))])
-    last, low, high = float(values[-1]), float(values.min()), float(values.max())
-    return Reading(name, channel.dof, channel.unit, last, low, high, recent)
+    recent = np.array([_mean(part) for part in np.array_split(values, min(BINS, values.size))])
+    there = values[np.isfinite(values)]
+    low, high = (float(there.min()), float(there.max())) if there.size else (np.nan, np.nan)
+    return Reading(name, channel.dof, channel.unit, float(values[-1]), low, high, recent)
+
+
+def _mean(values: Array) -> float:
+    """Return the mean of what was read, NaN where nothing was."""
+    there = values[np.isfinite(values)]
+    return float(there.mean()) if there.size else np.nan
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return float(np.sqrt(_mean(values**2)))

@@ -22,6 +22,8 @@ def sidecar_of(path: Path) -> Path:
 def sha256_of(path: Path, report: Report = unheard) -> str:
     """Return the SHA-256 of the file at `path` as hexadecimal text; raises DataError if it cannot be read."""
     digest, done = hashlib.sha256(), 0
+    if path.exists() and not path.is_file():
+        raise DataError(f"{path} is no file: check the path")  # a pipe would be read without end
     try:
         with path.open("rb") as stream:
             size = os.fstat(stream.fileno()).st_size
@@ -55,7 +57,7 @@ def read_sidecar(path: Path) -> str | None:
     try:
         if not sidecar.exists():
             return None
-        if sidecar.stat().st_size > _SIDECAR_LIMIT_BYTES:
+        if not sidecar.is_file() or sidecar.stat().st_size > _SIDECAR_LIMIT_BYTES:
             raise ValueError
         digest, name = sidecar.read_text(encoding="utf-8").rstrip("\n").split("  ", 1)
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef") or not name:

@@ -25,6 +25,7 @@ class ChannelSummary:
     std: float
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is not finite goes into the numbers, and is seen there
 def summarise(run: Run, names: Iterable[str] | None = None, report: Report = unheard) -> tuple[ChannelSummary, ...]:
     """Return the summary of the committed rows of each channel, or of those named.
 

@@ -37,6 +37,7 @@ class Code(IntEnum):
     WATCHDOG = 103
     LOCKED = 104
     TRIPPED = 105
+    TOKEN = 106
 
 
 HEADERS = {
@@ -45,6 +46,8 @@ HEADERS = {
     "SYSTEM:VERSION?": "SYST:VERS?",
     "SYSTEM:ERROR?": "SYST:ERR?",
     "SYSTEM:DESCRIBE?": "SYST:DESC?",
+    "SYSTEM:CHALLENGE?": "SYST:CHAL?",
+    "SYSTEM:AUTHENTICATE": "SYST:AUTH",
     "SYSTEM:LOCK": "SYST:LOCK",
     "SYSTEM:UNLOCK": "SYST:UNL",
     "SYSTEM:BEAT": "SYST:BEAT",
@@ -65,8 +68,20 @@ _LONG = {form: long for long, short in HEADERS.items() for form in (long, short)
 UNCHECKED = frozenset(long for long in HEADERS if long.endswith("?") and not long.startswith("RECORD:DATA")) | {"ABORT"}
 """What is carried out without tag and checksum, for a person at a terminal: questions, and the way to safety."""
 
-UNLOCKED = frozenset(long for long in HEADERS if long.endswith("?")) | {"ABORT", "SYSTEM:LOCK", "SYSTEM:BEAT"}
+UNLOCKED = frozenset(long for long in HEADERS if long.endswith("?")) | {
+    "ABORT",
+    "SYSTEM:AUTHENTICATE",
+    "SYSTEM:LOCK",
+    "SYSTEM:BEAT",
+}
 """What needs no lock."""
+
+
+GREETINGS = frozenset({"*IDN?", "ABORT"})
+"""One of these, alone on its line, begins every TCP connection; no request of a web page can look like that."""
+
+NO_CHALLENGE = "none"
+"""What a bench without a token answers to SYSTem:CHALlenge?."""
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,29 @@ All segments that are played are zero throughout: the loops stay open and the dr
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from zlib import crc32
 
 import numpy as np
 
-from campaigns.serial.client import SerialBench
 from campaigns.serial.commands import Code, State, parse_error
+from campaigns.serial.examiner import Broken, Examiner
 from campaigns.serial.frames import BLOCK_BYTES, Block, blocks_in, encode_block, encode_line, split
-from campaigns.serial.link import BenchRefusal, Link
 from campaigns.serial.program import encode_segment
-from campaigns.serial.transport import Transport
-from sim_backend.bench import Segment
-from sim_backend.errors import ConfigError, MccdError
+from campaigns.serial.transport import LinkLost, Transport
+from sim_backend.errors import MccdError
 
-_WAIT_S = 5.0
+_WEB_PAGE = b"POST / HTTP/1.1\r\nHost: bench\r\nContent-Type: text/plain\r\n\r\nABORt\r\n*IDN?\r\n"
+"""What a browser sends for any web page that asks it to, commands included."""
+
+CHECK_S = 60.0
+"""How long one check may take."""
+
+_IDLE_LINES = 12
+_ABORT_S = 1.0
+_NO_CONNECTIONS = "does not apply: a serial line has no connections"
 
 
 @dataclass(frozen=True)
@@ -31,98 +37,6 @@ class CheckResult:
     name: str
     ok: bool
     detail: str
-
-
-class Broken(Exception):  # noqa: N818 - it is a finding about the bench, not a failure of this program
-    """A rule that the bench does not keep."""
-
-
-class Examiner:
-    """A bench under test: what the checks need, in a few words each."""
-
-    def __init__(self, transport: Transport) -> None:
-        bench = SerialBench(transport, "checked")
-        self.about, self.identity = bench.description, bench.identity
-        bench.close()
-        self.link = Link(transport)
-        self.link.open()
-        self.link.make_safe()
-        self.run = self.status()[3]
-        self.begun = ""
-
-    def close(self) -> None:
-        """Leave the bench safe and let it go."""
-        self.link.limit(_WAIT_S)
-        try:
-            self.link.make_safe()
-            self.link.request("SYST:UNL")
-        finally:
-            self.link.close()
-
-    def status(self) -> tuple[State, int, int, int]:
-        """Return state, boot, epoch and run."""
-        words = self.link.request("STAT?").split(",")
-        return State(words[0]), int(words[1]), int(words[2]), int(words[3])
-
-    def refused(self, text: str, *codes: Code) -> str:
-        """Make sure that a command is refused with one of `codes`."""
-        try:
-            answer = self.link.request(text)
-        except BenchRefusal as refusal:
-            code = refusal.failure.code
-        except ConfigError as error:
-            code = next((c for c in codes if f"error {int(c)})" in str(error)), Code.NONE)
-        else:
-            raise Broken(f"'{text}' is answered '{answer[:40]}', not refused")
-        if code not in codes:
-            raise Broken(f"'{text}' is refused with {code}, not {' or '.join(str(int(c)) for c in codes)}")
-        return f"refused with {int(code)}"
-
-    def expect(self, holds: bool, otherwise: str) -> None:
-        """Break off unless something holds."""
-        if not holds:
-            raise Broken(otherwise)
-
-    def in_state(self, state: State, within_s: float = _WAIT_S) -> None:
-        """Wait until the bench is in a state."""
-        end_s = time.monotonic() + within_s
-        while (now := self.status()[0]) is not state:
-            if time.monotonic() > end_s:
-                raise Broken(f"the state is {now.value}, not {state.value} within {within_s:g} s")
-            time.sleep(0.005)
-
-    def quiet(self, n_samples: int) -> Segment:
-        """Return a segment in which nothing moves, recording everything."""
-        zero = np.zeros((1, len(self.about.axes)))
-        return Segment("conformance", n_samples, zero, zero, record=self.about.channel_names)
-
-    def upload(self, segment: Segment) -> bytes:
-        """Upload a segment as the next run."""
-        image = encode_segment(segment, self.about.channel_names)
-        self.begin(image)
-        self.link.upload(self.begun, "SEGM:DATA", self.run, image)
-        return image
-
-    def begin(self, image: bytes) -> str:
-        """Announce an image as the next run."""
-        self.run += 1
-        self.begun = f"SEGM:BEG {self.run},{len(image)},{crc32(image)}"
-        return self.link.request(self.begun)
-
-    def arm(self) -> str:
-        """Arm the run."""
-        return self.link.request(f"ARM {self.run},{self.link.boot},{self.link.epoch}")
-
-    def start(self, segment: Segment) -> None:
-        """Upload, arm and start a segment."""
-        self.upload(segment)
-        self.arm()
-        self.link.request(f"INIT {self.run}")
-
-    def record(self) -> bytes:
-        """Return the record of the run."""
-        _, _, size, crc = (int(w) for w in self.link.request(f"REC? {self.run}").split(","))
-        return self.link.download("REC:DATA?", self.run, size, crc)
 
 
 def _identity(x: Examiner) -> str:
@@ -238,18 +152,17 @@ def _states(x: Examiner) -> str:
     x.in_state(State.ARMED, 0.0)
     x.link.request(f"INIT {x.run}")
     x.in_state(State.DONE)
-    image = x.record()
-    x.expect(len(image) == 8 * 100 * len(x.about.channels), f"the record has {len(image)} bytes")
+    image = x.record(100)
     x.link.request(f"INIT {x.run}")
-    x.expect(x.record() == image, "starting a run a second time changes its record")
+    x.expect(x.record(100) == image, "starting a run a second time changes its record")
     return f"idle, armed, running, done; {len(image)} bytes; repeated commands do nothing"
 
 
 def _download(x: Examiner) -> str:
     x.start(x.quiet(2000))
     x.in_state(State.DONE)
-    image = x.record()
-    x.expect(image == x.record(), "a record downloaded twice differs")
+    image = x.record(2000)
+    x.expect(image == x.record(2000), "a record downloaded twice differs")
     last = blocks_in(len(image)) - 1
     x.expect(x.link.request(f"REC:DATA? {x.run},{last},5") == f"{last},1", "the last block is not announced as 1 block")
     x.refused(f"REC:DATA? {x.run},{last + 1},1", Code.RANGE)
@@ -260,10 +173,10 @@ def _download(x: Examiner) -> str:
 def _reconnection(x: Examiner) -> str:
     x.start(x.quiet(2000))
     x.in_state(State.DONE)
-    before = x.record()
+    before = x.record(2000)
     x.link.close()
     x.link.open()
-    x.expect(x.record() == before, "the record differs after the line was closed and opened")
+    x.expect(x.record(2000) == before, "the record differs after the line was closed and opened")
     return "the record outlasts the line"
 
 
@@ -318,6 +231,46 @@ def _stranger(x: Examiner) -> str:
     return "another host's requests do not keep the drives held"
 
 
+def _greeting(x: Examiner) -> str:
+    if x.network is None:
+        return _NO_CONNECTIONS
+    x.start(x.quiet(100))
+    x.in_state(State.DONE)
+    with contextlib.closing(x.network.another()) as stranger:
+        stranger.open(_ABORT_S)
+        stranger.write(_WEB_PAGE, _ABORT_S)
+        said, end_s = b"", time.monotonic() + _ABORT_S
+        with contextlib.suppress(LinkLost):
+            while time.monotonic() < end_s and len(said) < 1000:
+                said += stranger.read(_ABORT_S)
+            raise Broken(f"a connection that begins as a web page's does is not hung up within {_ABORT_S:g} s")
+    x.expect(not said, f"a web page is answered {said[:40]!r}")
+    x.in_state(State.DONE, 0.0)
+    return "a web page is hung up, nothing of it is carried out"
+
+
+def _abort_among_idle(x: Examiner) -> str:
+    if x.network is None:
+        return _NO_CONNECTIONS
+    with contextlib.ExitStack() as stack:
+        lines = [stack.enter_context(contextlib.closing(x.network.another())) for _ in range(_IDLE_LINES + 1)]
+        for i, line in enumerate(lines[:-1]):
+            line.open(_ABORT_S)
+            line.write(encode_line("*IDN?") if i % 2 else b"*ID", _ABORT_S)
+        x.start(x.quiet(100))
+        x.in_state(State.DONE)
+        lines[-1].open(_ABORT_S)
+        started_s = time.monotonic()
+        lines[-1].write(encode_line("ABOR"), _ABORT_S)
+        said = lines[-1].read(_ABORT_S)
+        took_s = time.monotonic() - started_s
+    x.expect(
+        b"OK " in said, f"beside {_IDLE_LINES} idle connections, ABORt is answered {said[:40]!r} in {took_s:.2f} s"
+    )
+    x.link.make_safe()
+    return f"{_ABORT_S:g} s are enough beside {_IDLE_LINES} idle connections"
+
+
 CHECKS: dict[str, Callable[[Examiner], str]] = {
     "identity": _identity,
     "description": _description,
@@ -336,6 +289,8 @@ CHECKS: dict[str, Callable[[Examiner], str]] = {
     "download": _download,
     "line closed and opened": _reconnection,
     "abort at any time": _abort,
+    "greeting": _greeting,
+    "abort beside idle connections": _abort_among_idle,
     "watchdog": _watchdog,
     "watchdog and strangers": _stranger,
 }
@@ -359,7 +314,7 @@ def check_bench(
 
 def _result(name: str, check: Callable[[Examiner], str], examiner: Examiner) -> CheckResult:
     try:
-        examiner.link.limit(60.0)
+        examiner.link.limit(CHECK_S)
         examiner.link.make_safe()
         return CheckResult(name, True, check(examiner))
     except (Broken, MccdError) as error:

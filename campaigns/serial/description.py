@@ -5,10 +5,12 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from campaigns.names import check_label, check_name
 from sim_backend.bench import Bench, Limits, Role, Signal
-from sim_backend.errors import HardwareError
+from sim_backend.errors import ConfigError, HardwareError
 
 SCHEMA = "mccd-bench/1"
+_RATES_HZ = (1e-3, 1e6)
 
 
 class Channel(msgspec.Struct, frozen=True, kw_only=True):
@@ -102,16 +104,44 @@ def decode_description(text: bytes) -> Description:
     """Return the description in a JSON document; raises HardwareError when it is none, or contradicts itself."""
     try:
         found = msgspec.json.decode(text, type=Description)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise HardwareError(f"the bench's description cannot be read ({error}); update its firmware") from None
-    n = len(found.axes)
-    fits = len(found.reference) == n == len(found.travel) and all(len(row) == n for row in found.to_current)
-    if found.schema != SCHEMA or not (n and fits and found.channels and 0 < found.rate_hz < np.inf):
-        raise HardwareError(
-            f"the bench's description (schema '{found.schema}', {n} axes, {len(found.channels)} channels) contradicts "
-            f"itself or is not {SCHEMA}; update its firmware"
-        )
+    if wrong := _wrong(found):
+        raise HardwareError(f"the bench's description cannot be right: {wrong}; update its firmware")
     return found
+
+
+def _wrong(found: Description) -> str:
+    """Return what contradicts itself or cannot be, empty for a description that can."""
+    n, names, roles = len(found.axes), found.channel_names, {c.role for c in found.channels}
+    limits = [r for r in (*found.reference, *found.travel, found.current_a, found.trip_current_a) if r is not None]
+    fits = len(found.reference) == n == len(found.travel) and all(len(row) == n for row in found.to_current)
+    doubts = {
+        f"its schema is '{found.schema[:40]}', not {SCHEMA}": found.schema != SCHEMA,
+        f"{n} axes, some of them of one name": not n or len(set(found.axes)) < n,
+        f"not every list of limits is for {n} axes": not fits,
+        f"{len(names)} channels, some of them of one name": len(set(names)) < len(names),
+        "it lacks a channel of role input or output": not {"input", "output"} <= roles,
+        f"a rate of {found.rate_hz:g} Hz; {_RATES_HZ[0]:g} to {_RATES_HZ[1]:g} is possible": not _RATES_HZ[0]
+        <= found.rate_hz
+        <= _RATES_HZ[1],
+        "a limit below zero": any(limit < 0.0 for limit in limits),
+        f"{found.memory_bytes} bytes of memory": found.memory_bytes <= 0,
+    }
+    return next((doubt for doubt, holds in doubts.items() if holds), "") or _misnamed(found)
+
+
+def _misnamed(found: Description) -> str:
+    try:
+        for axis in found.axes:
+            check_name(axis, "axis")
+        for channel in found.channels:
+            check_name(channel.name, "channel")
+            check_label(channel.unit or "1", "unit")
+            check_label(channel.dof or "none", "degree of freedom")
+    except ConfigError as error:
+        return str(error)
+    return ""
 
 
 def _finite(value: float) -> float | None:

@@ -21,6 +21,7 @@ from campaigns.serial.answers import (
     vetted,
 )
 from campaigns.serial.commands import (
+    NO_CHALLENGE,
     PROTOCOL,
     UNCHECKED,
     UNLOCKED,
@@ -74,7 +75,6 @@ class Firmware:
         self._speed = speed
         self._journal = journal
         self._play: Play | None = None
-        self._condemned = False
         self._start()
 
     def _start(self) -> None:
@@ -97,6 +97,11 @@ class Firmware:
     def safe(self) -> bool:
         """Whether all drives are zero and all loops open."""
         return self._safe
+
+    @property
+    def owner(self) -> str | None:
+        """The name that holds the lock."""
+        return self._owner
 
     @property
     def description(self) -> Description:
@@ -126,7 +131,7 @@ class Firmware:
     def tick(self, now_s: float) -> None:
         """Let time pass: the end of a run, the interlocks, the watchdog."""
         self._settle(wait=False)
-        if self._play is not None and not self._condemned:
+        if self._play is not None and not self._play.condemned:
             outcome = self._play.outcome(now_s)
             if isinstance(outcome, Recording):
                 self._recording, self._play = outcome, None
@@ -189,6 +194,10 @@ class Firmware:
                 return self._describe(p)
             case "SYSTEM:BEAT":
                 return None
+            case "SYSTEM:CHALLENGE?":  # this bench has no token; one that has stands behind a Guard
+                return Reply(NO_CHALLENGE)
+            case "SYSTEM:AUTHENTICATE":
+                return Reply("OK")
             case "STATUS?":
                 return Reply(format_status(self._status(now_s)))
             case "ABORT":
@@ -283,7 +292,6 @@ class Firmware:
         if crc32(incoming.data) != incoming.crc:
             raise Refused(Code.STALE, f"run {run} fails its checksum {incoming.crc}; upload it again as another run")
         self._armed = vetted(bytes(incoming.data), self._about)
-        self._settle(wait=True)
         self._enter(State.ARMED, f"run {run}")
         return Reply("OK")
 
@@ -294,7 +302,8 @@ class Firmware:
         if self._state is not State.ARMED or run != self._run or self._armed is None:
             raise Refused(Code.CONFLICT, f"run {run} is not armed (state {self._state.value}); arm it first")
         self._safe = False
-        self._play = Play(self._bench, self._about, self._armed, run, now_s, self._speed)
+        # what is left in self._play is condemned and still computing: an ABORt must not wait for it meanwhile
+        self._play = Play(self._bench, self._about, self._armed, run, now_s, self._speed, self._play)
         self._enter(State.RUNNING, f"run {run}")
         return Reply("OK")
 
@@ -309,7 +318,7 @@ class Firmware:
 
     def _status(self, now_s: float) -> Status:
         played = 0 if self._recording is None else self._recording.rows
-        if self._play is not None and not self._condemned:
+        if self._play is not None and not self._play.condemned:
             played = self._play.played(now_s)
         return Status(self._state, self._boot, self._epoch, self._run, played, False, len(self._errors))
 
@@ -328,19 +337,20 @@ class Firmware:
         if not self._safe:
             self._safe = True
             self._epoch += 1
-            self._condemned = self._play is not None
             if self._play is None:
                 self._bench.safe()
+            else:
+                self._play.condemn()
         self._armed = None
         if state is not self._state:
             self._enter(state, why)
 
     def _settle(self, *, wait: bool) -> None:
         """Once a condemned play has ended, make the simulated bench safe as the emulated one already is."""
-        if self._condemned and self._play is not None and (wait or not self._play.working):
+        if self._play is not None and self._play.condemned and (wait or not self._play.working):
             self._play.join()
             self._bench.safe()
-            self._play, self._condemned = None, False
+            self._play = None
 
     def _enter(self, state: State, why: str) -> None:
         self._state = state

@@ -6,11 +6,12 @@ one remedy for whatever goes wrong is to ask again, a bounded number of times.
 
 from __future__ import annotations
 
+import re
 import secrets
 import time
 from zlib import crc32
 
-from campaigns.serial.commands import Code, Failure, parse_error
+from campaigns.serial.commands import NO_CHALLENGE, Code, Failure, parse_error
 from campaigns.serial.frames import (
     MAX_TAG,
     Block,
@@ -23,6 +24,7 @@ from campaigns.serial.frames import (
     encode_line,
     split,
 )
+from campaigns.serial.guard import answer_to
 from campaigns.serial.transport import LinkLost, Transport
 from sim_backend.errors import ConfigError, HardwareError
 
@@ -44,6 +46,14 @@ _BURST_S = 1.0
 _BURST_BLOCKS = (4, 1024)
 _IN_BUFFERS = 8192
 """Bytes that may still lie in the buffers of the line ahead of an answer."""
+
+_MOST_BYTES = 1 << 24
+"""How much may come in before an answer: what is left of a burst is a million bytes, a network holds some more."""
+
+_BLOCK_S = 0.25
+"""How long a block may take beyond three times its bytes, however it drips in."""
+
+_CHALLENGE = re.compile("[0-9a-f]{32}")
 
 _REFUSALS_OF_WHAT_WAS_ASKED = {Code.RANGE, Code.TOO_MUCH}
 
@@ -104,7 +114,7 @@ class Link:
                 self._transport.open(REPLY_S)
                 self._receiver.clear()
                 self._open = True
-                self._lock()
+                self._begin()
                 return
             except LineNoise as error:
                 last = error
@@ -203,18 +213,38 @@ class Link:
             self._beaten_s = now_s
             self._transport.write(encode_line("SYST:BEAT", self._next_tag()), REPLY_S)
 
-    def _lock(self) -> None:
-        """Lock the bench, and make sure that it is where this host left it."""
-        for _ in range(TRIES):
-            answer = self.exchange(f"SYST:LOCK {self._name}")
-            if answer is None:
-                self._check_time("SYST:LOCK")
-                continue
-            boot, epoch = _pair(_accepted(answer))
-            if self.boot >= 0 and (boot, epoch) != (self.boot, self.epoch):
-                raise self.gone_on(boot, epoch)
-            self.boot, self.epoch = boot, epoch
+    def _begin(self) -> None:
+        """Greet the bench, show the token if there is one, and lock it, all within the time of TRIES answers."""
+        end_s = time.monotonic() + TRIES * self._answer_s(0)
+        self._answered("*IDN?", end_s)
+        if self._transport.token is not None:
+            self._show(self._transport.token, end_s)
+        self._lock(end_s)
+
+    def _show(self, token: bytes, end_s: float) -> None:
+        """Prove that this host knows the token; a bench that asks for none is left in peace."""
+        challenge = self._answered("SYST:CHAL?", end_s)
+        if challenge == NO_CHALLENGE or challenge.startswith(f"ERR {int(Code.UNKNOWN)},"):
             return
+        if not _CHALLENGE.fullmatch(challenge):
+            raise HardwareError(
+                f"{self.name} answers '{challenge[:60]}' where a challenge belongs; update its firmware"
+            )
+        _accepted(self._answered(f"SYST:AUTH {answer_to(token, challenge)}", end_s))
+
+    def _lock(self, end_s: float) -> None:
+        """Lock the bench, and make sure that it is where this host left it."""
+        boot, epoch = _pair(_accepted(self._answered(f"SYST:LOCK {self._name}", end_s)))
+        if self.boot >= 0 and (boot, epoch) != (self.boot, self.epoch):
+            raise self.gone_on(boot, epoch)
+        self.boot, self.epoch = boot, epoch
+
+    def _answered(self, text: str, end_s: float) -> str:
+        """Ask until there is an answer; raises LinkLost when there is none by `end_s`."""
+        while time.monotonic() < end_s:
+            if (answer := self.exchange(text)) is not None:
+                return answer
+            self._check_time(text)
         raise LinkLost(f"{self.name}: the bench does not answer; check that it is on and speaks this protocol")
 
     def _attempt(self, text: str, payload: bytes = b"") -> str | None:
@@ -232,28 +262,39 @@ class Link:
         except BenchRefusal as refusal:
             if refusal.failure.code != Code.LOCKED:
                 raise
-            self._lock()
+            self._lock(time.monotonic() + TRIES * self._answer_s(0))
         return None
 
     def exchange(self, text: str, payload: bytes = b"") -> str | None:
         """Send a request once and return the answer with its tag, None when none comes in time."""
         tag = self._next_tag()
-        line_s = (len(payload) + _IN_BUFFERS) / self.bytes_per_s
-        end_s = time.monotonic() + REPLY_S + line_s
-        self._transport.write(encode_line(text, tag) + payload, REPLY_S + line_s)
+        answer_s = self._answer_s(len(payload))
+        end_s, heard = time.monotonic() + answer_s, 0
+        self._transport.write(encode_line(text, tag) + payload, answer_s)
         self._beaten_s = time.monotonic()
         while (left_s := end_s - time.monotonic()) > 0:
-            self._receiver.feed(self._transport.read(left_s))
+            data = self._transport.read(left_s)
+            self._receiver.feed(data)
+            heard += len(data)
+            if heard > _MOST_BYTES:
+                raise LinkLost(f"{self.name} sends without end and does not answer; check that it is a bench")
             while (line := self._receiver.line()) is not None:
                 if line.tag == tag:
                     return line.text
         return None
 
+    def _answer_s(self, payload_bytes: int) -> float:
+        """How long one answer may take, whatever comes in meanwhile."""
+        return REPLY_S + (payload_bytes + _IN_BUFFERS) / self.bytes_per_s
+
     def _block(self, run: int, sequence: int, data_bytes: int, wait_s: float) -> Block:
         """Return the next block off the line; raises LineNoise when it is another, damaged or late."""
+        end_s = time.monotonic() + wait_s + 3.0 * block_length(data_bytes) / self.bytes_per_s + _BLOCK_S
         while (block := self._receiver.block(data_bytes)) is None:
+            self._check_time("a block")
             self.beat()
-            data = self._transport.read(wait_s)
+            # when time is up what has come in is still taken, for this process may have had to wait for its turn
+            data = self._transport.read(min(wait_s, max(end_s - time.monotonic(), 0.0)))
             if not data:
                 raise LineNoise(f"{self.name}: block {sequence} did not come; it is asked for again")
             self._receiver.feed(data)

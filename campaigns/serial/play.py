@@ -41,6 +41,8 @@ class Play:
 
     A simulated bench computes a segment at once; with a `speed` (1: real time) its time passes all the same, so that
     the outside sees `played` grow and can abort. An interlock trips at the sample where the bench would have.
+    It begins once the condemned play `after` which it comes has ended and the bench has been made safe, so that nobody
+    has to wait for that.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Play:
         run: int,
         started_s: float,
         speed: float | None,
+        after: Play | None = None,
     ) -> None:
         self.run = run
         self._bench = bench
@@ -58,10 +61,21 @@ class Play:
         self._segment = segment
         self._started_s = started_s
         self._speed = speed
+        self._after = after
+        self._condemned = False
         self._recording: Recording | None = None
         self._trip: Trip | None = None
         self._thread = threading.Thread(target=self._work, name=f"run {run}", daemon=True)
         self._thread.start()
+
+    def condemn(self) -> None:
+        """Let nobody have its outcome; if the bench has not begun it, it never does."""
+        self._condemned = True
+
+    @property
+    def condemned(self) -> bool:
+        """Whether it was aborted while the bench went on computing."""
+        return self._condemned
 
     def join(self) -> None:
         """Wait until the bench is free again."""
@@ -89,6 +103,12 @@ class Play:
         return self._trip or self._recording
 
     def _work(self) -> None:
+        if self._after is not None:
+            self._after.join()
+            self._bench.safe()
+            self._after = None
+        if self._condemned:
+            return
         try:
             self._recording = self._record()
         except MccdError as error:

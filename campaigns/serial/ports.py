@@ -11,12 +11,19 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
+from campaigns.serial.addresses import Address
 from sim_backend.errors import ConfigError, HardwareError
 from sim_backend.safe_write import give_name, hidden_name
+
+_TERMINALS = "/dev/pts/"
 
 
 class Channel(Protocol):
     """An open line: non-blocking, readable and writable by number."""
+
+    @property
+    def peer(self) -> str:
+        """Who is at its other end."""
 
     def fileno(self) -> int:
         """The number to wait on."""
@@ -33,6 +40,10 @@ class Channel(Protocol):
 
 class Port(Protocol):
     """Where lines come from."""
+
+    @property
+    def is_network(self) -> bool:
+        """Whether any program can connect, a browser too, so that a line has to begin with a greeting."""
 
     @property
     def address(self) -> str:
@@ -52,12 +63,18 @@ class PtyPort:
     """A pseudo-terminal behind a symbolic link, so that the name outlasts a dropped line as a device's name does."""
 
     def __init__(self, link: Path | None = None) -> None:
-        self._folder = None if link else tempfile.TemporaryDirectory(prefix="mccd-bench-")
+        try:
+            self._folder = None if link else tempfile.TemporaryDirectory(prefix="mccd-bench-")
+        except OSError as error:
+            raise ConfigError(f"no folder for the terminal's name ({error.strerror}); set TMPDIR or --link") from None
         self._link = link or Path(self._folder.name if self._folder else "") / "tty"
-        if os.path.lexists(self._link) and not _leads_to_terminal(self._link):
-            raise ConfigError(f"{self._link} exists and leads to no terminal; choose another name for the terminal")
-        self._link.unlink(missing_ok=True)
+        _require_free(self._link)
         self._line: PtyChannel | None = None
+
+    @property
+    def is_network(self) -> bool:
+        """A terminal has one line, and its user's rights guard it."""
+        return False
 
     @property
     def address(self) -> str:
@@ -76,15 +93,9 @@ class PtyPort:
         return self._line
 
     def close(self) -> None:
-        """Remove the name."""
-        self._link.unlink(missing_ok=True)
+        """Remove what is left of it."""
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _leads_to_terminal(link: Path) -> bool:
-    """Tell whether `link` is one that a bench left or may replace: to a terminal that is there, or was."""
-    return link.is_symlink() and os.readlink(link).startswith("/dev/")
 
 
 class PtyChannel:
@@ -92,13 +103,26 @@ class PtyChannel:
 
     def __init__(self, link: Path) -> None:
         self._link = link
-        self._master, self._slave = pty.openpty()
+        try:
+            self._master, self._slave = pty.openpty()
+        except OSError as error:
+            raise HardwareError(
+                f"no pseudo-terminal is to be had ({error.strerror}); end programs that hold some"
+            ) from None
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        fresh = hidden_name(link)
-        fresh.symlink_to(os.ttyname(self._slave))
-        give_name(fresh, link, replace=True)
+        self._name = os.ttyname(self._slave)
+        try:
+            _point(link, self._name)
+        except (OSError, ConfigError):
+            self._let_go()
+            raise
         self.closed = False
+
+    @property
+    def peer(self) -> str:
+        """The lasting name."""
+        return str(self._link)
 
     def fileno(self) -> int:
         """The master end."""
@@ -119,21 +143,56 @@ class PtyChannel:
     def close(self) -> None:
         """Hang up; first the name, for the terminal's number may be another bench's in a moment."""
         self.closed = True
-        self._link.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            if os.readlink(self._link) == self._name:  # else somebody has put another thing there
+                self._link.unlink()
+        self._let_go()
+
+    def _let_go(self) -> None:
         os.close(self._slave)
         os.close(self._master)
 
 
-class TcpPort:
-    """A listening TCP port; port 0 takes a free one."""
+def _require_free(link: Path) -> None:
+    """Raise ConfigError unless nothing is at `link`, or what another bench may have left: the name of a terminal."""
+    with contextlib.suppress(OSError):
+        if os.readlink(link).startswith(_TERMINALS):
+            return
+    if os.path.lexists(link) or not link.name:
+        raise ConfigError(f"{link} exists and is no symbolic link to a terminal; choose another name for the terminal")
 
-    def __init__(self, host: str, port: int) -> None:
+
+def _point(link: Path, terminal: str) -> None:
+    """Make `link` a name of `terminal`; raises ConfigError where that cannot be, and replaces nothing but a name."""
+    _require_free(link)
+    try:
+        with contextlib.suppress(FileExistsError):
+            link.symlink_to(terminal)
+            return
+        _require_free(link)
+        fresh = hidden_name(link)
+        fresh.symlink_to(terminal)
+        give_name(fresh, link, replace=True)
+    except OSError as error:
+        raise ConfigError(
+            f"{link} cannot be made the terminal's name ({error.strerror}); choose a --link in a folder that is yours"
+        ) from None
+
+
+class TcpPort:
+    """A listening TCP port at one of the `addresses` of a host."""
+
+    def __init__(self, address: Address) -> None:
         try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            self._socket = socket.create_server((host, port), family=family)
+            self._socket = socket.create_server(address.to[:2], family=address.family)
         except OSError as error:
-            raise HardwareError(f"cannot listen on {host}:{port} ({error.strerror}); choose another port") from None
+            raise HardwareError(f"cannot listen on {address} ({error.strerror}); choose another port") from None
         self._socket.setblocking(False)
+
+    @property
+    def is_network(self) -> bool:
+        """Even on loopback, a web page in a browser on this machine can connect."""
+        return True
 
     @property
     def address(self) -> str:
@@ -148,10 +207,14 @@ class TcpPort:
     def accept(self) -> Channel | None:
         """Return a new connection if there is one."""
         try:
-            connection, _ = self._socket.accept()
-        except (BlockingIOError, ConnectionError):
+            connection, peer = self._socket.accept()
+        except OSError:  # nobody there, gone again, or out of file numbers: whoever waits is taken in a moment
             return None
-        return TcpChannel(connection)
+        try:
+            return TcpChannel(connection, f"{peer[0]}:{peer[1]}")
+        except OSError:  # it is gone already
+            connection.close()
+            return None
 
     def close(self) -> None:
         """Stop listening."""
@@ -161,11 +224,17 @@ class TcpPort:
 class TcpChannel:
     """One TCP connection."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, peer: str) -> None:
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._socket = connection
+        self._peer = peer
+
+    @property
+    def peer(self) -> str:
+        """Host and port."""
+        return self._peer
 
     def fileno(self) -> int:
         """The socket."""

@@ -1,15 +1,21 @@
-"""The emulated bench as a process: the loop between a port and the firmware, with a throttle and seeded faults."""
+"""The emulated bench as a process: the loop between a port and the firmware, with a throttle and seeded faults.
+
+Whoever connects is heard at once, so that an ABORt always gets through: connections are bounded by hanging up on those
+that say nothing, never by turning away a newcomer.
+"""
 
 from __future__ import annotations
 
 import selectors
 import time
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
 from campaigns.serial.faults import Event, FaultSpec, FaultyLine
 from campaigns.serial.firmware import Firmware
+from campaigns.serial.guard import Guard, NoGreeting
 from campaigns.serial.ports import Channel, Port
 from campaigns.serial.session import Session
 
@@ -19,9 +25,27 @@ BITS_PER_BYTE = 10
 CREDIT_S = 0.1
 """What a throttle lets catch up: on a busy machine a process waits so long for its turn, and a line does not."""
 
-MAX_SESSIONS = 4
+MAX_HOSTS = 8
+"""Connections that were admitted. For one more, that which has been silent longest is hung up, never the lock's."""
+
+MAX_WAITING = 32
+"""Connections that have not greeted or not shown the token; for one more, the oldest is hung up."""
+
+GREET_S = 5.0
+"""How long a connection may take for greeting and token in all, whatever drips in."""
+
+IDLE_S = 60.0
+"""Without a command or a good block for so long, a connection that does not hold the lock is hung up."""
+
+REMARKS = 20
+"""Remarks that may come at once, and one more a second: what strangers do must not fill a disk."""
+
 _PIECE_BYTES = 65536
-_BUSY_S, _IDLE_S = 0.001, 0.05
+_TURN_BYTES = 16384
+"""What one connection may bring in before the next one's turn: so long an ABORt waits for a host that floods."""
+
+_ACCEPTED_AT_ONCE = 8
+_BUSY_S, _PATIENCE_S = 0.001, 0.05
 _GONE_S = 0.2
 """A dropped terminal stays away for so long, as an adapter that is pulled and put back."""
 
@@ -63,21 +87,52 @@ class _Way:
 class Connection:
     """A line to one host, between its channel and its session."""
 
-    def __init__(self, channel: Channel, firmware: Firmware, to_bench: _Way, to_host: _Way) -> None:
+    def __init__(
+        self, channel: Channel, firmware: Firmware, to_bench: _Way, to_host: _Way, guard: Guard | None, now_s: float
+    ) -> None:
         self.channel = channel
+        self.opened_s = now_s
         self._firmware = firmware
-        self._session = Session(firmware)
+        self._guard = guard
+        self._session = Session(firmware, guard)
         self._to_bench = to_bench
         self._to_host = to_host
+
+    @property
+    def admitted(self) -> bool:
+        """Whether its host may say everything; a terminal has no connection, so there it always may."""
+        return self._guard is None or self._guard.admits
+
+    @property
+    def active_s(self) -> float:
+        """When its host last said something that is a command or a block."""
+        return max(self.opened_s, self._session.active_s)
+
+    @property
+    def holds_the_lock(self) -> bool:
+        """Whether its host has locked the bench."""
+        return self._session.holds_the_lock
+
+    def overdue(self, now_s: float) -> str:
+        """Return why to hang up on it by now, empty when there is no reason."""
+        if self._guard is None or self.holds_the_lock:
+            return ""
+        if not self.admitted:
+            late = now_s - self.opened_s > GREET_S
+            return f"it has not greeted, or not shown the token, within {GREET_S:g} s" if late else ""
+        return f"it has been silent for {IDLE_S:g} s" if now_s - self.active_s > IDLE_S else ""
 
     def patience_s(self, now_s: float) -> float:
         """How long nothing but new bytes can make it necessary to act."""
         waiting = [way.held_until_s - now_s for way in (self._to_bench, self._to_host) if way.pieces]
-        return min([_IDLE_S, *(max(wait_s, _BUSY_S) for wait_s in waiting)])
+        return min([_PATIENCE_S, *(max(wait_s, _BUSY_S) for wait_s in waiting)])
 
     def pump(self, now_s: float) -> float:
-        """Move bytes both ways; return for how long the firmware stalls. EOFError or OSError: the line is gone."""
-        if allowed := self._to_bench.throttle.allowance(now_s):
+        """Move bytes both ways; return for how long the firmware stalls.
+
+        Raises EOFError or OSError when the line is gone, NoGreeting when it does not begin as a host's does.
+        """
+        if allowed := min(self._to_bench.throttle.allowance(now_s), _TURN_BYTES):
             if data := self.channel.read(allowed):
                 self._to_bench.throttle.spend(len(data))
                 self._to_bench.put(data)
@@ -94,7 +149,8 @@ class Connection:
         while way.pieces and now_s >= way.held_until_s:
             piece = way.pieces.popleft()
             if isinstance(piece, bytes):
-                self._session.feed(piece, now_s)
+                if seen := piece if self._guard is None else self._guard.greet(piece):
+                    self._session.feed(seen, now_s)
             elif stall_s := self._happen(piece, way, now_s):
                 return stall_s
         return 0.0
@@ -125,14 +181,17 @@ class Connection:
             raise EOFError
         if event.kind == "reset":
             self._firmware.restart()
-            self._session = Session(self._firmware)
+            self._session = Session(self._firmware, self._guard)
         elif event.kind == "delay":
             way.held_until_s = now_s + event.duration_s
         return event.duration_s if event.kind == "stall" else 0.0
 
 
 class Server:
-    """Serves one firmware at one port until it is told to stop; everything happens in `run`'s thread."""
+    """Serves one firmware at one port until it is told to stop; everything happens in `run`'s thread.
+
+    With a `token`, connections have to show it. `remark` is told on whom it hangs up and why; REMARKS bounds how often.
+    """
 
     def __init__(
         self,
@@ -141,6 +200,8 @@ class Server:
         *,
         baud: float | None = None,
         faults: tuple[int, FaultSpec] | None = None,
+        token: bytes | None = None,
+        remark: Callable[[str], None] = lambda _why: None,
     ) -> None:
         self._firmware = firmware
         self._port = port
@@ -153,6 +214,11 @@ class Server:
         self._selector = selectors.DefaultSelector()
         self._stalled_until_s = 0.0
         self._return_s = 0.0
+        self._token = token
+        self._remark = remark
+        self._remarks = float(REMARKS)
+        self._remarked_s = time.monotonic()
+        self._unsaid = 0
         self._stopping = False
 
     @property
@@ -197,33 +263,57 @@ class Server:
         self._firmware.tick(now_s)
         if now_s < self._stalled_until_s:
             return
-        if now_s >= self._return_s and len(self._connections) < MAX_SESSIONS:
-            if (channel := self._port.accept()) is not None:
-                self._open(channel, now_s)
+        self._accept(now_s)
         for connection in list(self._connections):
             try:
                 stall_s = connection.pump(now_s)
+            except NoGreeting as error:
+                self._dismiss(connection, f"{error}; nothing of it was carried out", now_s)
+                continue
             except (EOFError, OSError):
                 self._hang_up(connection, now_s)
                 continue
             if stall_s:
                 self._stalled_until_s = now_s + stall_s
                 return
+        self._make_room(now_s)
+
+    def _accept(self, now_s: float) -> None:
+        if now_s < self._return_s and not self._port.is_network:
+            return
+        for _ in range(_ACCEPTED_AT_ONCE):
+            if (channel := self._port.accept()) is None:
+                return
+            self._open(channel, now_s)
+
+    def _make_room(self, now_s: float) -> None:
+        """Hang up on whoever is overdue, and on the most silent of those beyond the places there are."""
+        for connection in list(self._connections):
+            if why := connection.overdue(now_s):
+                self._dismiss(connection, why, now_s)
+        waiting = [c for c in self._connections if not c.admitted]
+        for connection in waiting[: max(len(waiting) - MAX_WAITING, 0)]:  # in the order in which they came
+            self._dismiss(connection, f"{MAX_WAITING} others wait to greet, it the longest", now_s)
+        hosts = [c for c in self._connections if c.admitted]
+        silent = sorted((c for c in hosts if not c.holds_the_lock), key=lambda c: c.active_s)
+        for connection in silent[: max(len(hosts) - MAX_HOSTS, 0)]:
+            self._dismiss(connection, f"{MAX_HOSTS} others are connected, it was silent the longest", now_s)
 
     def _patience_s(self) -> float:
         """How long to wait for bytes: hardly, while something else than they can make it necessary to act."""
         now_s = time.monotonic()
         if now_s < self._stalled_until_s:
-            time.sleep(min(self._stalled_until_s - now_s, _IDLE_S))  # the line may be readable all the while
+            time.sleep(min(self._stalled_until_s - now_s, _PATIENCE_S))  # the line may be readable all the while
         elif self._baud is not None:
             time.sleep(_BUSY_S)
         if self._firmware.busy:
             return _BUSY_S
-        return min([_IDLE_S, *(connection.patience_s(now_s) for connection in self._connections)])
+        return min([_PATIENCE_S, *(connection.patience_s(now_s) for connection in self._connections)])
 
     def _open(self, channel: Channel, now_s: float) -> None:
-        ways = [_Way(faults, Throttle(self._baud, now_s)) for faults in self._ways]
-        self._connections.append(Connection(channel, self._firmware, *ways))
+        to_bench, to_host = (_Way(faults, Throttle(self._baud, now_s)) for faults in self._ways)
+        guard = Guard(self._token, self._told_of(channel)) if self._port.is_network else None
+        self._connections.append(Connection(channel, self._firmware, to_bench, to_host, guard, now_s))
         self._selector.register(channel.fileno(), selectors.EVENT_READ)
 
     def _hang_up(self, connection: Connection, now_s: float) -> None:
@@ -231,3 +321,20 @@ class Server:
         connection.close()
         self._connections.remove(connection)
         self._return_s = now_s + _GONE_S
+
+    def _dismiss(self, connection: Connection, why: str, now_s: float) -> None:
+        self._tell(f"{connection.channel.peer}: {why}; hung up", now_s)
+        self._hang_up(connection, now_s)
+
+    def _told_of(self, channel: Channel) -> Callable[[str], None]:
+        return lambda why: self._tell(f"{channel.peer}: {why}", time.monotonic())
+
+    def _tell(self, what: str, now_s: float) -> None:
+        """Make a remark, or count it where there were too many."""
+        self._remarks = min(self._remarks + now_s - self._remarked_s, float(REMARKS))
+        self._remarked_s = now_s
+        if self._remarks < 1.0:
+            self._unsaid += 1
+            return
+        self._remark(what + (f" (after {self._unsaid} more that are not told)" if self._unsaid else ""))
+        self._remarks, self._unsaid = self._remarks - 1.0, 0

@@ -17,6 +17,7 @@ from campaigns.serial.frames import (
     data_bytes_of,
     encode_line,
 )
+from campaigns.serial.guard import Guard
 
 SILENCE_S = 0.5
 """An upload that pauses for so long has lost bytes: the bench answers with what it has. The host waits longer."""
@@ -29,25 +30,25 @@ class _Burst:
         self.tag = tag
         self.run = upload.run
         self._total_bytes = upload.total_bytes
-        self._at = upload.first
+        self.at = upload.first
         self._end = min(upload.first + upload.count, blocks_in(upload.total_bytes))
         self._skip: int | None = None
 
     def take(self, receiver: Receiver, firmware: Firmware) -> bool:
         """Move what has come in to the firmware; return whether the burst is over."""
-        while self._skip is None and self._at < self._end:
+        while self._skip is None and self.at < self._end:
             try:
-                block = receiver.block(self._size(self._at))
+                block = receiver.block(self._size(self.at))
             except LineNoise:
                 block, damaged = None, True
             else:
-                damaged = block is not None and not firmware.store(block, self._at)
+                damaged = block is not None and not firmware.store(block, self.at)
             if damaged:
-                self._skip = sum(block_length(self._size(i)) for i in range(self._at + 1, self._end))
+                self._skip = sum(block_length(self._size(i)) for i in range(self.at + 1, self._end))
             elif block is None:
                 return False
             else:
-                self._at += 1
+                self.at += 1
         if self._skip:
             self._skip -= receiver.discard(self._skip)
         return not self._skip
@@ -59,14 +60,26 @@ class _Burst:
 class Session:
     """What one host has sent and is still to get. A new question ends the answer to the one before."""
 
-    def __init__(self, firmware: Firmware) -> None:
+    def __init__(self, firmware: Firmware, guard: Guard | None = None) -> None:
         self._firmware = firmware
+        self._guard = guard
         self._receiver = Receiver()
         self._holder: str | None = None
         self._burst: _Burst | None = None
         self._heard_s = 0.0
+        self._active_s = 0.0
         self._lines: deque[bytes] = deque()
         self._stream: Iterator[bytes] = iter(())
+
+    @property
+    def active_s(self) -> float:
+        """When a command or a good block last came; bytes that become neither do not count."""
+        return self._active_s
+
+    @property
+    def holds_the_lock(self) -> bool:
+        """Whether the host at this line has locked the bench."""
+        return self._holder is not None and self._holder == self._firmware.owner
 
     def feed(self, data: bytes, now_s: float) -> None:
         """Take bytes from the host."""
@@ -88,7 +101,10 @@ class Session:
         while True:
             if self._burst is not None:
                 self._firmware.hear(now_s)
-                if not self._burst.take(self._receiver, self._firmware):
+                taken, over = self._burst.at, self._burst.take(self._receiver, self._firmware)
+                if self._burst.at > taken:
+                    self._active_s = now_s
+                if not over:
                     return
                 self._end_burst(self._burst)
             line = self._receiver.line()
@@ -97,6 +113,11 @@ class Session:
             self._answer(line, now_s)
 
     def _answer(self, line: Line, now_s: float) -> None:
+        if parse_command(line.text) is not None:
+            self._active_s = now_s
+        if self._guard is not None and (refusal := self._guard.refusal(line)) is not None:
+            self._send(refusal, line.tag)
+            return
         wanted = _lock_wanted(line)
         if wanted not in (None, self._holder):
             self._holder = None  # another host speaks here from now on: it must not keep the watchdog quiet

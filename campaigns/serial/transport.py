@@ -6,11 +6,14 @@ import contextlib
 import select
 import socket
 import termios
+import time
 from typing import Protocol
 
 import serial
 
+from campaigns.serial.addresses import Address, resolved
 from campaigns.serial.frames import LineNoise
+from campaigns.serial.shared_token import shared_token
 from sim_backend.errors import ConfigError
 
 BITS_PER_BYTE = 10
@@ -31,6 +34,10 @@ class Transport(Protocol):
     @property
     def bytes_per_s(self) -> float:
         """How fast bytes pass; a guess on the safe side where the line does not say."""
+
+    @property
+    def token(self) -> bytes | None:
+        """What to show to a bench that asks for its token."""
 
     def open(self, timeout_s: float) -> None:
         """Open it, or open it again; raises LinkLost."""
@@ -62,6 +69,11 @@ class SerialTransport:
     def bytes_per_s(self) -> float:
         """Ten bits per byte."""
         return self._baud / BITS_PER_BYTE
+
+    @property
+    def token(self) -> bytes | None:
+        """None: whoever may open the device may use it."""
+        return None
 
     def open(self, timeout_s: float) -> None:
         """Open the device exclusively and drop what it had received for somebody else."""
@@ -113,32 +125,53 @@ class SerialTransport:
 
 
 class TcpTransport:
-    """A TCP connection; `bytes_per_s` bounds how long a transfer may take."""
+    """A TCP connection; `bytes_per_s` bounds how long a transfer may take, `token` is shown to a bench that asks.
 
-    def __init__(self, host: str, port: int, bytes_per_s: float = 1e6) -> None:
-        self._address = (host.strip("[]"), port)
+    The name is looked up once: a line that was lost leads back to the same machine.
+    """
+
+    def __init__(self, host: str, port: int, bytes_per_s: float = 1e6, token: bytes | None = None) -> None:
+        self._host, self._port = host, port
         self._bytes_per_s = bytes_per_s
+        self._token = token
+        self._addresses: list[Address] = []
         self._socket: socket.socket | None = None
 
     @property
     def name(self) -> str:
         """Host and port."""
-        return f"{self._address[0]}:{self._address[1]}"
+        return f"{self._host}:{self._port}"
 
     @property
     def bytes_per_s(self) -> float:
         """What even a slow network does."""
         return self._bytes_per_s
 
+    @property
+    def token(self) -> bytes | None:
+        """The one it was made with."""
+        return self._token
+
+    def another(self) -> TcpTransport:
+        """Return a second way to the same bench, not connected yet."""
+        return TcpTransport(self._host, self._port, self._bytes_per_s, self._token)
+
     def open(self, timeout_s: float) -> None:
-        """Connect."""
+        """Connect, to the first address of the host that answers; raises ConfigError when it has none."""
         self.close()
-        try:
-            self._socket = socket.create_connection(self._address, timeout_s)
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        except OSError as error:
-            self.close()
-            raise LinkLost(f"{self.name} cannot be reached ({_reason(error)}); check address and bench") from None
+        self._addresses = self._addresses or resolved(self._host, self._port)
+        end_s, reason = time.monotonic() + timeout_s, ""
+        for address in self._addresses:
+            try:
+                self._socket = socket.socket(address.family, socket.SOCK_STREAM)
+                self._socket.settimeout(max(end_s - time.monotonic(), 0.05))
+                self._socket.connect(address.to)
+                self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                return
+            except OSError as error:
+                reason = reason or _reason(error)
+                self.close()
+        raise LinkLost(f"{self.name} cannot be reached ({reason}); check address and bench")
 
     def read(self, timeout_s: float) -> bytes:
         """Wait for bytes and return all there are."""
@@ -184,7 +217,7 @@ def transport_at(kind: str, address: str) -> Transport:
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ConfigError(f"tcp:{address} is no TCP bench; write tcp:HOST:PORT")
-    return TcpTransport(host, int(port))
+    return TcpTransport(host, int(port), token=shared_token())
 
 
 def _reason(error: Exception) -> str:

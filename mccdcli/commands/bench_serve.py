@@ -20,6 +20,14 @@ from mccdcli.output import emit, say
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one."
 )
+@click.option("--allow-remote", is_flag=True, help="Listen where other machines can connect; they need the token.")
+@click.option(
+    "--token-file",
+    type=click.Path(path_type=Path),
+    envvar="MCCD_BENCH_TOKEN_FILE",
+    metavar="FILE",
+    help="File with the token that tcp hosts must know; else the variable MCCD_BENCH_TOKEN holds it.",
+)
 @click.option("--baud", type=click.FloatRange(min=300), metavar="N", help="Let no more pass than such a line does.")
 @click.option("--speed", type=click.FloatRange(min=1e-3), metavar="X", help="Pace of the bench; 1 is real time.")
 @click.option(
@@ -32,6 +40,8 @@ def serve(
     link: Path | None,
     host: str,
     port: int,
+    allow_remote: bool,
+    token_file: Path | None,
     baud: float | None,
     speed: float | None,
     faults: str | None,
@@ -43,6 +53,9 @@ def serve(
     Its address is printed first; what the bench does goes to standard error. It runs until Ctrl-C or SIGTERM and
     leaves the bench safe. The kinds of faults are flip, lose, repeat, garbage, delay, drop, reset and stall, their
     rates per byte on the line.
+
+    Over tcp a connection has to begin with *IDN? or ABORt. Whoever connects may abort; all else needs the token if
+    there is one. Nothing is encrypted: through a network that is not yours, use ssh -L.
 
     \b
     Examples:
@@ -60,6 +73,8 @@ def serve(
         transport="tcp" if transport == "tcp" else "pty",
         host=host,
         port=port,
+        allow_remote=allow_remote,
+        token_file=None if token_file is None else str(token_file),
         link=None if link is None else str(link),
         baud=baud,
         speed=speed,

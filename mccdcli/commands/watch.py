@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -159,7 +160,13 @@ def _share(part: float, whole: float) -> str:
 
 
 def _bars(values: list[float]) -> str:
-    low, high = min(values), max(values)
-    if high <= low:
-        return BARS[0] * len(values)
-    return "".join(BARS[min(int((v - low) / (high - low) * len(BARS)), len(BARS) - 1)] for v in values)
+    """Return one bar per value, a gap for what is no number."""
+    there = [v for v in values if math.isfinite(v)]
+    low, span = min(there, default=0.0), max(there, default=0.0) - min(there, default=0.0)
+
+    def bar(value: float) -> str:
+        if not math.isfinite(value):
+            return " "
+        return BARS[min(int((value - low) / span * len(BARS)), len(BARS) - 1)] if span > 0.0 else BARS[0]
+
+    return "".join(map(bar, values))

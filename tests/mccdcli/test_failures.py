@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,8 @@ import pytest
 
 from mccdcli.failures import exit_code_of
 from sim_backend.errors import CheckError, ConfigError, DataError, HardwareError, MccdError
+
+ROOT = Path(__file__).parents[2]
 
 
 def raising(error: BaseException):
@@ -183,3 +187,37 @@ def test_the_version_says_which_release_and_which_commit(mccd) -> None:
     done = mccd("--version")
     assert (done.returncode, done.stderr) == (0, "")
     assert re.fullmatch(r"mccd \d+\.\d+\.\d+\S* \(commit ([0-9a-f]{7,}(-dirty)?|unknown)\)\n", done.stdout)
+
+
+def test_a_bug_is_reported_even_where_nothing_can_be_written(
+    log_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (log_folder / "a-file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(log_folder / "a-file"))
+    monkeypatch.setattr("tempfile.tempdir", str(log_folder / "a-file"))
+    assert exit_code_of(raising(ZeroDivisionError())) == 70
+    err = capsys.readouterr().err
+    assert "no file with the details could be written" in err and err.count("\n") == 1
+
+
+NOBODY = ("unshare", "--user", "--map-user=4321")
+"""A user that the system does not know, as in many containers; without HOME there is no home either."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(("bench", "list"), 0), (("config", "show", "chop"), 0), (("log", "show", "x.h5"), 2)]
+)
+def test_a_user_without_a_home(arguments: tuple[str, ...], code: int, tmp_path: Path) -> None:
+    if shutil.which("unshare") is None or subprocess.run([*NOBODY, "true"], capture_output=True).returncode:
+        pytest.skip("needs unshare, and the right to make a namespace of users")
+    done = subprocess.run(
+        [*NOBODY, sys.executable, "-m", "mccdcli", *arguments],
+        cwd=tmp_path,
+        env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr and "bug" not in done.stderr
+    assert list(tmp_path.iterdir()) == []  # and no folder named ~

@@ -12,7 +12,13 @@ def test_good_arrays_pass_unchanged():
 
 @pytest.mark.parametrize(
     ("values", "words"),
-    [([1.0, np.nan, 2.0], r"entry \(1,\) is not finite"), ([1.0], r"shape \(1,\)"), ([[1.0, 2.0]], "1 dimensions")],
+    [
+        ([1.0, np.nan, 2.0], r"entry \(1,\) is not finite"),
+        ([1.0, 2.0, -np.inf], r"entry \(2,\) is not finite \(-inf\)"),
+        ([-1e300, 1.0], r"entry \(0,\) is -1e\+300, beyond what any sensor reads"),
+        ([1.0], r"shape \(1,\)"),
+        ([[1.0, 2.0]], "1 dimensions"),
+    ],
 )
 def test_bad_arrays_are_refused_by_name_and_place(values, words):
     with pytest.raises(DataError, match=words):

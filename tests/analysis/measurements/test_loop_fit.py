@@ -67,3 +67,8 @@ def test_bad_input_is_refused():
         fit_loops(np.zeros(200), np.zeros(100), RATE_HZ, HELD, [{"pinning": 1e-3}])
     with pytest.raises(ConfigError, match="no parameter"):
         magnetisation(np.zeros(10), {"pining": 1.0})
+
+
+def test_a_mirror_that_does_not_move_has_no_loop():
+    with pytest.raises(DataError, match="the angle stays at 0.001 rad"):
+        fit_loops(np.sin(np.arange(200.0)), np.full(200, 1e-3), RATE_HZ, HELD, [{"pinning": 1e-3}])

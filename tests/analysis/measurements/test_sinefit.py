@@ -81,3 +81,14 @@ def test_bad_segments_are_refused(rng):
     fit = fit_sines(np.tile(x, (1, 2)), RATE, np.array([0, 500]), np.array([500, 1000]), np.array([100.0, 100.0]))
     with pytest.raises(DataError, match="do not drive the 2 inputs"):
         sine_response(fit, fit)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_a_reading_that_is_none_is_told_with_its_place(rng, value):
+    record = rng.standard_normal((3000, 2))
+    record[2100, 1] = value
+    ends = np.array([1000, 2000, 3000])
+    with pytest.raises(DataError, match="segment 2 at 30.0 Hz: sample 100 of channel 1 is"):
+        fit_sines(record, 1000.0, ends - 1000, ends, np.array([10.0, 20.0, 30.0]))
+    # outside of the segments it does no harm
+    assert fit_sines(record, 1000.0, ends[:2] - 1000, ends[:2], np.array([10.0, 20.0])).amplitude.shape == (2, 2)

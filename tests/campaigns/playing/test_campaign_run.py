@@ -335,3 +335,15 @@ def test_a_log_whose_checksum_a_kill_prevented_is_played_again(file, tmp_path):
     assert_equal_logs(tmp_path / "whole", tmp_path / "parts")
     assert verify(tmp_path / "parts" / "chop.h5").ok
     assert bytes_of(tmp_path / "parts")["chop.partial-1.h5"] == before["chop.h5"]
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
+def test_what_has_the_name_of_the_lock_is_left_alone(file, tmp_path, kind):
+    out, precious = tmp_path / "out", tmp_path / "precious"
+    out.mkdir()
+    precious.write_text("precious")
+    lock = out / ".campaign.lock"
+    {"link": lambda: lock.symlink_to(precious), "pipe": lambda: os.mkfifo(lock), "folder": lock.mkdir}[kind]()
+    with pytest.raises(ConfigError, match=r"\.campaign\.lock is no ordinary file; delete it"):
+        play(file, out)
+    assert precious.read_text() == "precious" and list(out.iterdir()) == [lock]

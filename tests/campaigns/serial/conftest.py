@@ -15,6 +15,7 @@ from sim_backend.model import dump_model
 from tests.small_bench import NOISE, bench_model
 
 RATE_HZ = 10_000.0
+REMARKS = ("refused", "remote")
 
 
 class Served:
@@ -32,8 +33,8 @@ class Served:
 
     @property
     def state(self) -> str:
-        """The state it is in."""
-        return self.journal[-1].split()[0]
+        """The state it is in; what it says of strangers is none."""
+        return [word for word in (line.split()[0] for line in self.journal) if word not in REMARKS][-1]
 
 
 Serve = Callable[..., Served]

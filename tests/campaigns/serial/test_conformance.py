@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from campaigns.serial import TcpTransport
+from campaigns.serial.addresses import resolved
 from campaigns.serial.answers import Reply, Upload
 from campaigns.serial.conformance import CHECKS, check_bench
 from campaigns.serial.firmware import Firmware
@@ -35,7 +36,7 @@ def compiled() -> None:
 @contextmanager
 def serving(firmware: Firmware) -> Iterator[TcpTransport]:
     """Serve a firmware of the test's own on a real port, from a thread."""
-    port = TcpPort("127.0.0.1", 0)
+    port = TcpPort(resolved("127.0.0.1", 0)[0])
     server = Server(firmware, port)
     thread = threading.Thread(target=server.run)
     thread.start()

@@ -48,7 +48,7 @@ def test_a_served_bench_is_checked_and_ends_safely(model: str, transport: str, t
         checked = run("check", "--bench", address, "--json")
         assert checked.returncode == 0, checked.stdout
         result = json.loads(checked.stdout)
-        assert result["ok"] and len(result["checks"]) == 19
+        assert result["ok"] and len(result["checks"]) == 21
         served.send_signal(signal.SIGTERM)
         _, journal = served.communicate(timeout=30)
         assert served.returncode == 0
@@ -63,7 +63,7 @@ def test_the_table_for_a_person() -> None:
     checked = run("check", "--bench", "emulator")
     assert checked.returncode == 0
     rows = checked.stdout.splitlines()
-    assert len(rows) == 19 and all(row.startswith("ok  ") for row in rows)
+    assert len(rows) == 21 and all(row.startswith("ok  ") for row in rows)
 
 
 def test_a_test_on_the_emulated_bench_of_a_model_file_records_what_the_simulated_one_does(
@@ -96,10 +96,27 @@ def test_a_test_on_the_emulated_bench_of_a_model_file_records_what_the_simulated
         (("check", "--bench", "emulator:none.toml"), 2, "model 'none.toml': no such file"),
         (("serve", "--faults", "7/burn=1"), 2, "the kinds are flip"),
         (("serve", "--model", "no-such-model"), 2, "no-such-model"),
-        (("serve", "--transport", "tcp", "--host", "192.0.2.1"), 3, "cannot listen on 192.0.2.1"),
+        (("serve", "--transport", "tcp", "--host", "192.0.2.1"), 2, "give --allow-remote and a token"),
+        (("serve", "--transport", "tcp", "--host", "0.0.0.0", "--allow-remote"), 2, "there is no token"),
+        (("serve", "--transport", "tcp", "--host", "a..b"), 2, "host 'a..b': no address can be found"),
+        (("serve", "--transport", "tcp", "--host", ""), 2, "host '': no address"),
+        (("serve", "--transport", "tcp", "--port", "70000"), 2, "70000 is not in the range"),
+        (("check", "--bench", "tcp:a..b:80"), 2, "host 'a..b': no address can be found"),
+        (("check", "--bench", "tcp:no-such-host.invalid:80"), 2, "host 'no-such-host.invalid': no address"),
+        (("check", "--bench", "tcp:localhost:0"), 2, "is not a bench"),
+        (("check", "--bench", "tcp:localhost:70000"), 2, "is not a bench"),
     ],
 )
 def test_mistakes_end_in_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:
     done = run(*arguments)
     assert done.returncode == code
     assert message in done.stderr and "Traceback" not in done.stderr
+
+
+def test_an_address_that_is_not_this_machines(tmp_path: Path) -> None:
+    token = tmp_path / "token"
+    token.write_text("0123456789abcdef")
+    token.chmod(0o600)
+    where = ("--transport", "tcp", "--host", "192.0.2.1", "--allow-remote", "--token-file", str(token))
+    done = run("serve", *where)
+    assert done.returncode == 3 and "cannot listen on 192.0.2.1" in done.stderr

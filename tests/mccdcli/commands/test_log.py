@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import h5py
@@ -126,3 +127,10 @@ def test_a_file_that_is_no_log_is_a_data_error(tmp_path: Path, capsys: pytest.Ca
     err = capsys.readouterr().err
     assert err.startswith("mccd: error: ") and err.count("\n") == 1
     assert str(foreign) in err
+
+
+@pytest.mark.parametrize("command", ["show", "verify"])
+def test_a_pipe_is_not_waited_for(command: str, tmp_path: Path, mccd) -> None:
+    os.mkfifo(tmp_path / "run.h5")
+    done = mccd("log", command, str(tmp_path / "run.h5"))
+    assert done.returncode == 4 and "is no file: check the path" in done.stderr

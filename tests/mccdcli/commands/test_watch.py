@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -159,3 +160,38 @@ def test_on_a_terminal_it_draws_in_place_and_without_colour(tmp_path):
     text = shown.decode()
     assert "complete" in text and "theta_x" in text and "█" in text
     assert not re.search(r"\x1b\[[0-9;]*m", text.replace("\x1b[0m", ""))
+
+
+ABSURD = {"nan": np.nan, "inf": np.inf, "-inf": -np.inf, "1e300": 1e300, "1.7e308": 1.7e308}
+
+
+@pytest.mark.parametrize("absurd", ABSURD)
+@pytest.mark.parametrize("rows", [slice(15_000, 15_300), slice(-1, None), slice(None)])
+def test_readings_that_are_none_leave_gaps(tmp_path, capsys, absurd, rows):
+    path = tmp_path / "run.h5"
+    driven = 1e-4 * np.random.default_rng(0).standard_normal(30_000)
+    angle = driven.copy()
+    angle[rows] = ABSURD[absurd]
+    if absurd == "1.7e308":
+        angle[rows] *= (-1.0) ** np.arange(angle[rows].size)  # the range is beyond what a float holds
+    channels = [
+        Channel("command_theta_x", "N m", "input", "theta_x", 1e4),
+        Channel("theta_x", "rad", "output", "theta_x", 1e4),
+    ]
+    with LogWriter.create(path, channels, test="t", bench={}) as log, log.segment("a", {}):
+        log.append({"command_theta_x": driven, "theta_x": angle})
+    (tmp_path / "model.toml").write_text(dump_model(bench_model()), encoding="utf-8")
+
+    there = angle[10_000:][np.abs(angle[10_000:]) < 1.0]  # the last two seconds are shown
+    watch = ["watch", str(path), "--once", "--model", str(tmp_path / "model.toml")]
+    with warnings.catch_warnings(action="error"):
+        for command in (watch, ["watch", str(path)], ["log", "check", str(path)], ["log", "summary", str(path)]):
+            assert main(command) == 0
+        capsys.readouterr()
+        assert main([*watch, "--json"]) == 0
+    seen = json.loads(capsys.readouterr().out)
+    (reading,), (misfit,) = seen["readings"], seen["misfits"]
+    assert reading["low"] == (there.min() if there.size else None)
+    assert reading["high"] == (there.max() if there.size else None)
+    assert reading["last"] == (angle[-1] if abs(angle[-1]) < 1.0 else None)
+    assert (misfit["residual_rms"] is None) == (there.size == 0)
