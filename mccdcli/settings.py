@@ -11,6 +11,7 @@ from typing import Any, Final
 import click
 
 from sim_backend.errors import ConfigError, did_you_mean
+from sim_backend.small_files import read_toml_text
 
 PREFIX: Final = "MCCD"
 """An option of a command is also the variable PREFIX_COMMAND_OPTION; MCCD_BENCH and MCCD_SEED hold for all."""
@@ -116,8 +117,8 @@ def _read(path: Path) -> dict[str, Any]:
     import tomllib
 
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(read_toml_text(path, "set of defaults"))
+    except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not valid TOML: {error}; mend that line") from None
 
 

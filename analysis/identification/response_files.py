@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from analysis.identification.response_curves import ResponseCurve, save_curves
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.small_files import TABLE_BYTES, read_small, read_small_text
 
 _COLUMNS = list(ResponseCurve.__dataclass_fields__)
 _NAMES = re.compile(r"^!\s*(inputs|outputs):\s*(.*)$")
@@ -48,7 +50,7 @@ def load_response(path: Path) -> tuple[ResponseCurve, ...]:
 def _from_csv(path: Path) -> tuple[ResponseCurve, ...]:
     import pandas as pd  # a third of a second, which only this needs
 
-    table = pd.read_csv(path)
+    table = pd.read_csv(io.BytesIO(read_small(path, TABLE_BYTES)))
     missing = [name for name in _COLUMNS if name not in table]
     if missing:
         raise ValueError(f"no column {missing[0]}")
@@ -88,7 +90,7 @@ def _from_touchstone(path: Path) -> tuple[ResponseCurve, ...]:
     ports = int(found[1])
     names: dict[str, list[str]] = {}
     scale, form, numbers = 1e9, "MA", []  # what Touchstone says when the file does not
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in read_small_text(path, TABLE_BYTES).splitlines():
         if named := _NAMES.match(line):
             names[named[1]] = named[2].split()
         text = line.partition("!")[0].strip()

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.log.limits import BLOCK_ROWS
 from campaigns.log.matlab import Numbers, Value, write_structure
-from campaigns.log.read import BLOCK_ROWS, Run
+from campaigns.log.read import Run
 from campaigns.log.schema import to_json
 from campaigns.progress import Report, unheard
 from sim_backend.errors import ConfigError, did_you_mean

@@ -28,6 +28,7 @@ from campaigns.playing.runner import Outcome, Report, fingerprint, fingerprint_o
 from campaigns.playing.side_by_side import free_cores, share
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.small_files import STATE_BYTES, open_lock, read_small_text
 
 STATE_FILE = "campaign.json"
 LOCK_FILE = ".campaign.lock"
@@ -156,7 +157,11 @@ class _Tally:
 def _locked(home: Path) -> Iterator[None]:
     """Keep a second process out of the folder; the lock ends with the process, however that ends."""
     home.mkdir(parents=True, exist_ok=True)
-    with (home / LOCK_FILE).open("w") as file:
+    try:
+        descriptor = open_lock(home / LOCK_FILE)
+    except OSError as error:
+        raise ConfigError(f"{home / LOCK_FILE}: {error.strerror}; delete it, or choose another folder") from None
+    with open(descriptor, "rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -167,11 +172,11 @@ def _locked(home: Path) -> Iterator[None]:
 def read_state(folder: str | Path) -> dict[str, Any] | None:
     """Return the state file of a campaign's folder, None if there is none; raises DataError when it is broken."""
     path = Path(folder) / STATE_FILE
-    if not path.is_file():
-        return None
     try:
-        state: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
+        state: dict[str, Any] = json.loads(read_small_text(path, STATE_BYTES))
+    except FileNotFoundError:
+        return None
+    except (ValueError, RecursionError, OSError) as error:
         raise DataError(f"{path}: cannot be read ({error}); delete it, the logs beside it hold all there is") from None
     if not isinstance(state, dict) or state.get("schema") != STATE_SCHEMA:
         raise DataError(f"{path}: not the state of a campaign ({STATE_SCHEMA}); choose another folder")
