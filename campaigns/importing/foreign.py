@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from campaigns.importing.hdf5 import Hdf5Source, as_meant
 from campaigns.importing.matlab_objects import Variable, refusal, unpacked_bytes, variables_in
 from campaigns.importing.packing import PACKING
-from campaigns.importing.pieces import PIECE_BYTES, Pieces, boxes, of_array
+from campaigns.importing.pieces import Pieces, boxes, of_array
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.log.child import bound_memory, tell_ready
 from campaigns.log.guard import most_bytes, stored_bytes
@@ -72,6 +72,7 @@ class Netcdf3Source:
 
     @cached_property
     def _file(self) -> Any:
+        check_expansion(self.path, self.path.name, self.path.stat().st_size, stored_bytes(self.path))
         try:
             return scipy.io.netcdf_file(self.path, "r", mmap=True)
         except Exception as error:  # a parser of foreign bytes fails in any way; there is no narrower class
@@ -98,10 +99,9 @@ class TdmsSource:
         check_expansion(self.path, name, len(channel) * dtype.itemsize, stored_bytes(self.path))
 
         def read() -> Iterator[AnyArray]:
-            rows = max(PIECE_BYTES // dtype.itemsize, 1)
             try:
-                for first in range(0, len(channel), rows):
-                    yield np.asarray(channel.read_data(first, min(rows, len(channel) - first)))
+                for chunk in channel.data_chunks():  # as they lie in the file: a part of one is not read alone
+                    yield np.asarray(chunk[:])
             except Exception as error:  # as above
                 raise unreadable(self.path, error) from None
 
@@ -261,7 +261,7 @@ def child() -> None:
     """
     path = Path(sys.argv[1])
     _load_parsers(path)
-    bound_memory()
+    bound_memory(_held_at_once(path))
     tell_ready()
     source = _source(path, bounded=True)
     for line in sys.stdin.buffer:
@@ -274,6 +274,13 @@ def child() -> None:
         except MemoryError as error:
             answer, found = {"refused": str(unreadable(path, error))}, None
         _say(answer, found)
+
+
+def _held_at_once(path: Path) -> int:
+    """Return how much of a file its parser may hold, or map, beside what it hands on."""
+    size = path.stat().st_size
+    shares = {".nc": 1, ".tdms": 2, ".parquet": 1}  # what is read, and the numbers that are made of it
+    return shares.get(path.suffix.lower(), 0) * size if size <= most_bytes(stored_bytes(path)) else 0
 
 
 def _load_parsers(path: Path) -> None:

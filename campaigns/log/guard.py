@@ -252,12 +252,14 @@ def _attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> objec
             raise refuse(path, item, "is no single text or number", "see docs/log-format.md")
         if (size := kind.get_size()) > MAX_TEXT_BYTES:
             raise refuse(path, item, f"has {size} bytes of at most {MAX_TEXT_BYTES}", "shorten it")
-        value: object = owner.attrs[name]
+        value = np.empty(space.get_simple_extent_dims(), described.dtype)
+        described.read(value)
     except MemoryError:
         raise refuse(path, item, "takes more memory than there is", "shorten it") from None
     except (OSError, RuntimeError, ValueError, TypeError, UnicodeError) as error:
         raise refuse(path, item, f"cannot be read ({first_line(error)})", "restore it from a copy") from None
-    return value.flat[0] if isinstance(value, np.ndarray) else value
+    found: object = value.flat[0]
+    return found
 
 
 def first_line(error: BaseException) -> str:
