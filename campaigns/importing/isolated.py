@@ -16,7 +16,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.log.child import Limited, await_ready, start_python, time_limit_s
+from campaigns.log.child import Limited, start_python, time_limit_s
 from sim_backend.errors import DataError
 
 CHILD = "from campaigns.importing.foreign import child; child()"
@@ -29,7 +29,6 @@ class IsolatedSource:
         self.path = path
         self._limit_s = time_limit_s(path)
         self._child = Limited(start_python(CHILD, str(path.absolute()), talk=True))
-        self._ready = False
         self._told: dict[str, dict[str, Any]] = {}
 
     def names(self) -> list[str]:
@@ -70,9 +69,7 @@ class IsolatedSource:
         return names
 
     def _ask(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
-        if not self._ready:
-            await_ready(self._child.process, self.path)
-            self._ready = True
+        self._child.await_ready(self.path)
         try:
             with self._child.within(self._limit_s):
                 return self._answer(name)

@@ -50,8 +50,15 @@ class Limited:
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self.process = process
+        self.ready = False
         self._limit_s, self._wait_s = 0.0, 0.0
         self._late = threading.Event()
+
+    def await_ready(self, path: Path) -> None:
+        """Wait until the child has started, to read the file at `path`; raises DataError when it does not in time."""
+        if not self.ready:
+            await_ready(self.process, path)
+            self.ready = True
 
     @contextlib.contextmanager
     def within(self, limit_s: float) -> Iterator[None]:

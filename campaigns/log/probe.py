@@ -3,6 +3,8 @@
 No check in this process can catch that: a flipped byte in an index is enough. So a log that this process has not
 written itself is looked at by a child with bounded memory and time, and opened here only when that came back. A
 checksum that fits spares no look: whoever changes a file can write one.
+
+The child starts while this process loads the library and compares the checksum: HDF5 is imported here only then.
 """
 
 from __future__ import annotations
@@ -14,13 +16,16 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from campaigns.log.checksum import read_sidecar, sha256_of
-from campaigns.log.child import Limited, TooLongError, await_ready, start_python, time_limit_s
+from campaigns.log.child import Limited, TooLongError, start_python, time_limit_s
 from campaigns.log.own import is_own
-from campaigns.log.read import Run, has_writer, open_run
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
+
+if TYPE_CHECKING:
+    from campaigns.log.read import Run
 
 HASHED_BYTES = 256 * 2**20
 """The checksum of a larger log is compared by `verify` alone, which reads it all."""
@@ -49,16 +54,24 @@ def read_run(path: str | os.PathLike[str]) -> Run:
     target = Path(path)
     if not target.is_file():
         raise DataError(f"{target} is no file: check the path")
+    foreign = not is_own(target)
+    if foreign:
+        with _reading:
+            _kept[:] = _kept or [Limited(start_python(CHILD, talk=True))]
     _compare(target)
-    if not is_own(target):
+    if foreign:
         found = examine(target, whole=False)
         if found.refused or found.fatal:
             raise DataError(found.refused or found.damage)
+    from campaigns.log.read import open_run
+
     return open_run(target)
 
 
 def _compare(path: Path) -> None:
     """Raise DataError for a log of usual size that differs from the checksum beside it."""
+    from campaigns.log.read import has_writer
+
     if has_writer(path):
         return
     promised = read_sidecar(path)
@@ -79,7 +92,7 @@ def examine(path: Path, report: Report = unheard, *, whole: bool = True) -> Exam
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
     with _reading:
-        fresh = not _kept
+        fresh = not any(reader.ready for reader in _kept)
         found = _asked(path, limit_s, report, whole)
         if found is None and not fresh:  # it had held on to what former files took
             found = _asked(path, limit_s, report, whole)
@@ -99,15 +112,11 @@ _kept: list[Limited] = []
 def _asked(path: Path, limit_s: float, report: Report, whole: bool) -> Examination | None:
     """Return what the child says, None where its memory does not suffice; only one that answered is kept."""
     reader = _kept.pop() if _kept else None
-    if reader is None or reader.process.poll() is not None:
+    if reader is None or (reader.ready and reader.process.poll() is not None):
         reader = Limited(start_python(CHILD, talk=True))
-        try:
-            await_ready(reader.process, path)
-        except BaseException:
-            reader.close()
-            raise
     said: list[dict[str, object]] = []
     try:
+        reader.await_ready(path)
         with reader.within(limit_s):
             said += _heard(reader, json.dumps({"path": str(path.absolute()), "whole": whole}), report, path.name)
         found = _judged(said, reader, path)
