@@ -27,7 +27,10 @@ BINS = 48
 
 @dataclass(frozen=True)
 class Reading:
-    """One output over the last seconds: its newest value, its range, and the mean of each of BINS stretches (k,)."""
+    """One output over the last seconds: its newest value, its range, and the mean of each of BINS stretches (k,).
+
+    What holds no number counts in none of them; where nothing does, and where the newest value is none, it is NaN.
+    """
 
     name: str
     dof: str
@@ -40,7 +43,10 @@ class Reading:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Measured minus simulated of one output over the last seconds: its rms, and the output's own about its mean."""
+    """Measured minus simulated of one output over the last seconds: its rms, and the output's own about its mean.
+
+    Both are of the rows that hold numbers, NaN where none does.
+    """
 
     dof: str
     unit: str
@@ -138,10 +144,10 @@ class _Follower:
 
     def advance(self, run: Run) -> None:
         for _, block in run.blocks(self.inputs.values(), start=self.row):
-            # what is not recorded was not driven
+            # what is not recorded, or no number, was not driven as far as anybody knows
             u = np.zeros((next(iter(block.values())).size, self._past.shape[1]))
             for port, name in self.inputs.items():
-                u[:, port] = block[name]
+                u[:, port] = np.where(np.isfinite(block[name]), block[name], 0.0)
             self.simulated = np.concatenate([self.simulated, self._simulate(u)])[-self._window :]
             self.row += u.shape[0]
 
@@ -149,9 +155,9 @@ class _Follower:
         found = []
         for k, name in self.outputs.items():
             measured = run.read(name, start, self.row)
-            residual = measured - self.simulated[-measured.size :, k]
-            channel = run.channels[name]
-            found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(measured - measured.mean())))
+            residual = _numbers(measured - self.simulated[-measured.size :, k])
+            channel, known = run.channels[name], _numbers(measured)
+            found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(known - _mean(known))))
         return tuple(found)
 
     def _simulate(self, u: Array) -> Array:
@@ -183,10 +189,20 @@ def _channels(run: Run, ports: Sequence[Port], role: str) -> dict[int, str]:
 def _reading(run: Run, name: str, start: int) -> Reading:
     values = run.read(name, start)
     channel = run.channels[name]
-    recent = np.array([part.mean() for part in np.array_split(values, min(BINS, values.size))])
-    last, low, high = float(values[-1]), float(values.min()), float(values.max())
+    recent = np.array([_mean(_numbers(part)) for part in np.array_split(values, min(BINS, values.size))])
+    known = _numbers(values)
+    low, high = (float(known.min()), float(known.max())) if known.size else (np.nan, np.nan)
+    last = float(values[-1]) if np.isfinite(values[-1]) else np.nan
     return Reading(name, channel.dof, channel.unit, last, low, high, recent)
 
 
+def _numbers(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if values.size else float("nan")
+
+
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return float(np.sqrt(_mean(values**2)))

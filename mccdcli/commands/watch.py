@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -155,11 +156,18 @@ def _left(one: Snapshot) -> str:
 
 
 def _share(part: float, whole: float) -> str:
-    return f"{part / whole:.1%}" if whole > 0.0 else "—"
+    return f"{part / whole:.1%}" if whole > 0.0 and math.isfinite(part) else "—"
 
 
 def _bars(values: list[float]) -> str:
-    low, high = min(values), max(values)
-    if high <= low:
-        return BARS[0] * len(values)
-    return "".join(BARS[min(int((v - low) / (high - low) * len(BARS)), len(BARS) - 1)] for v in values)
+    """Return a bar for each value, a blank where it is no number."""
+    known = [v for v in values if math.isfinite(v)]
+    low = min(known, default=0.0)
+    span = max(known, default=0.0) - low
+
+    def bar(value: float) -> str:
+        if not math.isfinite(value):
+            return " "
+        return BARS[min(int((value - low) / span * len(BARS)), len(BARS) - 1)] if span > 0.0 else BARS[0]
+
+    return "".join(map(bar, values))
