@@ -52,7 +52,7 @@ def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> 
     values: dict[str, Any] = {}
     origins: dict[tuple[str, ...], Path] = {}
     for path in places():
-        if path.is_file():
+        if path.exists():
             _merge(values, _read(path), path, origins)
         elif os.environ.get(EXPLICIT):
             raise ConfigError(f"{EXPLICIT} names {path}, which is no file; correct or unset it")

@@ -56,8 +56,7 @@ def read_run(path: str | os.PathLike[str]) -> Run:
         raise DataError(f"{target} is no file: check the path")
     foreign = not is_own(target)
     if foreign:
-        with _reading:
-            _kept[:] = _kept or [Limited(start_python(CHILD, talk=True))]
+        prepare()
     _compare(target)
     if foreign:
         found = examine(target, whole=False)
@@ -66,6 +65,13 @@ def read_run(path: str | os.PathLike[str]) -> Run:
     from campaigns.log.read import open_run
 
     return open_run(target)
+
+
+def prepare() -> None:
+    """Start the child for a log that will be read soon, if there is none, so that nobody waits for it then."""
+    with _reading:
+        if not _kept:
+            _kept.append(Limited(start_python(CHILD, talk=True)))
 
 
 def _compare(path: Path) -> None:
