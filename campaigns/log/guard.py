@@ -15,6 +15,7 @@ import numpy as np
 from campaigns.log.limits import (
     CHUNK_CACHE_BYTES,
     CHUNK_CACHES_BYTES,
+    CHUNK_SLOTS,
     FREE_BYTES,
     MAX_CHANNELS,
     MAX_CHUNK_BYTES,
@@ -88,21 +89,16 @@ def member(group: h5py.Group, name: str, path: Path, among: int = 1) -> h5py.Gro
         what = f"is a link of kind {_LINK_KINDS.get(kind, 'unknown')}; only data inside the file are read"
         raise refuse(path, item, what, "copy the data into the file")
     found = group[name]
-    if isinstance(found, h5py.Dataset):
-        check_dataset(found, path, item)
-        return (
-            _with_small_cache(group, name, found, among) if among > CHUNK_CACHES_BYTES // CHUNK_CACHE_BYTES else found
-        )
-    if not isinstance(found, h5py.Group):
+    if isinstance(found, h5py.Group):
+        return found
+    if not isinstance(found, h5py.Dataset):
         raise refuse(path, item, "is neither group nor dataset", "remove it")
-    return found
-
-
-def _with_small_cache(group: h5py.Group, name: str, opened: h5py.Dataset, among: int) -> h5py.Dataset:
-    access = opened.id.get_access_plist()
-    slots, _, preemption = access.get_chunk_cache()
-    access.set_chunk_cache(slots, CHUNK_CACHES_BYTES // among, preemption)
-    del opened  # settings count for a dataset that is not open yet
+    check_dataset(found, path, item)
+    if among <= CHUNK_CACHES_BYTES // CHUNK_CACHE_BYTES:
+        return found
+    access = found.id.get_access_plist()
+    access.set_chunk_cache(CHUNK_SLOTS, CHUNK_CACHES_BYTES // among, access.get_chunk_cache()[2])
+    del found  # settings count for a dataset that nobody has open
     return h5py.Dataset(h5py.h5d.open(group.id, name.encode("utf-8"), access))
 
 

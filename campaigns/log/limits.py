@@ -24,9 +24,12 @@ BLOCK_ROWS = 65536
 BLOCK_VALUES = 2**24
 """What is read at once, over all channels: 128 MiB, a chunk of the default size of the largest number of channels."""
 
-CHUNK_CACHES_BYTES = 256 * 2**20
+CHUNK_CACHES_BYTES = 64 * 2**20
 CHUNK_CACHE_BYTES = 2**20
 """Chunks that HDF5 keeps unpacked: for all channels of a log, and at most for one."""
+
+CHUNK_SLOTS = 67
+"""Of one of many channels: HDF5 keeps a table of 64 KiB else, however few chunks it may keep."""
 
 READER_BYTES = 384 * 2**20
 """What the process that looks at a foreign file may take, beside Python and its libraries."""
