@@ -53,11 +53,11 @@ def deflated(head: bytes, zeros: int) -> bytes:
     return start + again * (zeros // 2**23) + b"\x03\x00"
 
 
-def npz(path: Path, *members: tuple[str, bytes, int, int, int]) -> None:
-    """A zip of members (name, packed bytes, method, and the sizes that the directory tells: packed and unpacked)."""
+def npz(path: Path, *members: tuple[str, bytes, int, int, int, int]) -> None:
+    """A zip of members (name, packed bytes, method, checksum, and the sizes that are told: packed and unpacked)."""
     body, directory = b"", b""
-    for name, data, method, packed, size in members:
-        told = struct.pack("<HHHHHIIIHH", 20, 0, method, 0, 0, 0, packed, size, len(name), 0)
+    for name, data, method, check, packed, size in members:
+        told = struct.pack("<HHHHHIIIHH", 20, 0, method, 0, 0, check, packed, size, len(name), 0)
         directory += b"PK\x01\x02" + struct.pack("<H", 20) + told + struct.pack("<HHHII", 0, 0, 0, 0, len(body))
         directory += name.encode()
         body += b"PK\x03\x04" + told + name.encode() + data
@@ -66,18 +66,23 @@ def npz(path: Path, *members: tuple[str, bytes, int, int, int]) -> None:
 
 
 def npz_of_two_names(path: Path) -> None:
-    packed, small = deflated(npy_head(2**28), 2**31), npy_head(0)
-    npz(path, ("x", packed, 8, len(packed), 2**31 + 128), ("x.npy", small, 0, len(small), len(small)))
+    """A sound archive: the small array is what a check sees, the large one what numpy loads."""
+    packed, small = deflated(npy_head(2**27), 2**30), npy_head(0)
+    check = zlib.crc32(npy_head(2**27))
+    for _ in range(2**7):
+        check = zlib.crc32(bytes(2**23), check)
+    big = ("x", packed, 8, check, len(packed), 2**30 + 128)
+    npz(path, big, ("x.npy", small, 0, zlib.crc32(small), len(small), len(small)))
 
 
 def npz_that_lies(path: Path) -> None:
-    packed = deflated(npy_head(), 2**32 - 2**23)
-    npz(path, ("x.npy", packed, 8, 2**30, 2**32 - 2**20))
+    packed = deflated(npy_head(2**28), 2**31)
+    npz(path, ("x.npy", packed, 8, 0, 2**30, 2**31 + 128))
 
 
 def npz_of_a_short_claim(path: Path) -> None:
     packed = deflated(npy_head(2**20), 2**31)
-    npz(path, ("x.npy", packed, 8, len(packed), 2**23 + 128))
+    npz(path, ("x.npy", packed, 8, 0, len(packed), 2**23 + 128))
 
 
 def npz_of_another_method(path: Path) -> None:
