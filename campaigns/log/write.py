@@ -110,12 +110,7 @@ class LogWriter:
             tool_commit=tool_commit,
         )
         columns = _checked(channels)
-        if not (1 <= chunk_rows <= MAX_CHUNK_ROWS and 2 <= settings_bytes <= MAX_SETTINGS_BYTES):
-            raise ConfigError(
-                f"chunk_rows {chunk_rows} must lie in 1 to {MAX_CHUNK_ROWS}, "
-                f"settings_bytes {settings_bytes} in 2 to {MAX_SETTINGS_BYTES}: choose values within"
-            )
-        check_segments(expected_segments, segment_dtype(settings_bytes).itemsize)
+        _check_sizes(chunk_rows, settings_bytes, expected_segments)
         target = Path(path)
         if target.exists():
             raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
@@ -340,6 +335,15 @@ class LogWriter:
         if self._closed or self._broken:
             state = "closed" if self._closed else "no longer writable"
             raise ConfigError(f"{self.path} is {state}: create a new log for new rows")
+
+
+def _check_sizes(chunk_rows: int, settings_bytes: int, segments: int) -> None:
+    if not (1 <= chunk_rows <= MAX_CHUNK_ROWS and 2 <= settings_bytes <= MAX_SETTINGS_BYTES):
+        raise ConfigError(
+            f"chunk_rows {chunk_rows} must lie in 1 to {MAX_CHUNK_ROWS}, "
+            f"settings_bytes {settings_bytes} in 2 to {MAX_SETTINGS_BYTES}: choose values within"
+        )
+    check_segments(segments, segment_dtype(settings_bytes).itemsize)
 
 
 def _checked(channels: Sequence[ChannelLike]) -> tuple[Channel, ...]:
