@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from campaigns.log.limits import READER_BYTES
@@ -39,6 +40,43 @@ def start_python(code: str, *arguments: str, talk: bool = False) -> subprocess.P
         stderr=subprocess.DEVNULL,
         env=os.environ | {"PYTHONPATH": search},
     )
+
+
+def may_fork() -> bool:
+    """Tell whether a copy of this process can do a child's work: it has one thread, on a system that is known for it.
+
+    A lock that another thread holds would stay locked in a copy for good.
+    """
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
+def fork_python(work: Callable[[], None]) -> subprocess.Popen[bytes]:
+    """Do `work` in a copy of this process that talks as a child of `start_python` does, in a tenth of the time.
+
+    It keeps no file of this process open, and ends without what this process would do at its end.
+    """
+
+    def run() -> None:
+        status = 1
+        try:
+            os.closerange(3, resource.getrlimit(resource.RLIMIT_NOFILE)[0])  # among them what Popen waits for
+            sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)
+            work()
+            status = 0
+        finally:
+            os._exit(status)
+
+    import resource
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads that libraries keep for their sums
+        return subprocess.Popen(
+            [sys.executable],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            preexec_fn=run,  # which never returns
+        )
 
 
 class TooLongError(DataError):

@@ -3,8 +3,6 @@
 No check in this process can catch that: a flipped byte in an index is enough. So a log that this process has not
 written itself is looked at by a child with bounded memory and time, and opened here only when that came back. A
 checksum that fits spares no look: whoever changes a file can write one.
-
-The child starts while this process loads the library and compares the checksum: HDF5 is imported here only then.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from campaigns.log.checksum import read_sidecar, sha256_of
-from campaigns.log.child import Limited, TooLongError, start_python, time_limit_s
+from campaigns.log.child import Limited, TooLongError, fork_python, may_fork, start_python, time_limit_s
 from campaigns.log.own import is_own
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
@@ -71,7 +69,20 @@ def prepare() -> None:
     """Start the child for a log that will be read soon, if there is none, so that nobody waits for it then."""
     with _reading:
         if not _kept:
-            _kept.append(Limited(start_python(CHILD, talk=True)))
+            _kept.append(_started())
+
+
+def _started() -> Limited:
+    """Return a new child: a copy of this process where that is safe, as it has loaded the library already."""
+    if may_fork():
+        from h5py import h5f
+
+        from campaigns.log.look import child
+
+        # a copy would take a file that is open here for open there
+        if not h5f.get_obj_count(h5f.OBJ_ALL, h5f.OBJ_FILE | h5f.OBJ_DATASET | h5f.OBJ_GROUP | h5f.OBJ_ATTR):
+            return Limited(fork_python(child))
+    return Limited(start_python(CHILD, talk=True))
 
 
 def _compare(path: Path) -> None:
@@ -119,7 +130,7 @@ def _asked(path: Path, limit_s: float, report: Report, whole: bool) -> Examinati
     """Return what the child says, None where its memory does not suffice; only one that answered is kept."""
     reader = _kept.pop() if _kept else None
     if reader is None or (reader.ready and reader.process.poll() is not None):
-        reader = Limited(start_python(CHILD, talk=True))
+        reader = _started()
     said: list[dict[str, object]] = []
     try:
         reader.await_ready(path)

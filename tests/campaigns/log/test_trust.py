@@ -6,6 +6,7 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 from campaigns.log import Channel, LogWriter, own, probe, read_run, recover, sidecar_of, verify
-from campaigns.log.child import bound_memory
+from campaigns.log.child import bound_memory, may_fork
 from campaigns.log.limits import MAX_CHANNELS, MAX_SEGMENTS, MAX_TEXT_BYTES
 from campaigns.log.summary import summarise
 from mccdcli.main import main
@@ -24,18 +25,26 @@ from tests.campaigns.log.conftest import two_channels, values
 ROOT = Path(__file__).parents[3]
 
 
-def started(monkeypatch) -> list[str]:
+def started(monkeypatch) -> list[int]:
     """Return a list that grows by one for each child that is started from now on."""
     probe._end()  # noqa: SLF001 a child of a test before
-    children: list[str] = []
-    start = probe.start_python
+    children: list[int] = []
+    start = probe._started  # noqa: SLF001
 
-    def counted(code, *arguments, **options):
-        children.append(code)
-        return start(code, *arguments, **options)
+    def counted():
+        reader = start()
+        children.append(reader.process.pid)
+        return reader
 
-    monkeypatch.setattr(probe, "start_python", counted)
+    monkeypatch.setattr(probe, "_started", counted)
     return children
+
+
+def instead(monkeypatch, code: str) -> None:
+    """Let children do `code` from now on."""
+    probe._end()  # noqa: SLF001 a child of a test before
+    monkeypatch.setattr(probe, "may_fork", lambda: False)
+    monkeypatch.setattr(probe, "CHILD", code)
 
 
 def test_a_log_of_this_process_needs_no_child_and_a_changed_one_does(small_log, seal, monkeypatch):
@@ -74,6 +83,25 @@ def test_one_child_looks_at_all_logs_of_a_command(tmp_path, seal, monkeypatch):
     with pytest.raises(DataError):
         read_run(seal(tmp_path / "broken.h5"))
     assert len(children) == 1
+
+
+def test_a_child_is_a_copy_only_where_that_is_safe(unsealed, monkeypatch):
+    """A copy of a process with threads may wait for ever, and takes a file that is open there for open in itself."""
+    monkeypatch.setattr(probe, "may_fork", lambda: True)
+    probe._end()  # noqa: SLF001
+    (copy := unsealed.with_name("copy.h5")).write_bytes(unsealed.read_bytes())
+    with read_run(copy) as run:
+        assert probe._kept[0].process.args == [sys.executable]  # noqa: SLF001
+        probe._end()  # noqa: SLF001
+        with read_run(copy) as again:
+            np.testing.assert_array_equal(again.read("angle_x"), run.read("angle_x"))
+        assert probe._kept[0].process.args[1] == "-c"  # noqa: SLF001
+    stop = threading.Event()
+    other = threading.Thread(target=stop.wait)
+    other.start()
+    assert not may_fork()
+    stop.set()
+    other.join()
 
 
 @pytest.mark.parametrize("size", [0, 2**64 - 1])
@@ -251,8 +279,7 @@ def test_a_reader_without_memory_says_so_and_recovery_drops_no_row(unsealed, tmp
     short = "import resource\nfrom campaigns.log import look\n"
     short += "look.bound_memory = lambda: None\n"
     short += "def read(*_): raise MemoryError\nlook.Run.read = read\nlook.child()"
-    monkeypatch.setattr(probe, "CHILD", short)
-    probe._end()  # noqa: SLF001
+    instead(monkeypatch, short)
     with pytest.raises(DataError, match="more memory than its reader may") as caught:
         recover(unsealed, tmp_path / "saved.h5")
     assert "is damaged" not in str(caught.value) and not (tmp_path / "saved.h5").exists()
@@ -261,10 +288,9 @@ def test_a_reader_without_memory_says_so_and_recovery_drops_no_row(unsealed, tmp
 
 
 def test_a_reader_that_is_kept_waiting_is_no_damage_and_recovery_drops_no_row(unsealed, tmp_path, monkeypatch):
-    monkeypatch.setattr(probe, "CHILD", "import time; print('ready', flush=True); time.sleep(600)")
+    instead(monkeypatch, "import time; print('ready', flush=True); time.sleep(600)")
     monkeypatch.setattr(probe, "time_limit_s", lambda _path: 0.1)
     monkeypatch.setattr("campaigns.log.child.WAIT_S", 0.5)
-    probe._end()  # noqa: SLF001
     with pytest.raises(DataError, match="took too long.*busy, try again") as caught:
         recover(unsealed, tmp_path / "saved.h5")
     assert "damaged" not in str(caught.value) and not (tmp_path / "saved.h5").exists()
