@@ -79,8 +79,8 @@ def fork_python(work: Callable[[], None]) -> subprocess.Popen[bytes]:
         )
 
 
-class TooLongError(DataError):
-    """A reader was kept waiting; the file is not known to be at fault."""
+class ReaderFailedError(DataError):
+    """A reader did not start, was kept waiting or had too little memory; the file is not known to be at fault."""
 
 
 class Limited:
@@ -115,7 +115,7 @@ class Limited:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(1.0)
         if self._late.is_set():
-            return TooLongError(
+            return ReaderFailedError(
                 f"reading {path} took too long: its reader had not ended after {self._wait_s:.0f} s; the machine or "
                 "its disk may be busy, try again"
             )
@@ -157,7 +157,7 @@ def await_ready(process: subprocess.Popen[bytes], path: Path) -> None:
         timer.cancel()
     process.wait()
     why = f"within {START_S:.0f} s" if timer.finished.is_set() and process.returncode < 0 else "as it should"
-    raise DataError(
+    raise ReaderFailedError(
         f"the process that reads {path} did not start {why} (exit {process.returncode}); the file is not at fault: "
         "try again when the machine is less busy"
     )

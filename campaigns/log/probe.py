@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from campaigns.log.checksum import read_sidecar, sha256_of
-from campaigns.log.child import Limited, TooLongError, fork_python, may_fork, start_python, time_limit_s
+from campaigns.log.child import Limited, ReaderFailedError, fork_python, may_fork, start_python, time_limit_s
 from campaigns.log.own import is_own
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
@@ -114,7 +114,7 @@ def examine(path: Path, report: Report = unheard, *, whole: bool = True) -> Exam
         if found is None and not fresh:  # it had held on to what former files took
             found = _asked(path, limit_s, report, whole)
     if found is None:
-        raise DataError(
+        raise ReaderFailedError(
             f"{path} takes more memory than its reader may: it is not said to be damaged; split it into smaller logs, "
             "or try again when more memory is free"
         )
@@ -179,7 +179,7 @@ def _judged(said: list[dict[str, object]], reader: Limited, path: Path) -> Exami
     if "damage" in last:
         return Examination(sound_rows=sound_rows, damage=str(last["damage"]).replace(whole, shown))
     error = reader.why(path)
-    if isinstance(error, TooLongError):
+    if isinstance(error, ReaderFailedError):
         raise error
     message = f"{error}, or try `mccd log recover`"
     return Examination("" if sound_rows else message, sound_rows, message, fatal=True)

@@ -19,6 +19,7 @@ import msgspec
 
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import read_run, sidecar_of
+from campaigns.log.child import ReaderFailedError
 from campaigns.log.read import has_writer
 from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
@@ -245,6 +246,8 @@ def _found(state: RunState) -> RunState:
             # killed between closing the log and writing its checksum: nothing vouches for what it holds
             unsealed = run.status == "complete" and not sidecar_of(state.log).exists()
             return dataclasses.replace(state, status="unsealed" if unsealed else run.status, run_uid=run.run_uid)
+    except ReaderFailedError:  # on a busy machine, say: nothing that was measured is repeated for that
+        raise
     except DataError:
         return dataclasses.replace(state, status="damaged", run_uid="")
 
