@@ -13,6 +13,9 @@ from campaigns.log.schema import LogSegment
 
 NAME = "missing"
 
+ROWS_AT_ONCE = 65536
+"""Rows of a log that are read together."""
+
 ROLES = ("input", "output", "reference")
 
 
@@ -38,7 +41,7 @@ def missing_rows(run: Run, segment: LogSegment) -> NDArray[np.bool_]:
     """Return in which rows (n,) of a segment an input, output or reference holds no number; it is read in blocks."""
     names = [name for role in ROLES for name in run.names(role)]
     missing = np.zeros(segment.rows, dtype=bool)
-    for first, block in run.blocks(names, segment.start, segment.stop):
+    for first, block in run.blocks(names, segment.start, segment.stop, ROWS_AT_ONCE):
         for values in block.values():
             missing[first - segment.start : first - segment.start + values.size] |= ~np.isfinite(values)
     return missing
