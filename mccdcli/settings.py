@@ -11,6 +11,7 @@ from typing import Any, Final
 import click
 
 from sim_backend.errors import ConfigError, did_you_mean
+from sim_backend.small_files import read_toml_text
 
 PREFIX: Final = "MCCD"
 """An option of a command is also the variable PREFIX_COMMAND_OPTION; MCCD_BENCH and MCCD_SEED hold for all."""
@@ -60,7 +61,7 @@ def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> 
     values: dict[str, Any] = {}
     origins: dict[tuple[str, ...], Path] = {}
     for path in places():
-        if path.is_file():
+        if path.exists():
             _merge(values, _read(path), path, origins)
         elif os.environ.get(EXPLICIT):
             raise ConfigError(f"{EXPLICIT} names {path}, which is no file; correct or unset it")
@@ -142,8 +143,8 @@ def _read(path: Path) -> dict[str, Any]:
     import tomllib
 
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(read_toml_text(path, "set of defaults"))
+    except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not valid TOML: {error}; mend that line") from None
 
 

@@ -237,7 +237,9 @@ def _verdict(check: Check) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a value in SI as people read it, in four digits."""
+    """Return a value in SI as people read it, in four digits; a dash for none."""
+    if not math.isfinite(value):
+        return "—"
     scales = [scale for scale in SHOWN.get(unit, ((0.0, unit, 1.0),)) if abs(value) >= scale[0]]
     _, name, per = scales[-1] if scales else (0.0, unit, 1.0)
     return f"{value * per:.4g} {name}"

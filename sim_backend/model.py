@@ -23,6 +23,7 @@ import tomli_w
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel
 from sim_backend.plausible import refuse_absurd
+from sim_backend.small_files import read_toml_text
 
 Origin = Literal["printed", "calibrated", "assumed", "derived", "fitted", "stated"]
 
@@ -295,18 +296,12 @@ def load_model(name_or_path: str | Path) -> Model:
     path = Path(name_or_path)
     if str(name_or_path) in bundled_models():
         return parse_model((_BUNDLED / f"{name_or_path}.toml").read_text(encoding="utf-8"), f"model {name_or_path}")
-    if not path.is_file():
+    if not path.exists():
         raise ConfigError(
             f"model '{name_or_path}': no such file, and no bundled model; "
             f"{did_you_mean(str(name_or_path), bundled_models())}bundled: {', '.join(bundled_models())}"
         )
-    if path.stat().st_size > 10_000_000:
-        raise ConfigError(f"{path}: {path.stat().st_size} bytes; a model file holds at most 10000000")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the model as UTF-8 TOML") from None
-    return parse_model(text, str(path))
+    return parse_model(read_toml_text(path, "model"), str(path))
 
 
 def dump_model(model: Model, form: Literal["toml", "json"] = "toml") -> str:

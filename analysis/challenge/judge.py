@@ -12,6 +12,7 @@ from analysis.challenge.run import DIAGNOSIS, RESULTS, Outcome, outcome_of
 from analysis.challenge.truth import Buried, Case
 from sim_backend.effects import effect_class
 from sim_backend.errors import ConfigError
+from sim_backend.small_files import STATE_BYTES, read_small_text
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown", "failed"]
 VERDICTS = ("consistent", "named", "ambiguous", "unknown")
@@ -94,8 +95,8 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        said = json.loads(read_small_text(path, STATE_BYTES))
+    except (OSError, ValueError, RecursionError):
         return None
     well = isinstance(said, dict) and said.get("verdict") in VERDICTS and isinstance(said.get("causes", []), list)
     return said if well else None

@@ -11,6 +11,7 @@ from analysis.challenge.judge import Judged
 from analysis.challenge.rows import SCHEMA, judged_of
 from analysis.challenge.score import Score, score_of
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.small_files import STATE_BYTES, read_small_text
 
 _AND = " and "
 
@@ -42,8 +43,8 @@ def pool(paths: Sequence[Path]) -> Score:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, ValueError) as error:
+        document = json.loads(read_small_text(path, STATE_BYTES))
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is no JSON ({error}): give what `mccd challenge score` has written") from None
     form = document.get("schema") if isinstance(document, dict) else None
     if form != SCHEMA:

@@ -12,13 +12,15 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import Event, Timer
+from typing import Any
 
 from analysis.challenge.plant import NOMINAL_ERROR
 from analysis.challenge.truth import reveal
 from campaigns.names import check_file_name
 from campaigns.version import tool_commit, tool_version
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import folder_within, whole_file, write_text
+from sim_backend.small_files import STATE_BYTES, read_small_text
 
 RESULTS, OUTCOME, DIAGNOSIS = "results", "run.json", "diagnosis.json"
 
@@ -80,12 +82,9 @@ def cases_of(folder: Path, first: str | None = None) -> list[str]:
 
     Raises ConfigError when there is no challenge in `folder` or no such case.
     """
-    public = folder / "challenge.json"
-    if not public.is_file():
-        raise ConfigError(f"{folder} holds no challenge.json: make a challenge there first")
-    names: list[str] = json.loads(public.read_text(encoding="utf-8"))["cases"]
+    names: list[str] = _public(folder)["cases"]
     for name in names:
-        check_file_name(str(name), f"{public}: case")
+        check_file_name(str(name), f"{folder / 'challenge.json'}: case")
     if first is not None and first not in names:
         raise ConfigError(f"{folder} has no case '{first}'; its cases are {names[0]} to {names[-1]}")
     return names if first is None else names[names.index(first) :]
@@ -93,8 +92,20 @@ def cases_of(folder: Path, first: str | None = None) -> list[str]:
 
 def nominal_error(folder: Path) -> float:
     """Return by what part numbers of nominal models are wrong at most: as the challenge states, or 3 %."""
-    public = json.loads((folder / "challenge.json").read_text(encoding="utf-8"))
-    return float(public.get("nominal_error", NOMINAL_ERROR))
+    return float(_public(folder).get("nominal_error", NOMINAL_ERROR))
+
+
+def _public(folder: Path) -> dict[str, Any]:
+    path = folder / "challenge.json"
+    try:
+        found = json.loads(read_small_text(path, STATE_BYTES))
+    except FileNotFoundError:
+        raise ConfigError(f"{folder} holds no challenge.json: make a challenge there first") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} cannot be read ({error}): make the challenge again") from None
+    if not (isinstance(found, dict) and isinstance(found.get("cases"), list) and found["cases"]):
+        raise DataError(f"{path} lists no cases: make the challenge again")
+    return found
 
 
 def was_run(folder: Path, name: str) -> bool:
@@ -107,7 +118,10 @@ def outcome_of(folder: Path, name: str) -> Outcome:
     path = folder / RESULTS / name / OUTCOME
     if not was_run(folder, name):
         raise ConfigError(f"case {name} of {folder} has no outcome yet: run the challenge to its end first")
-    return Outcome(**json.loads(path.read_text(encoding="utf-8")))
+    try:
+        return Outcome(**json.loads(read_small_text(path, STATE_BYTES)))
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise DataError(f"{path} cannot be read ({error}): delete it and run the challenge again") from None
 
 
 def diagnosed_by(folder: Path, names: Sequence[str]) -> str:

@@ -18,6 +18,7 @@ import msgspec
 
 from campaigns.names import check_file_name
 from sim_backend.errors import ConfigError
+from sim_backend.small_files import read_toml_text
 
 SCHEMA = "mccd-study/1"
 MAX_POINTS = 10_000
@@ -141,13 +142,7 @@ class Study(_Strict, frozen=True, kw_only=True, dict=True):
 
 def load_study(path: str | Path) -> Study:
     """Return the study in a TOML file; raises ConfigError when there is none or it says something that cannot be."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; name the file of a study") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the study as UTF-8 TOML") from None
-    return parse_study(text, str(path))
+    return parse_study(read_toml_text(path, "study"), str(path))
 
 
 def parse_study(text: str, where: str) -> Study:

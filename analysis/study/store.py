@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from analysis.study.kinds import Column, Scalar
 from analysis.study.trial import Outcome
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import require_no_link
+from sim_backend.small_files import open_regular
 
 FILE = "trials.sqlite"
 SCHEMA = "mccd-study-trials/1"
@@ -46,6 +48,13 @@ class Store:
         existed = self.path.exists()
         if existed and not resume:
             raise ConfigError(f"{folder} holds trials already; go on with --resume, or choose another --out")
+        try:
+            # the store, and what SQLite keeps beside it, is opened by SQLite, which asks for no kind of file
+            for name in (FILE, f"{FILE}-wal", f"{FILE}-shm", f"{FILE}-journal"):
+                if (folder / name).exists():
+                    os.close(open_regular(folder / name))
+        except OSError as error:
+            raise DataError(f"{error.filename}: {error.strerror}; delete it, or choose another --out") from None
         try:
             self._file = sqlite3.connect(self.path, timeout=0.0, isolation_level=None, check_same_thread=True)
         except sqlite3.Error as error:

@@ -15,6 +15,7 @@ from campaigns.importing.clock import Method, TimeUnit
 from campaigns.log.guard import one_line
 from campaigns.log.schema import check_time
 from sim_backend.errors import ConfigError
+from sim_backend.small_files import read_toml_text
 
 Axis = Literal["sample", "realisation", "period"]
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -22,7 +23,6 @@ Count = Annotated[int, Meta(ge=2, le=2**40)]
 Row = Annotated[int, Meta(ge=0, le=2**48)]
 Text = Annotated[str, Meta(min_length=1, max_length=1000)]
 Factor = Annotated[float, Meta(ge=-1e30, le=1e30)]
-_MAX_BYTES = 4 * 2**20
 _UNKNOWN_FIELD = re.compile(r"unknown field `(?P<field>.*?)`(?: - at `\$(?P<place>.*)`)?")
 
 
@@ -105,16 +105,10 @@ class ImportMap(Struct, frozen=True, forbid_unknown_fields=True):
 def read_map(path: Path) -> tuple[ImportMap, str]:
     """Return the map at `path` and its text; raises ConfigError naming the place, the value and the nearest field."""
     try:
-        if not path.is_file():
+        if not path.exists():
             raise ConfigError(f"{path} is no file: give the path of an import map")
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(f"{path} has {path.stat().st_size} bytes of at most {_MAX_BYTES}: shorten the map")
-        text = path.read_text(encoding="utf-8")
+        text = read_toml_text(path, "map")
         found = msgspec.convert(tomllib.loads(text), ImportMap, strict=True)
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is not UTF-8 at byte {error.start}: save it as UTF-8 text") from None
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         if isinstance(error, msgspec.ValidationError):
             raise ConfigError(one_line(f"{path}: {_explain(error)}")) from None

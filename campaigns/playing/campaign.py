@@ -21,8 +21,7 @@ import numpy as np
 from campaigns.names import check_file_name
 from campaigns.plans import Plan, make_plan
 from sim_backend.errors import ConfigError, did_you_mean
-
-MAX_FILE_BYTES = 1_000_000
+from sim_backend.small_files import read_toml_text
 
 
 class RunEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -87,19 +86,13 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
     if str(name_or_path) in bundled_campaigns():
         text = (_BUNDLED / f"{name_or_path}.toml").read_text(encoding="utf-8")
         return parse_campaign(text, f"campaign {name_or_path}")
-    if not path.is_file():
+    if not path.exists():
         raise ConfigError(
             f"campaign '{name_or_path}': no such file, and no bundled campaign; "
             f"{did_you_mean(str(name_or_path), bundled_campaigns())}bundled: "
             f"{', '.join(bundled_campaigns())}"
         )
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise ConfigError(f"{path}: {path.stat().st_size} bytes; a campaign file holds at most {MAX_FILE_BYTES}")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the campaign as UTF-8 TOML") from None
-    return parse_campaign(text, str(path), str(path.parent))
+    return parse_campaign(read_toml_text(path, "campaign"), str(path), str(path.parent))
 
 
 def parse_campaign(text: str, where: str, folder: str = "") -> Campaign:

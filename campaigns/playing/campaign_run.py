@@ -17,6 +17,7 @@ import msgspec
 
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import read_run, sidecar_of
+from campaigns.log.child import ReaderFailedError
 from campaigns.log.read import has_writer
 from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
@@ -27,6 +28,7 @@ from campaigns.playing.side_by_side import free_cores, share
 from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import open_lock, write_text
+from sim_backend.small_files import STATE_BYTES, read_small_text
 
 STATE_FILE = "campaign.json"
 LOCK_FILE = ".campaign.lock"
@@ -166,11 +168,11 @@ def _locked(home: Path) -> Iterator[None]:
 def read_state(folder: str | Path) -> dict[str, Any] | None:
     """Return the state file of a campaign's folder, None if there is none; raises DataError when it is broken."""
     path = Path(folder) / STATE_FILE
-    if not path.is_file():
-        return None
     try:
-        state: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
+        state: dict[str, Any] = json.loads(read_small_text(path, STATE_BYTES))
+    except FileNotFoundError:
+        return None
+    except (ValueError, RecursionError, OSError) as error:
         raise DataError(f"{path}: cannot be read ({error}); delete it, the logs beside it hold all there is") from None
     if not isinstance(state, dict) or state.get("schema") != STATE_SCHEMA:
         raise DataError(f"{path}: not the state of a campaign ({STATE_SCHEMA}); choose another folder")
@@ -239,6 +241,8 @@ def _found(state: RunState) -> RunState:
             # killed between closing the log and writing its checksum: nothing vouches for what it holds
             unsealed = run.status == "complete" and not sidecar_of(state.log).exists()
             return dataclasses.replace(state, status="unsealed" if unsealed else run.status, run_uid=run.run_uid)
+    except ReaderFailedError:  # on a busy machine, say: nothing that was measured is repeated for that
+        raise
     except DataError:
         return dataclasses.replace(state, status="damaged", run_uid="")
 

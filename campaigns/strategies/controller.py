@@ -21,8 +21,7 @@ from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.repetitive import q_taps
 from sim_backend.errors import ConfigError
 from sim_backend.model import Model, check_model
-
-MAX_FILE_BYTES = 10_000_000
+from sim_backend.small_files import read_toml_text
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
@@ -134,14 +133,9 @@ def _check(one: AxisControl, rate_hz: float, where: str) -> None:
 def load_controller(path: str | Path) -> Controller:
     """Return the controller in a file; raises ConfigError when there is none, it is too large, or as its parser."""
     file = Path(path)
-    if not file.is_file():
+    if not file.exists():
         raise ConfigError(f"controller '{path}': no such file; write one with `mccd design`")
-    if file.stat().st_size > MAX_FILE_BYTES:
-        raise ConfigError(f"{file}: {file.stat().st_size} bytes; a controller file holds at most {MAX_FILE_BYTES}")
-    try:
-        return parse_controller(file.read_text(encoding="utf-8"), str(file))
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: not UTF-8 text at byte {error.start}; write it with `mccd design`") from None
+    return parse_controller(read_toml_text(file, "controller"), str(file))
 
 
 def dump_controller(controller: Controller) -> str:

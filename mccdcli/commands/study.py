@@ -133,7 +133,9 @@ def _of_first(job: Job, name: str) -> str:
 def _content(outcome: StudyOutcome, folder: Path) -> dict[str, Any]:
     import json
 
-    results = json.loads(outcome.files["json"].read_text(encoding="utf-8"))
+    from sim_backend.small_files import TABLE_BYTES, read_small_text
+
+    results = json.loads(read_small_text(outcome.files["json"], TABLE_BYTES))
     return {"status": outcome.status, "folder": folder, **results, "files": outcome.files, "timing": outcome.timing}
 
 

@@ -52,6 +52,9 @@ def watch(run: Path, as_json: bool, model: str | None, period_s: float, wait: bo
       mccd watch runs/sweep-x.h5 --wait
       mccd watch chop.h5 --once --json
     """
+    from campaigns.log.probe import prepare
+
+    prepare()
     while wait and not run.exists():
         time.sleep(period_s)
     last: Snapshot | None = None
@@ -156,7 +159,7 @@ def _left(one: Snapshot) -> str:
 
 
 def _share(part: float, whole: float) -> str:
-    return f"{part / whole:.1%}" if whole > 0.0 else "—"
+    return f"{part / whole:.1%}" if whole > 0.0 and math.isfinite(part) else "—"
 
 
 def _bars(values: list[float]) -> str:
