@@ -29,9 +29,13 @@ def write_crash_file(error: BaseException) -> Path:
     )
     name = f"crash-{now:%Y%m%dT%H%M%S}-{os.getpid()}.txt"
     try:
-        path = user_log_path("mccd", appauthor=False, ensure_exists=True) / name
-        path.write_text(text, encoding="utf-8")
-    except OSError:
+        folder = user_log_path("mccd", appauthor=False)
+        if not folder.is_absolute():  # of a user without a home
+            raise FileNotFoundError(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / name
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    except (OSError, RuntimeError):
         path = Path(tempfile.mkdtemp(prefix="mccd-")) / name
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
     return path

@@ -26,7 +26,7 @@ def read_angles(path: Path, rows: int) -> Array:
         if path.stat().st_size > MAX_BYTES:
             raise DataError(f"{path}: {path.stat().st_size} bytes; readings take at most {MAX_BYTES}")
         with path.open(encoding="utf-8-sig", newline="") as file:
-            table = list(csv.DictReader(file))
+            table = list(csv.DictReader(file, restkey="without a name"))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read as CSV ({error}); save it as UTF-8 text with commas") from None
     missing = [name for name in COLUMNS if not table or name not in table[0]]
