@@ -9,6 +9,7 @@ import re
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -285,7 +286,9 @@ def _json(content: bytes, rng: random.Random) -> bytes:
         whole = json.loads(content)
     except ValueError:
         return content[: rng.randrange(len(content) + 1)]
-    node, at = {"": whole}, ""
+    top: dict[str, Any] = {"": whole}
+    node: Any = top
+    at: Any = ""
     for _ in range(rng.randrange(1, 6)):
         inner = node[at]
         if isinstance(inner, dict | list) and inner:
@@ -294,7 +297,7 @@ def _json(content: bytes, rng: random.Random) -> bytes:
         del node[at]
     else:
         node[at] = rng.choice(VALUES)
-    return json.dumps(node[""] if "" in node and node.get("") is not whole else whole).encode()
+    return json.dumps(top[""]).encode()
 
 
 STATEMENTS = (
