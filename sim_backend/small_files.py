@@ -10,8 +10,6 @@ import errno
 import os
 import stat
 
-from sim_backend.errors import ConfigError
-
 SIDECAR_BYTES = 4096
 """A checksum of one line, a seal."""
 
@@ -60,13 +58,3 @@ def read_small_text(path: str | os.PathLike[str], most_bytes: int, encoding: str
     """Return the text of a file as `read_small`, line feeds as Python's; raises UnicodeDecodeError for other text."""
     text = read_small(path, most_bytes).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def read_toml_text(path: str | os.PathLike[str], what: str) -> str:
-    """Return the text of a file that a person wrote, `what` it should be; raises ConfigError where it cannot be."""
-    try:
-        return read_small_text(path, TOML_BYTES)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; name the file of a {what}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 at byte {error.start}; save the {what} as UTF-8 text") from None

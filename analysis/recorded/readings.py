@@ -25,7 +25,7 @@ def read_angles(path: Path, rows: int) -> Array:
     """
     try:
         text = read_small(path, TOML_BYTES).decode("utf-8-sig")
-        table = list(csv.DictReader(io.StringIO(text, newline="")))
+        table = list(csv.DictReader(io.StringIO(text, newline=""), restkey="without a name"))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read as CSV ({error}); save it as UTF-8 text with commas") from None
     missing = [name for name in COLUMNS if not table or name not in table[0]]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,8 +13,8 @@ from msgspec import Meta, Struct, field
 from campaigns.importing.clock import Method, TimeUnit
 from campaigns.log.guard import one_line
 from campaigns.log.schema import check_time
+from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError
-from sim_backend.small_files import read_toml_text
 
 Axis = Literal["sample", "realisation", "period"]
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -104,16 +103,11 @@ class ImportMap(Struct, frozen=True, forbid_unknown_fields=True):
 
 def read_map(path: Path) -> tuple[ImportMap, str]:
     """Return the map at `path` and its text; raises ConfigError naming the place, the value and the nearest field."""
+    text = read_text(path, "import map", fix="give the path of one")
     try:
-        if not path.exists():
-            raise ConfigError(f"{path} is no file: give the path of an import map")
-        text = read_toml_text(path, "map")
-        found = msgspec.convert(tomllib.loads(text), ImportMap, strict=True)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        if isinstance(error, msgspec.ValidationError):
-            raise ConfigError(one_line(f"{path}: {_explain(error)}")) from None
-        reason = str(error) or "tables nested too deeply"
-        raise ConfigError(one_line(f"{path} is no TOML: {reason}; correct it there")) from None
+        found = msgspec.convert(toml_of(text, str(path)), ImportMap, strict=True)
+    except msgspec.ValidationError as error:
+        raise ConfigError(one_line(f"{path}: {_explain(error)}")) from None
     _check(found, path)
     return found, text
 

@@ -44,6 +44,9 @@ from sim_backend.small_files import open_regular
 Array = NDArray[np.float64]
 T = TypeVar("T")
 _SEGMENTS_AT_ONCE = 1024
+LARGEST, SMALLEST = 1e100, 1e-100
+"""Sizes in SI that no reading has; squares and ratios of others stay numbers."""
+
 _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
 
 
@@ -102,9 +105,20 @@ class Run:
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
         """Return rows `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.
 
-        Raises ConfigError for an unknown channel or row, DataError where the file is damaged, NoMemoryError where the
-        memory does not suffice.
+        Raises ConfigError for an unknown channel or row, DataError where the file is damaged and for numbers that
+        nothing can be computed with (larger than LARGEST, or all of them smaller than SMALLEST and not zero),
+        NoMemoryError where the memory does not suffice.
         """
+        values = self._stored(name, start, stop)
+        # holes are no numbers, and every user of values looks for them
+        size = float(max(np.fmax.reduce(values), -np.fmin.reduce(values))) if values.size else 0.0
+        if LARGEST < size < np.inf or 0.0 < size < SMALLEST:
+            what = f"holds {size:.4g} as its largest number; it must lie between {SMALLEST:g} and {LARGEST:g}"
+            raise refuse(self.path, name, what, "correct its unit or scale where it was made")
+        return values
+
+    def _stored(self, name: str, start: int, stop: int | None) -> Array:
+        """Return rows of a channel as they are."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
             raise ConfigError(f"rows {start} to {last} of {self.path}: it holds rows 0 to {self.rows}")
@@ -158,7 +172,7 @@ class Run:
         last = self.rows if stop is None else stop
         for first in range(start, last, rows):
             until = min(first + rows, last)
-            yield first, {name: self.read(name, first, until) for name in chosen}
+            yield first, {name: self._stored(name, first, until) for name in chosen}
 
     def _block_rows(self, channels: int) -> int:
         rows = min(BLOCK_ROWS, max(BLOCK_VALUES // max(channels, 1), 1))

@@ -153,7 +153,7 @@ class Header:
         """The settings of the plan that was played; empty where the configuration is none of a plan of ours."""
         try:
             settings = json.loads(self.configuration).get("settings", {})
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
             return {}
         return settings if isinstance(settings, dict) else {}
 

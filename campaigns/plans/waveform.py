@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from campaigns.importing.text import CellError, TextSource
 from campaigns.log import sha256_of
-from campaigns.plans.base import SEGMENT_S, Plan, axis_of, channels_of, open_loop, rate_of, samples_of
+from campaigns.plans.base import Plan, axis_of, channels_of, longest_segment, open_loop, rate_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import DataError
 from sim_backend.small_files import open_regular
@@ -47,7 +47,8 @@ class Waveform(Plan, frozen=True, kw_only=True):
         names, values = read_waveform(Path(self.file))
         command = np.zeros((values.shape[0], len(bench.axes)))
         command[:, [axis_of(bench, name) for name in names]] = values
-        record, longest = self.channels(bench), samples_of(SEGMENT_S, rate_of(bench))
+        record, longest = self.channels(bench), longest_segment(rate_of(bench))
+        self.require_run(bench, self.repeats * len(command), self.repeats * (len(command) / longest))
         for repeat in range(self.repeats):
             for part, first in enumerate(range(0, len(command), longest)):
                 wave = command[first : first + longest]

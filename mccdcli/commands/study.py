@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.options import common_options, existing_file
+from mccdcli.options import WholeRange, common_options, existing_file
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
 
@@ -43,7 +43,7 @@ class ClusterAddress(click.ParamType[str]):
 
 @click.command()
 @existing_file("study_file", metavar="STUDY.toml")
-@click.option("--workers", type=click.IntRange(1, 256), metavar="N", help="Threads; by default one for each core.")
+@click.option("--workers", type=WholeRange(1, 256), metavar="N", help="Threads; by default one for each core.")
 @click.option(
     "--cluster",
     type=ClusterAddress(),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import RealRange, common_options
 from mccdcli.output import emit, plain, say, table, visible
 from mccdcli.trials import quantity
 
@@ -31,7 +31,7 @@ PATIENCE: Final = 5
 @click.option(
     "--every",
     "period_s",
-    type=click.FloatRange(0.05, 3600.0),
+    type=RealRange(0.05, 3600.0),
     default=0.5,
     show_default=True,
     metavar="S",

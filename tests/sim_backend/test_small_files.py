@@ -7,10 +7,11 @@ import socket
 
 import pytest
 
+from sim_backend.documents import read_text
 from sim_backend.errors import ConfigError
 from sim_backend.model import load_model
 from sim_backend.safe_write import open_lock
-from sim_backend.small_files import read_small, read_small_text, read_toml_text
+from sim_backend.small_files import read_small, read_small_text
 
 
 @pytest.fixture(params=["pipe", "endless", "folder", "socket"])
@@ -36,7 +37,7 @@ def test_what_is_no_ordinary_file_is_refused_at_once(no_file):
         with pytest.raises(OSError, match=r"no ordinary file|No such device|Is a directory"):
             read()
     with pytest.raises(ConfigError, match="a: .*name the file of a model"):
-        read_toml_text(no_file, "model")
+        read_text(no_file, "model")
     with pytest.raises(ConfigError, match="name the file of a model"):
         load_model(no_file)
     with pytest.raises(ConfigError, match="a lock"):
@@ -66,4 +67,4 @@ def test_text_has_the_line_feeds_of_python(tmp_path):
     assert read_small_text(tmp_path / "a", 100) == "é\nb\nc\n"
     (tmp_path / "a").write_bytes(b"\xff")
     with pytest.raises(ConfigError, match="not UTF-8 at byte 0"):
-        read_toml_text(tmp_path / "a", "map")
+        read_text(tmp_path / "a", "map")
