@@ -1,4 +1,4 @@
-"""Hostile command lines, option values and files, drawn from a seed: what `soak_commands` feeds every command with."""
+"""Hostile command lines, option values and files, drawn from a seed: what `soak_hostile` feeds every command with."""
 
 from __future__ import annotations
 

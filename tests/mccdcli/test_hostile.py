@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.parametrize("first", [0, 1000, 2000, 3000])
 def test_drawn_cases_of_every_command_end_as_documented(first: int) -> None:
-    words = [*PYTHON, "-m", "benchmarks.soak_commands", "--first", str(first), "--cases", "100"]
+    words = [*PYTHON, "-m", "benchmarks.soak_hostile", "--first", str(first), "--cases", "100"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr

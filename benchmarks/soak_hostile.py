@@ -1,6 +1,6 @@
 """Feed every command with hostile options, words and files, and count what comes of it.
 
-    python -m benchmarks.soak_commands --seconds 3600
+    python -m benchmarks.soak_hostile --seconds 3600
 
 Each case is a process of its own, forked from one that has imported everything, in a copy of a folder of small sound
 files, with limited memory and time. It must end with an exit code that is documented, never with 70, without a
@@ -31,6 +31,11 @@ from mccdcli.main import main as mccd
 
 DOCUMENTED = {0, 1, 2, 3, 4, 130, 141}
 MEMORY_BYTES = 6_000_000_000
+"""Of addresses, with which a case ends before it takes the memory of the machine."""
+
+PEAK_BYTES = 2**30
+"""What a case may hold in memory, those whom it starts included."""
+
 LIMIT_S = 30
 """Processor time of a case; four times as long by the clock."""
 
@@ -129,15 +134,18 @@ def make_kit(folder: Path) -> None:
 def in_child(do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None = None) -> tuple[int, str]:
     """Do something in a fork of this process, in a folder; return its exit code, negative for a signal, and its words.
 
-    What it opens for writing outside of `watched` is said in a line that begins with "outside:".
+    What it opens for writing outside of `watched` is said in a line that begins with "outside:", a peak of memory above
+    the limit in one that begins with "memory:".
     """
     with open(folder.parent / "said", "w+b") as said:
         pid = os.fork()
         if pid == 0:
             _child(do, folder, limit_s, watched, said.fileno())
-        _, status = os.waitpid(pid, 0)
+        _, status, used = os.wait4(pid, 0)
         said.seek(0)
-        return os.waitstatus_to_exitcode(status), said.read(1_000_000).decode("utf-8", "replace")
+        words = said.read(1_000_000).decode("utf-8", "replace")
+        peak = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        return os.waitstatus_to_exitcode(status), words + (f"\nmemory: {peak} bytes" if peak > PEAK_BYTES else "")
 
 
 def _child(do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None, said: int) -> None:
@@ -241,6 +249,8 @@ def _broken(code: int, said: str) -> str | None:
         return "traceback"
     if "outside:" in said:
         return "writes outside its folder"
+    if "\nmemory: " in said:
+        return "takes too much memory"
     if code in (2, 3, 4) and "error: " not in said and "Usage" not in said:
         return "no message"
     if any(len(line) > 3000 for line in said.splitlines()) and code:
