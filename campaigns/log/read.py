@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.log.guard import (
+    check_chunks,
+    check_total,
     first_line,
+    is_packed,
     link_names,
     member,
     number_attribute,
@@ -22,6 +25,7 @@ from campaigns.log.guard import (
     refuse,
     text_attribute,
 )
+from campaigns.log.limits import BLOCK_ROWS, BLOCK_VALUES, MAX_SEGMENT_TABLE_BYTES, MAX_SEGMENTS
 from campaigns.log.schema import (
     CHANNELS,
     COMMITTED,
@@ -35,12 +39,19 @@ from campaigns.log.schema import (
     LogSegment,
 )
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.small_files import open_regular
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-BLOCK_ROWS = 65536
-_MAX_SEGMENTS = 1_000_000
+_SEGMENTS_AT_ONCE = 1024
+LARGEST, SMALLEST = 1e100, 1e-100
+"""Sizes in SI that no reading has; squares and ratios of others stay numbers."""
+
 _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
+
+
+class NoMemoryError(DataError):
+    """Values take more memory than there is; the file that holds them is not said to be damaged."""
 
 
 @dataclass(frozen=True)
@@ -94,14 +105,31 @@ class Run:
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
         """Return rows `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.
 
-        Raises ConfigError for an unknown channel or row, DataError where the file is damaged.
+        Raises ConfigError for an unknown channel or row, DataError where the file is damaged and for numbers that
+        nothing can be computed with (larger than LARGEST, or all of them smaller than SMALLEST and not zero),
+        NoMemoryError where the memory does not suffice.
         """
+        values = self._stored(name, start, stop)
+        # holes are no numbers, and every user of values looks for them
+        size = float(max(np.fmax.reduce(values), -np.fmin.reduce(values))) if values.size else 0.0
+        if LARGEST < size < np.inf or 0.0 < size < SMALLEST:
+            what = f"holds {size:.4g} as its largest number; it must lie between {SMALLEST:g} and {LARGEST:g}"
+            raise refuse(self.path, name, what, "correct its unit or scale where it was made")
+        return values
+
+    def _stored(self, name: str, start: int, stop: int | None) -> Array:
+        """Return rows of a channel as they are."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
             raise ConfigError(f"rows {start} to {last} of {self.path}: it holds rows 0 to {self.rows}")
         try:
             return np.asarray(self._dataset(name)[start:last], dtype=np.float64)
-        except (OSError, RuntimeError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError, MemoryError) as error:
+            if _without_memory(error):
+                raise NoMemoryError(
+                    f"{self.path}: rows {start} to {last} of '{name}' take more memory than there is: free some, or "
+                    "read fewer rows"
+                ) from None
             what = f"cannot be read from row {start} to {last} ({first_line(error)})"
             raise refuse(self.path, name, what, "run `mccd log recover`, or restore the file from a copy") from None
 
@@ -131,19 +159,34 @@ class Run:
         names: Iterable[str] | None = None,
         start: int = 0,
         stop: int | None = None,
-        rows: int = BLOCK_ROWS,
+        rows: int | None = None,
     ) -> Iterator[tuple[int, dict[str, Array]]]:
         """Yield (first row, {name: values}) over rows `start` to `stop`, at most `rows` at a time.
 
-        Raises as `read`.
+        Without `rows`, as many as keep the memory of a block whatever the number of channels. Raises as `read`.
         """
+        chosen = tuple(self.channels if names is None else names)
+        rows = self._block_rows(len(chosen)) if rows is None else rows
         if rows < 1:
             raise ConfigError(f"blocks of {rows} rows: ask for at least 1")
-        chosen = tuple(self.channels if names is None else names)
         last = self.rows if stop is None else stop
         for first in range(start, last, rows):
             until = min(first + rows, last)
-            yield first, {name: self.read(name, first, until) for name in chosen}
+            yield first, {name: self._stored(name, first, until) for name in chosen}
+
+    def _block_rows(self, channels: int) -> int:
+        rows = min(BLOCK_ROWS, max(BLOCK_VALUES // max(channels, 1), 1))
+        chunk = self.chunk_rows
+        return rows // chunk * chunk if BLOCK_ROWS > rows >= chunk else rows
+
+    def packed(self) -> list[str]:
+        """Return the names of the channels whose values are compressed."""
+        return [name for name, dataset in self._datasets.items() if is_packed(dataset)]
+
+    def check_chunks(self) -> None:
+        """Raise DataError where a chunk has another size than it must have; no value is read."""
+        for dataset in self._datasets.values():
+            check_chunks(dataset, self.path)
 
     def close(self) -> None:
         """Close the file; the description stays usable, the values do not."""
@@ -188,7 +231,7 @@ class Window:
         return self.run.time_s(name, self.segment.start, self.segment.stop)
 
     def blocks(
-        self, names: Iterable[str] | None = None, rows: int = BLOCK_ROWS
+        self, names: Iterable[str] | None = None, rows: int | None = None
     ) -> Iterator[tuple[int, dict[str, Array]]]:
         """Yield (first row, {name: values}) over the segment; the row counts from the start of the run."""
         return self.run.blocks(names, self.segment.start, self.segment.stop, rows)
@@ -207,6 +250,8 @@ def open_run(target: Path) -> Run:
         raise DataError(f"{target}: {error}") from None
     except (OSError, RuntimeError, ValueError, TypeError, KeyError, OverflowError, MemoryError) as error:
         file.close()
+        if _without_memory(error):
+            raise NoMemoryError(f"{target}: its description takes more memory than there is: free some") from None
         raise DataError(f"{target} is damaged: {first_line(error)}; run `mccd log verify`") from None
 
 
@@ -264,7 +309,7 @@ def has_writer(path: Path, *, unknown: bool = True) -> bool:
         import fcntl
     except ImportError:
         return unknown
-    with path.open("rb") as stream:
+    with open(open_regular(path), "rb") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -286,8 +331,9 @@ def _committed(path: Path, file: h5py.File) -> int:
 
 def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.Dataset], dict[str, Channel]]:
     found: list[tuple[int, Channel, h5py.Dataset]] = []
-    for name in link_names(group, path):
-        dataset = member(group, name, path)
+    names = link_names(group, path)
+    for name in names:
+        dataset = member(group, name, path, len(names))
         item = f"{CHANNELS}/{name}"
         if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or dataset.dtype.kind not in "fiu":
             raise refuse(path, item, "is no one-dimensional dataset of numbers", "see docs/log-format.md")
@@ -304,6 +350,7 @@ def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.
         found.append((len(found) if index is None else int(index), channel, dataset))
     if len({channel.sample_rate_hz for _, channel, _ in found}) != 1:
         raise refuse(path, CHANNELS, "has no channels, or channels of different rates", "see docs/log-format.md")
+    check_total((dataset for _, _, dataset in found), path)
     found.sort(key=lambda entry: entry[0])
     return (
         {channel.name: dataset for _, channel, dataset in found},
@@ -316,12 +363,13 @@ def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
     kinds = table.dtype.fields if isinstance(table, h5py.Dataset) else None
     if kinds is None or {name: kind[0].kind for name, kind in kinds.items()} != _SEGMENT_FIELDS or table.ndim != 1:
         raise refuse(path, SEGMENTS, "is no table of label, start, stop, settings", "see docs/log-format.md")
-    if table.shape[0] > _MAX_SEGMENTS:
-        raise refuse(path, SEGMENTS, f"has {table.shape[0]} rows of at most {_MAX_SEGMENTS}", "split the run")
+    most = min(MAX_SEGMENTS, MAX_SEGMENT_TABLE_BYTES // table.dtype.itemsize)
+    if table.shape[0] > most:
+        raise refuse(path, SEGMENTS, f"has {table.shape[0]} rows of at most {most}", "split the run")
     segments: list[LogSegment] = []
     labels: set[str] = set()
     free = 0
-    for raw in table[:]:
+    for raw in _rows_of(table):
         label, start, stop = raw["label"].decode("utf-8"), int(raw["start"]), int(raw["stop"])
         if not label or (start >= rows and stop != start):
             continue  # begun, but none of its rows was committed before the writer ended
@@ -334,6 +382,16 @@ def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
         settings = _object(raw["settings"].decode("utf-8"), path, f"{SEGMENTS}/{label}")
         segments.append(LogSegment(label, start, stop, MappingProxyType(settings)))
     return tuple(segments)
+
+
+def _rows_of(table: h5py.Dataset) -> Iterator[np.void]:
+    for first in range(0, table.shape[0], _SEGMENTS_AT_ONCE):
+        yield from table[first : first + _SEGMENTS_AT_ONCE]
+
+
+def _without_memory(error: BaseException) -> bool:
+    """Tell whether memory is short: HDF5 has no error of its own kind for that."""
+    return isinstance(error, MemoryError) or "allocat" in first_line(error)
 
 
 def _object(text: str, path: Path, item: str) -> dict[str, Any]:
