@@ -9,7 +9,8 @@ from typing import Any
 
 from campaigns.log.child import bound_memory, tell_ready
 from campaigns.log.limits import BLOCK_ROWS
-from campaigns.log.read import NoMemoryError, Run, has_writer, open_run
+from campaigns.log.opening import has_writer, open_run
+from campaigns.log.read import NoMemoryError, Run
 from sim_backend.errors import DataError
 
 

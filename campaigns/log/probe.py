@@ -60,7 +60,7 @@ def read_run(path: str | os.PathLike[str]) -> Run:
         found = examine(target, whole=False)
         if found.refused or found.fatal:
             raise DataError(found.refused or found.damage)
-    from campaigns.log.read import open_run
+    from campaigns.log.opening import open_run
 
     return open_run(target)
 
@@ -87,7 +87,7 @@ def _started() -> Limited:
 
 def _compare(path: Path) -> None:
     """Raise DataError for a log of usual size that differs from the checksum beside it."""
-    from campaigns.log.read import has_writer
+    from campaigns.log.opening import has_writer
 
     if has_writer(path):
         return

@@ -19,7 +19,7 @@ import msgspec
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import read_run, sidecar_of
 from campaigns.log.child import ReaderFailedError
-from campaigns.log.read import has_writer
+from campaigns.log.opening import has_writer
 from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
 from campaigns.playing.campaign import Campaign, in_run, run_seed
