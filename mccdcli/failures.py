@@ -17,6 +17,8 @@ BUG = 70  # EX_SOFTWARE of sysexits.h
 INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 BROKEN_PIPE = 141  # 128 + SIGPIPE
+MOST_CHARACTERS = 1200
+"""Of a message: what a file or a user says may be of any length, what happened and the fix stand at its ends."""
 
 
 def exit_code_of(run: Callable[[], object]) -> int:
@@ -40,6 +42,11 @@ def exit_code_of(run: Callable[[], object]) -> int:
         return INTERRUPTED
     except MccdError as error:
         return _refuse(str(error), error.exit_code)
+    except MemoryError as error:
+        what = f" ({error})" if str(error) else ""
+        return _refuse(
+            f"there is not enough memory{what}; ask for less at once, or for more memory", DataError.exit_code
+        )
     except BrokenPipeError:
         discard(sys.stdout)
         return BROKEN_PIPE
@@ -55,8 +62,12 @@ def exit_code_of(run: Callable[[], object]) -> int:
 
 
 def _refuse(message: str, exit_code: int) -> int:
+    line = " ".join(message.split())
+    if len(line) > MOST_CHARACTERS:
+        half = MOST_CHARACTERS // 2
+        line = f"{line[:half]} … {line[-half:]}"
     try:
-        say(f"mccd: error: {' '.join(message.split())}")
+        say(f"mccd: error: {line}")
     except BrokenPipeError:  # nobody listens, and the exit code says it too
         discard(sys.stderr)
     return exit_code

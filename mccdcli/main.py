@@ -85,7 +85,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, TextIOWrapper):  # a terminal without Greek letters gets \u03b8, not an error
         sys.stdout.reconfigure(errors="backslashreplace")
     with warnings_in_one_line():
-        return exit_code_of(lambda: run(cli, sys.argv[1:] if arguments is None else list(arguments)))
+        return exit_code_of(lambda: run(cli, _utf8(sys.argv[1:] if arguments is None else list(arguments))))
+
+
+def _utf8(arguments: list[str]) -> list[str]:
+    """Return the words of a command line; raises a usage error for one that is no UTF-8, as logs and reports are."""
+    for word in arguments:
+        try:
+            word.encode("utf-8")
+        except UnicodeEncodeError:
+            shown = ascii(word[:60])[1:-1]
+            raise click.UsageError(f"'{shown}' is not UTF-8, as names in logs and reports are; rename it") from None
+    return arguments
 
 
 def _open_closed_streams() -> None:
@@ -95,10 +106,9 @@ def _open_closed_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    if sys.stdout is None:
-        sys.stdout = open(os.devnull, "w")
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w")
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
 
 
 def run(tree: click.Group, arguments: list[str]) -> object:

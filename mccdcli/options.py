@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -61,7 +62,37 @@ class NewPath(click.Path):
         return "" if inside else "that writes outside this folder"
 
 
-POSITIVE: Final = click.FloatRange(0.0, min_open=True)
+_MOST: Final = 2**63 - 1
+"""Largest whole number: what logs, databases and random numbers keep."""
+
+
+class Real(click.types.FloatParamType):
+    """A finite number."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, else end with a usage error."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+class RealRange(Real, click.FloatRange):
+    """A finite number in a range; click's own lets through what is no number."""
+
+
+class WholeRange(click.IntRange):
+    """A whole number in a range, and of 64 bits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number, else end with a usage error."""
+        number: int = super().convert(value, param, ctx)
+        if not -_MOST <= number <= _MOST:
+            self.fail(f"a whole number may have 64 bits, up to {_MOST}.", param, ctx)
+        return number
+
+
+POSITIVE: Final = RealRange(0.0, min_open=True)
 
 OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     "bench": click.option(
@@ -77,7 +108,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     "seed": click.option(
         "--seed",
         envvar="MCCD_SEED",
-        type=click.IntRange(min=0),
+        type=WholeRange(min=0),
         default=0,
         show_default=True,
         metavar="N",

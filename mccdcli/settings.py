@@ -60,7 +60,7 @@ def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> 
     values: dict[str, Any] = {}
     origins: dict[tuple[str, ...], Path] = {}
     for path in places():
-        if path.is_file():
+        if path.exists():
             _merge(values, _read(path), path, origins)
         elif os.environ.get(EXPLICIT):
             raise ConfigError(f"{EXPLICIT} names {path}, which is no file; correct or unset it")
@@ -105,7 +105,24 @@ def defaults_of(settings: Settings, command: click.Command, path: tuple[str, ...
                 f"{where}: '{' '.join(path)}' has no option '{name}'; {did_you_mean(name, options)}there are "
                 f"{', '.join(sorted(options))}"
             )
-    return {str(options[name].name): value for name, value in (shared | own).items()}
+    given = {str(options[name].name): (options[name], value) for name, value in (shared | own).items()}
+    return {name: _as_typed(option, value) for name, (option, value) in given.items()}
+
+
+def _as_typed(option: click.Option, value: Any) -> Any:
+    """Return a value of a file in the form in which the command line would give it; raises ConfigError for another."""
+    if option.multiple and isinstance(value, list):
+        return [_as_typed_once(option, one) for one in value]
+    return _as_typed_once(option, value)
+
+
+def _as_typed_once(option: click.Option, value: Any) -> Any:
+    fits = isinstance(value, bool) if option.is_flag else isinstance(value, str | int | float)
+    if not fits or (isinstance(value, bool) and not option.is_flag):
+        wanted = "true or false" if option.is_flag else "a text or a number"
+        given = f"{max(option.opts, key=len)} as {str(value)[:60]}, a {type(value).__name__}"
+        raise ConfigError(f"the settings give {given}; it takes {wanted}")
+    return value if isinstance(value, bool) else str(value)
 
 
 def options_of(command: click.Command) -> Iterator[tuple[str, click.Option]]:
@@ -139,12 +156,9 @@ def same(first: str, second: str) -> bool:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    import tomllib
+    from sim_backend.documents import read_text, toml_of  # few folders hold settings
 
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}; mend that line") from None
+    return toml_of(read_text(path, "settings"), str(path))
 
 
 def _merge(
@@ -153,7 +167,9 @@ def _merge(
     for name, value in new.items():
         if isinstance(value, dict):
             origins.setdefault((*above, name), path)
-            _merge(into.setdefault(name, {}), value, path, origins, *above, name)
+            if not isinstance(into.get(name), dict):  # the other file may say something else by that name
+                into[name] = {}
+            _merge(into[name], value, path, origins, *above, name)
         else:
             into[name] = value
             origins[*above, name] = path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
@@ -13,6 +12,7 @@ import click
 from mccdcli.failures import INTERRUPTED
 from mccdcli.output import emit, plain, say, table
 from mccdcli.progress import progress
+from sim_backend.documents import SyntaxFault, toml_of
 
 if TYPE_CHECKING:
     from analysis.recorded.requirements import Check
@@ -79,8 +79,8 @@ def _parsed(_ctx: click.Context, param: click.Parameter, texts: tuple[str, ...])
         if not equals or not name.strip():
             raise click.BadParameter(f"{text!r} is not NAME=VALUE", param=param)
         try:
-            settings[name.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+            settings[name.strip()] = toml_of(f"value = {value}", f"--set {name}")["value"]
+        except SyntaxFault:
             settings[name.strip()] = value.strip()  # a bare word is a text
     return settings
 
@@ -237,7 +237,9 @@ def _verdict(check: Check) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a value in SI as people read it, in four digits."""
+    """Return a value in SI as people read it, in four digits; a dash for none."""
+    if not math.isfinite(value):
+        return "—"
     scales = [scale for scale in SHOWN.get(unit, ((0.0, unit, 1.0),)) if abs(value) >= scale[0]]
     _, name, per = scales[-1] if scales else (0.0, unit, 1.0)
     return f"{value * per:.4g} {name}"

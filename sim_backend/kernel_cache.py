@@ -87,6 +87,11 @@ def _only_ours(found: os.stat_result) -> bool:
     return found.st_uid in (os.geteuid(), 0) and not found.st_mode & _OTHERS_MAY_WRITE
 
 
+def _others_may_exchange(found: os.stat_result) -> bool:
+    """Tell whether other users may put something of theirs in place of what a folder holds."""
+    return bool(found.st_mode & _OTHERS_MAY_WRITE) and not found.st_mode & stat.S_ISVTX
+
+
 def _folder() -> Path | None:
     """Return the folder to use, or None where there is none that can be trusted."""
     return _checked(os.environ.get(VARIABLE, ""))
@@ -98,12 +103,13 @@ def _checked(chosen: str) -> Path | None:
     try:
         place = Path(chosen) if chosen else _of_the_user()
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = place.stat()
-    except (OSError, RuntimeError) as error:  # RuntimeError: the user has no home
+        place = place.resolve(strict=True)
+        found, above = place.stat(), [folder for folder in place.parents if _others_may_exchange(folder.stat())]
+    except (OSError, RuntimeError, ValueError) as error:  # the user has no home, or the name cannot be one
         _doubt(f"there is no folder to keep compiled code in ({error})")
         return None
-    if not _only_ours(found):
-        _doubt(f"{place} may be written by other users")
+    if above or not _only_ours(found):
+        _doubt(f"{above[0] if above else place} may be written by other users")
         return None
     _remove_old(place)
     return place

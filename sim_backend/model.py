@@ -11,7 +11,6 @@ wrote the file).
 
 from __future__ import annotations
 
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -20,6 +19,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
+from sim_backend.documents import json_of, read_text, toml_of
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel
 from sim_backend.plausible import refuse_absurd
@@ -224,14 +224,10 @@ def parse_model(text: str, where: str) -> Model:
     """
     try:
         # no TOML file begins with a brace, and every model in JSON does
-        content = msgspec.json.decode(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+        content = json_of(text, where, error=ConfigError) if text.lstrip().startswith("{") else toml_of(text, where)
         model = msgspec.convert(content, Model)
-    except msgspec.DecodeError as error:
-        if not isinstance(error, msgspec.ValidationError):
-            raise ConfigError(f"{where}: not valid JSON: {error}; mend that place") from None
+    except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see docs/model-file.md for the fields") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
     check_model(model, where)
     return model
 
@@ -295,18 +291,9 @@ def load_model(name_or_path: str | Path) -> Model:
     path = Path(name_or_path)
     if str(name_or_path) in bundled_models():
         return parse_model((_BUNDLED / f"{name_or_path}.toml").read_text(encoding="utf-8"), f"model {name_or_path}")
-    if not path.is_file():
-        raise ConfigError(
-            f"model '{name_or_path}': no such file, and no bundled model; "
-            f"{did_you_mean(str(name_or_path), bundled_models())}bundled: {', '.join(bundled_models())}"
-        )
-    if path.stat().st_size > 10_000_000:
-        raise ConfigError(f"{path}: {path.stat().st_size} bytes; a model file holds at most 10000000")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the model as UTF-8 TOML") from None
-    return parse_model(text, str(path))
+    near = did_you_mean(str(name_or_path), bundled_models())
+    fix = f"nor is it a bundled model; {near}bundled: {', '.join(bundled_models())}"
+    return parse_model(read_text(path, "model", fix=fix), str(path))
 
 
 def dump_model(model: Model, form: Literal["toml", "json"] = "toml") -> str:

@@ -151,6 +151,8 @@ def open_lock(path: Path) -> BinaryIO:
     except OSError as error:
         if error.errno == errno.ELOOP:
             raise ConfigError(f"{path} is a link, and a lock follows none; {fix}") from None
+        if error.errno in (errno.EISDIR, errno.ENXIO):
+            raise ConfigError(f"{path} is no ordinary file, as a lock must be; {fix}") from None
         raise
     stream = os.fdopen(descriptor, "r+b", buffering=0)
     if not _is_file(os.fstat(descriptor)):

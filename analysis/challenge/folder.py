@@ -27,6 +27,19 @@ def require_empty(folder: Path) -> None:
         raise ConfigError(f"{folder} is not empty and a challenge never overwrites: choose another folder")
 
 
+MOST_CASES = 100_000
+"""Cases of a challenge: a second and a megabyte or more for each."""
+
+
+def require_countable(cases: int) -> None:
+    """Raise ConfigError for more cases than a challenge may have, before any is planned."""
+    if cases > MOST_CASES:
+        raise ConfigError(
+            f"the challenge would have {cases:.4g} cases, {cases / 3600:.3g} h and {cases / 1e3:.3g} GB or more; the "
+            f"limit is {MOST_CASES}: ask for fewer, or make several with other seeds"
+        )
+
+
 def fill(
     folder: Path,
     plans: Sequence[Plan],

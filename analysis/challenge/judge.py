@@ -2,19 +2,46 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
+
 from analysis.challenge.run import DIAGNOSIS, RESULTS, Outcome, outcome_of
 from analysis.challenge.truth import Buried, Case
+from sim_backend.documents import json_of, read_text
 from sim_backend.effects import effect_class
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, DataError, MccdError
+from sim_backend.small_files import STATE_BYTES
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown", "failed"]
-VERDICTS = ("consistent", "named", "ambiguous", "unknown")
+
+
+class _Number(msgspec.Struct):
+    value: float | None = None
+    std: float | None = None
+
+
+class _Cause(msgspec.Struct):
+    effect: str
+    where: str
+    probability: float
+    parameters: dict[str, _Number]
+
+
+class _Gain(msgspec.Struct):
+    rms_after: float | None = None
+
+
+class _Said(msgspec.Struct):
+    """What is read of a diagnosis, and has to be so in one that counts."""
+
+    verdict: Literal["consistent", "named", "ambiguous", "unknown"]
+    causes: list[_Cause] = []
+    ambiguous: list[list[str]] = []
+    gain: _Gain | None = None
 
 
 @dataclass(frozen=True)
@@ -94,11 +121,12 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        text = read_text(path, "diagnosis", most_bytes=STATE_BYTES, error=DataError)
+        said: dict[str, Any] = json_of(text, str(path), error=DataError)
+        msgspec.convert(said, _Said)
+    except (MccdError, msgspec.ValidationError):
         return None
-    well = isinstance(said, dict) and said.get("verdict") in VERDICTS and isinstance(said.get("causes", []), list)
-    return said if well else None
+    return said
 
 
 def _cause(name: str) -> str:

@@ -16,7 +16,7 @@ from analysis.challenge.bounds import bound_deviations, held_out_floor
 from analysis.challenge.draw import Drawn, Plan, draw_case, separable
 from analysis.challenge.experiment import Run
 from analysis.challenge.families import members, slugs
-from analysis.challenge.folder import fill, require_empty
+from analysis.challenge.folder import fill, require_countable, require_empty
 from analysis.challenge.metric import Metric
 from analysis.challenge.plant import AXES, nominal_model
 from analysis.challenge.truth import Buried, Case, Number, Stratum
@@ -54,6 +54,7 @@ def plans_of(counts: Counts, families: Sequence[str], rng: np.random.Generator, 
         ("faint", counts.faint, families),
         ("outside", counts.outside, alone),
     ]
+    require_countable(counts.none + counts.two + sum(n * len(some) for _, n, some in strata))
     plans = [Plan("none", (), shape)] * counts.none
     plans += [Plan(stratum, (slug,), shape) for stratum, n, some in strata for slug in some for _ in range(n)]
     if counts.two and len(alone) < 2:

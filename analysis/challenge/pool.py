@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from analysis.challenge.judge import Judged
 from analysis.challenge.rows import SCHEMA, judged_of
 from analysis.challenge.score import Score, score_of
+from sim_backend.documents import json_of, read_text
 from sim_backend.errors import ConfigError, DataError
 
 _AND = " and "
+_MOST_BYTES = 1_000_000_000
 
 
 def pool(paths: Sequence[Path]) -> Score:
@@ -41,20 +44,21 @@ def pool(paths: Sequence[Path]) -> Score:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, ValueError) as error:
-        raise DataError(f"{path} is no JSON ({error}): give what `mccd challenge score` has written") from None
+    text = read_text(path, "score", most_bytes=_MOST_BYTES, error=DataError)
+    document = json_of(text, str(path), error=DataError, fix="give what `mccd challenge score` has written")
     form = document.get("schema") if isinstance(document, dict) else None
     if form != SCHEMA:
         raise DataError(
             f"{path} has the form {form!r}, and scores of the form '{SCHEMA}' can be pooled: score its challenge again"
         )
+    if not (isinstance(document.get("seal"), str) and isinstance(document.get("cases"), list)):
+        raise DataError(f"{path} holds no seal or no list of cases: score its challenge again")
     return dict(document)
 
 
 def _judged(path: Path, document: dict[str, Any]) -> list[Judged]:
     try:
-        return [judged_of(row) for row in document["cases"]]
-    except (KeyError, TypeError, ValueError) as error:
+        # what a score computes with has the types that it is declared with
+        return [msgspec.convert(msgspec.to_builtins(judged_of(row)), Judged) for row in document["cases"]]
+    except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError, msgspec.ValidationError) as error:
         raise DataError(f"{path} holds a case that cannot be read ({error!r}): score its challenge again") from None

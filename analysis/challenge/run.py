@@ -12,13 +12,18 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import Event, Timer
+from typing import Annotated, TypeVar
+
+import msgspec
 
 from analysis.challenge.plant import NOMINAL_ERROR
 from analysis.challenge.truth import reveal
 from campaigns.names import check_file_name
 from campaigns.version import tool_commit, tool_version
-from sim_backend.errors import ConfigError
+from sim_backend.documents import json_of, read_text
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import folder_within, whole_file, write_text
+from sim_backend.small_files import STATE_BYTES
 
 RESULTS, OUTCOME, DIAGNOSIS = "results", "run.json", "diagnosis.json"
 
@@ -26,6 +31,17 @@ INTERRUPTED = 130
 
 DIAGNOSE = (sys.executable, "-m", "mccdcli", "diagnose")
 """The command that is judged; the case's files and options follow."""
+
+
+T = TypeVar("T")
+_RESTORE = "restore the file, or make the challenge anew"
+
+
+class _Public(msgspec.Struct):
+    """What is read of what a challenge tells of itself."""
+
+    cases: Annotated[list[str], msgspec.Meta(min_length=1)]
+    nominal_error: float = NOMINAL_ERROR
 
 
 @dataclass(frozen=True)
@@ -80,21 +96,30 @@ def cases_of(folder: Path, first: str | None = None) -> list[str]:
 
     Raises ConfigError when there is no challenge in `folder` or no such case.
     """
-    public = folder / "challenge.json"
-    if not public.is_file():
-        raise ConfigError(f"{folder} holds no challenge.json: make a challenge there first")
-    names: list[str] = json.loads(public.read_text(encoding="utf-8"))["cases"]
+    names = _public(folder).cases
     for name in names:
-        check_file_name(str(name), f"{public}: case")
+        check_file_name(name, f"{folder / 'challenge.json'}: case")
     if first is not None and first not in names:
         raise ConfigError(f"{folder} has no case '{first}'; its cases are {names[0]} to {names[-1]}")
     return names if first is None else names[names.index(first) :]
 
 
+def _public(folder: Path) -> _Public:
+    path = folder / "challenge.json"
+    text = read_text(path, "challenge", fix="make a challenge there first")
+    return _as(_Public, json_of(text, str(path), error=DataError, fix=_RESTORE), path)
+
+
+def _as(kind: type[T], content: object, path: Path) -> T:
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        raise DataError(f"{path}: {error}; {_RESTORE}") from None
+
+
 def nominal_error(folder: Path) -> float:
     """Return by what part numbers of nominal models are wrong at most: as the challenge states, or 3 %."""
-    public = json.loads((folder / "challenge.json").read_text(encoding="utf-8"))
-    return float(public.get("nominal_error", NOMINAL_ERROR))
+    return _public(folder).nominal_error
 
 
 def was_run(folder: Path, name: str) -> bool:
@@ -107,7 +132,8 @@ def outcome_of(folder: Path, name: str) -> Outcome:
     path = folder / RESULTS / name / OUTCOME
     if not was_run(folder, name):
         raise ConfigError(f"case {name} of {folder} has no outcome yet: run the challenge to its end first")
-    return Outcome(**json.loads(path.read_text(encoding="utf-8")))
+    text = read_text(path, "outcome", most_bytes=STATE_BYTES, error=DataError)
+    return _as(Outcome, json_of(text, str(path), error=DataError, fix=_RESTORE), path)
 
 
 def diagnosed_by(folder: Path, names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ from analysis.challenge.judge import Judged, judge
 from analysis.challenge.measures import BINS, REPORTED, Measure, calibration, largest, median, quantile, share
 from analysis.challenge.rows import SCHEMA, row_of
 from analysis.challenge.run import cases_of, tools, was_run
-from analysis.challenge.truth import SEAL, reveal
+from analysis.challenge.truth import reveal, sealed
 from sim_backend.errors import ConfigError
 
 CHI2_MEDIAN = 0.4549364231195724
@@ -98,7 +98,7 @@ def score_challenge(folder: Path, *, so_far: bool = False, first: str | None = N
         names = list(takewhile(lambda name: was_run(folder, name), names))
     if not names:
         raise ConfigError(f"case {wanted[0]} of {folder} was not run yet: run the challenge first")
-    digest = (folder / SEAL).read_text(encoding="utf-8").split()[1]
+    digest = sealed(folder)
     return score_of([judge(folder, name, truth.cases[name]) for name in names], digest)
 
 

@@ -11,12 +11,16 @@ import msgspec
 
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import folder_within, write_bytes, write_text
+from sim_backend.small_files import SIDECAR_BYTES, STATE_BYTES, read_small
 
 Stratum = Literal["one", "faint", "two", "none", "outside", "twisted", "unlisted"]
 """What a case is: one listed effect, one near detection, a pair, nothing, one listed effect that is left out of the
 search, one listed effect with a twist, or a law that no library lists."""
 
 SEAL, TRUTH = "seal.txt", "truth/truth.bin"
+
+MOST_BYTES = 256 * 2**20
+"""A truth takes some kilobytes for each case."""
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -87,18 +91,35 @@ def seal(folder: Path, truth: Truth) -> str:
 
 def reveal(folder: Path) -> Truth:
     """Return the truth; raises ConfigError when there is none, DataError when it is not what was sealed."""
-    path, seal_path = folder / TRUTH, folder / SEAL
-    if not path.is_file() or not seal_path.is_file():
-        raise ConfigError(f"{folder} holds no sealed truth ({SEAL} and {TRUTH}): make a challenge there first")
-    data = path.read_bytes()
-    words = seal_path.read_text(encoding="utf-8", errors="replace").split()
+    path, promised = folder / TRUTH, sealed(folder)
+    try:
+        data = read_small(path, STATE_BYTES)
+    except OSError as error:
+        raise ConfigError(_without_truth(folder, error)) from None
     digest = hashlib.sha256(data).hexdigest()
-    if len(words) < 2 or words[1] != digest:
+    if promised != digest:
         raise DataError(
-            f"{path} has the hash {digest[:12]}…, the seal says {words[1][:12] if len(words) > 1 else 'nothing'}…: "
+            f"{path} has the hash {digest[:12]}…, the seal says {promised[:12] or 'nothing'}…: "
             "the truth was changed after it was sealed; make the challenge again"
         )
+    unpacker = zlib.decompressobj()
     try:
-        return msgspec.json.decode(zlib.decompress(data), type=Truth)
+        text = unpacker.decompress(data, MOST_BYTES)
+        if unpacker.unconsumed_tail:
+            raise DataError(f"{path} unpacks to more than {MOST_BYTES} bytes: make the challenge again")
+        return msgspec.json.decode(text, type=Truth)
     except (zlib.error, msgspec.DecodeError) as error:
         raise DataError(f"{path} does not hold a truth of this version ({error}): make the challenge again") from None
+
+
+def sealed(folder: Path) -> str:
+    """Return the hash that a challenge's seal promises, empty where it says none; raises ConfigError without a seal."""
+    try:
+        words = read_small(folder / SEAL, SIDECAR_BYTES).decode("utf-8", "replace").split()
+    except OSError as error:
+        raise ConfigError(_without_truth(folder, error)) from None
+    return words[1] if len(words) > 1 else ""
+
+
+def _without_truth(folder: Path, error: OSError) -> str:
+    return f"{folder} holds no sealed truth ({SEAL} and {TRUTH}; {error.strerror}): make a challenge there first"

@@ -34,6 +34,7 @@ from campaigns.version import tool_version
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model, dump_model
 from sim_backend.safe_write import folder_within, write_text
+from sim_backend.small_files import STATE_BYTES, read_small_text
 
 STATE_FILE = "investigation.json"
 SCHEMA = "mccd-investigation/1"
@@ -243,9 +244,9 @@ def _judged(
 def _known(folder: Path, logs: Sequence[Path]) -> dict[str, Any] | None:
     """Return the diagnosis in `folder` if it is one of these very logs."""
     try:
-        found: dict[str, Any] = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+        found: dict[str, Any] = json.loads(read_small_text(folder / "diagnosis.json", STATE_BYTES))
         same = sorted(entry["sha256"] for entry in found["inputs"]) == sorted(sha256_of(log) for log in logs)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return found if same else None
 
@@ -253,15 +254,15 @@ def _known(folder: Path, logs: Sequence[Path]) -> dict[str, Any] | None:
 def _claimed(quest: Quest, home: Path, resume: bool) -> list[Round]:
     """Return the rounds that the folder's own investigation has planned; make it this one's if it holds none."""
     path = home / STATE_FILE
-    if not path.is_file():
+    if not path.exists():
         _write(quest, home, [], "running")
         return []
     if not resume:
         raise ConfigError(f"{home} holds an investigation already; continue it with --resume or choose another --out")
     try:
-        state = json.loads(path.read_text(encoding="utf-8"))
+        state = json.loads(read_small_text(path, STATE_BYTES))
         before, rounds = state["fingerprint"], [Round(**entry) for entry in state["rounds"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"{path}: cannot be read ({error}); choose another --out, the logs in it stay") from None
     differs = [key for key, value in quest.fingerprint().items() if before.get(key) != value]
     if differs:

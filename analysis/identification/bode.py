@@ -11,7 +11,7 @@ import numpy as np
 from analysis.frequency.frf_records import frequency_response_welch
 from analysis.identification.identified import Identification
 from analysis.identification.response_curves import ResponseCurve, curves_of_periods
-from campaigns.facts import usable_segments
+from campaigns.facts import measured_segments
 from campaigns.log import Run
 from campaigns.log.plot import write_picture
 from sim_backend.errors import DataError
@@ -31,7 +31,7 @@ def measured_curves(found: Identification, runs: Sequence[Run]) -> tuple[Respons
     if found.response:
         return found.response
     run, segment = max(
-        ((run, s) for run in runs for s in usable_segments(run) if not s.held_out), key=lambda pair: pair[1].rows
+        ((run, s) for run in runs for s in measured_segments(run) if not s.held_out), key=lambda pair: pair[1].rows
     )
     inputs, outputs = run.names("input"), run.names("output")
     u, y = (

@@ -82,7 +82,7 @@ def identify_runs(
     if not fitting:
         raise DataError(
             f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, match --only, move, and "
-            "are not cut off by their sensor every few rows"
+            f"are not cut off by their sensor every few rows{_missing(runs)}"
         )
     # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs
     periodic = None if _in_a_known_loop(fitting) else realisations_of(fitting)
@@ -91,6 +91,11 @@ def identify_runs(
     else:
         found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
     return replace(found, remarks=remarks_on(runs))
+
+
+def _missing(runs: Sequence[Run]) -> str:
+    told = [f"; {run.path.name}: {fact.finding}" for run in runs for fact in facts_of(run) if fact.name == "missing"]
+    return told[0] if told else ""
 
 
 def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int, ...]:

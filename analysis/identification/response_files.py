@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from analysis.identification.response_curves import ResponseCurve, save_curves
 from campaigns.spreadsheet import as_named
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import write_text
+from sim_backend.small_files import TABLE_BYTES, read_small, read_small_text
 
 _COLUMNS = list(ResponseCurve.__dataclass_fields__)
 _NAMES = re.compile(r"^!\s*(inputs|outputs):\s*(.*)$")
@@ -50,7 +52,7 @@ def load_response(path: Path) -> tuple[ResponseCurve, ...]:
 def _from_csv(path: Path) -> tuple[ResponseCurve, ...]:
     import pandas as pd  # a third of a second, which only this needs
 
-    table = pd.read_csv(path)
+    table = pd.read_csv(io.BytesIO(read_small(path, TABLE_BYTES)))
     missing = [name for name in _COLUMNS if name not in table]
     if missing:
         raise ValueError(f"no column {missing[0]}")
@@ -92,7 +94,7 @@ def _from_touchstone(path: Path) -> tuple[ResponseCurve, ...]:
     ports = int(found[1])
     names: dict[str, list[str]] = {}
     scale, form, numbers = 1e9, "MA", []  # what Touchstone says when the file does not
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in read_small_text(path, TABLE_BYTES).splitlines():
         if named := _NAMES.match(line):
             names[named[1]] = named[2].split()
         text = line.partition("!")[0].strip()

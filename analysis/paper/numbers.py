@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
-import tomllib
 from importlib import resources
 from typing import Literal
 
 import msgspec
 
+from sim_backend.documents import toml_of
 from sim_backend.errors import ConfigError
 
 Label = Literal["input", "calibrated", "predicted"]
@@ -95,8 +95,8 @@ def parse_numbers(text: str, where: str) -> dict[str, PaperTable]:
     negative, not finite or without a reason.
     """
     try:
-        tables = msgspec.convert(tomllib.loads(text), _File).table
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        tables = msgspec.convert(toml_of(text, where), _File).table
+    except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see its head for what a row holds") from None
     for key, table in tables.items():
         keys = [n.key for n in table.rows]

@@ -8,6 +8,7 @@ from analysis.measurements.learning import learning_curve
 from analysis.measurements.reproducibility import reproducibility
 from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import Measured
+from analysis.paper.numbers import paper_tables
 from analysis.paper.rows import Ours
 from analysis.recorded.settle import FORCE_CONSTANT_N_A
 from analysis.recorded.sweep import difference_of
@@ -45,7 +46,10 @@ def _hysteresis(measured: Measured) -> dict[str, Ours]:
     loops = measured.loops("theta_x")
     if not loops:
         return {}
-    ours = {f"amplitude {torque:g}": Ours(found.amplitude_rad) for torque, found in loops.items() if torque < 0.09}
+    # a campaign may play any torques: those that the paper prints have a row
+    rows = {number.key for number in paper_tables()["text"].rows}
+    ours = {f"amplitude {torque:g}": Ours(found.amplitude_rad) for torque, found in loops.items()}
+    ours = {key: value for key, value in ours.items() if key in rows}
     ratios = [found.remanence_ratio for found in loops.values()]
     each = ", ".join(f"{100 * ratio:.2f} %" for ratio in ratios)
     return {**ours, "remanence": Ours(float(np.mean(ratios)), note=f"mean over the amplitudes: {each}")}

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.errors import DataError
+from sim_backend.small_files import TOML_BYTES, read_small
 
 Array = NDArray[np.float64]
 
 COLUMNS = ("theta_x", "theta_y")
-MAX_BYTES = 10_000_000
 
 
 def read_angles(path: Path, rows: int) -> Array:
@@ -23,10 +24,8 @@ def read_angles(path: Path, rows: int) -> Array:
     cell that is not a finite number.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise DataError(f"{path}: {path.stat().st_size} bytes; readings take at most {MAX_BYTES}")
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            table = list(csv.DictReader(file))
+        text = read_small(path, TOML_BYTES).decode("utf-8-sig")
+        table = list(csv.DictReader(io.StringIO(text, newline=""), restkey="without a name"))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read as CSV ({error}); save it as UTF-8 text with commas") from None
     missing = [name for name in COLUMNS if not table or name not in table[0]]

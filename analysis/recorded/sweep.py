@@ -108,4 +108,11 @@ def _fitted(run: Run, names: tuple[str, ...], parts: list[LogSegment], origin: i
     stop = np.array([s.stop for s in parts]) - first
     frequency = np.array([float(s.settings["frequency_hz"]) for s in parts])
     record = np.stack([run.read(n, first, parts[-1].stop) for n in names], axis=1)
+    missing = np.argwhere(~np.isfinite(record))
+    if missing.size:
+        row, column = (int(i) for i in missing[0])
+        raise DataError(
+            f"{run.path}: '{names[column]}' holds no number in row {first + row}, and steps are fitted whole; repair "
+            "it, or record the sweep again"
+        )
     return fit_sines(record, run.sample_rate_hz, start, stop, frequency, first_sample=first - origin)

@@ -44,7 +44,10 @@ class Reading:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Measured minus simulated of one output over the last seconds: its rms, and the output's own about its mean."""
+    """Measured minus simulated of one output over the last seconds: its rms, and the output's own about its mean.
+
+    Both are of the rows that hold numbers, NaN where none does.
+    """
 
     dof: str
     unit: str
@@ -142,7 +145,7 @@ class _Follower:
 
     def advance(self, run: Run) -> None:
         for _, block in run.blocks(self.inputs.values(), start=self.row):
-            # what is not recorded was not driven
+            # what is not recorded, or no number, was not driven as far as anybody knows
             u = np.zeros((next(iter(block.values())).size, self._past.shape[1]))
             for port, name in self.inputs.items():
                 u[:, port] = np.nan_to_num(with_gaps(block[name]))  # else all that follows were no number either

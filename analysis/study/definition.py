@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -17,11 +16,13 @@ from typing import Any, Literal
 import msgspec
 
 from campaigns.names import check_file_name
+from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError
 
 SCHEMA = "mccd-study/1"
 MAX_POINTS = 10_000
-MAX_TRIALS = 1_000_000_000
+MAX_TRIALS = 10_000_000
+"""Trials of a study over all points: its columns lie in memory when they are summarised."""
 MODEL, SETTINGS = "model", "settings"
 
 Swept = float | str | bool
@@ -118,6 +119,11 @@ class Study(_Strict, frozen=True, kw_only=True, dict=True):
             raise ValueError("two [[vary]] have the same `place`: vary it once")
         if math.prod(len(v.sweep) for v in self.vary if v.sweep is not None) > MAX_POINTS:
             raise ValueError(f"the sweeps form a grid of more than {MAX_POINTS} points: sweep fewer values")
+        if self.total > MAX_TRIALS:
+            raise ValueError(
+                f"{self.trials} draws at {len(self.points)} points are {self.total} trials, the limit is {MAX_TRIALS}: "
+                "give fewer, or make several studies with other seeds"
+            )
 
     @cached_property
     def points(self) -> list[dict[str, Swept]]:
@@ -141,21 +147,13 @@ class Study(_Strict, frozen=True, kw_only=True, dict=True):
 
 def load_study(path: str | Path) -> Study:
     """Return the study in a TOML file; raises ConfigError when there is none or it says something that cannot be."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; name the file of a study") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the study as UTF-8 TOML") from None
-    return parse_study(text, str(path))
+    return parse_study(read_text(Path(path), "study", fix="name the file of a study"), str(path))
 
 
 def parse_study(text: str, where: str) -> Study:
     """Return the study written in `text`; `where` names it in errors, which are as those of `load_study`."""
     try:
-        study = msgspec.convert(tomllib.loads(text), Study)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
+        study = msgspec.convert(toml_of(text, where), Study)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see docs/studies.md for the fields") from None
     check_file_name(study.name, f"{where}: name")  # that of its folder, where none is given

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,13 +21,17 @@ from numpy.typing import NDArray
 from analysis.study.fingerprint import require_same
 from analysis.study.kinds import Column, Scalar
 from analysis.study.trial import Outcome
+from sim_backend.documents import json_of
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import require_no_link
+from sim_backend.small_files import open_regular
 
 FILE = "trials.sqlite"
 SCHEMA = "mccd-study-trials/1"
 _OWN = ("trial", "status", "reason", "wall_s")
 _TYPES = {"number": "REAL", "flag": "INTEGER", "text": "TEXT"}
+_KEPT_AS = {"number": "'real', 'null'", "flag": "'integer', 'null'", "text": "'text', 'null'"}
+_RESTORE = "restore it from a copy, or begin anew with another --out"
 
 
 class Store:
@@ -46,6 +51,13 @@ class Store:
         existed = self.path.exists()
         if existed and not resume:
             raise ConfigError(f"{folder} holds trials already; go on with --resume, or choose another --out")
+        try:
+            # the store, and what SQLite keeps beside it, is opened by SQLite, which asks for no kind of file
+            for name in (FILE, f"{FILE}-wal", f"{FILE}-shm", f"{FILE}-journal"):
+                if (folder / name).exists():
+                    os.close(open_regular(folder / name))
+        except OSError as error:
+            raise DataError(f"{error.filename}: {error.strerror}; delete it, or choose another --out") from None
         try:
             self._file = sqlite3.connect(self.path, timeout=0.0, isolation_level=None, check_same_thread=True)
         except sqlite3.Error as error:
@@ -74,14 +86,33 @@ class Store:
         tables = {name for (name,) in self._file.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         if "study" not in tables:
             return self._begin(parts)
-        found = dict(self._file.execute("SELECT part, value FROM study").fetchall())
-        if found.get("schema") != SCHEMA:
-            raise DataError(f"{self.path}: its schema is {found.get('schema')}, not {SCHEMA}; choose another --out")
-        fix = "go on with the study and the programs as they were, or begin anew with another --out"
-        require_same(json.loads(found["fingerprint"]), parts, str(self.path), fix)
         (sound,) = self._file.execute("PRAGMA quick_check(1)").fetchone()
         if sound != "ok":
-            raise DataError(f"{self.path} is damaged ({sound}); restore it from a copy, or begin anew")
+            raise DataError(f"{self.path} is damaged ({sound}); {_RESTORE}")
+        found = dict(self._file.execute("SELECT CAST(part AS TEXT), CAST(value AS TEXT) FROM study").fetchall())
+        if found.get("schema") != SCHEMA:
+            raise DataError(f"{self.path}: its schema is {found.get('schema')}, not {SCHEMA}; choose another --out")
+        before = json_of(found.get("fingerprint", ""), str(self.path), error=DataError, fix=_RESTORE)
+        if not isinstance(before, dict):
+            raise DataError(f"{self.path}: it does not say which study it is of; {_RESTORE}")
+        fix = "go on with the study and the programs as they were, or begin anew with another --out"
+        require_same(before, parts, str(self.path), fix)
+        self._require_trials()
+
+    def _require_trials(self) -> None:
+        """Raise DataError unless the trials stand in the columns and types in which this program keeps them."""
+        wanted = [*_OWN, *self._varied, *(column.name for column in self._columns)]
+        there = [str(name) for _, name, *_ in self._file.execute("PRAGMA table_info(trials)")]
+        if there != wanted:
+            raise DataError(
+                f"{self.path}: its trials have the columns {', '.join(there)}, not {', '.join(wanted)}; {_RESTORE}"
+            )
+        kept = {"trial": "'integer'", "status": "'text'", "reason": "'text'", "wall_s": "'real'"}
+        kept |= {column.name: _KEPT_AS[column.kind] for column in self._columns}
+        wrong = " OR ".join(f"typeof({_quoted(name)}) NOT IN ({kinds})" for name, kinds in kept.items())
+        query = f"SELECT trial FROM trials WHERE trial < 0 OR {wrong} LIMIT 1"
+        if (found := self._file.execute(query).fetchone()) is not None:
+            raise DataError(f"{self.path}: trial {found[0]} holds what no trial is kept as; {_RESTORE}")
 
     def _begin(self, parts: dict[str, str]) -> None:
         """Make the tables and bind them to the study, in one step: a kill leaves both or neither."""

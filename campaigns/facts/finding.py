@@ -14,6 +14,7 @@ from campaigns.facts import (
     coherence,
     delay,
     loop,
+    missing,
     period,
     rest,
     size,
@@ -58,7 +59,9 @@ def found_in(seen: Seen, asked: Sequence[str] = tuple(RELATIONS)) -> tuple[Fact,
     """Return the facts of a record, of `RELATIONS` those that are `asked`; none of one without rows."""
     if not seen.rows:
         return ()
-    found = [fact for find in FACTS for fact in find(seen)]
+    found = missing.facts(seen)
+    seen = missing.drawn_over(seen) if found else seen
+    found += [fact for find in FACTS for fact in find(seen)]
     stretches = stretches_in(seen, found) if asked else []
     for name in asked:
         found += RELATIONS[name](seen, stretches, found)

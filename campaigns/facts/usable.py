@@ -10,6 +10,7 @@ from functools import partial
 from campaigns.facts.base import stretches_of
 from campaigns.facts.clipping import cut_off
 from campaigns.facts.finding import facts_of
+from campaigns.facts.missing import missing_rows
 from campaigns.log.read import Run
 from campaigns.log.schema import LogSegment
 from sim_backend.errors import DataError
@@ -49,15 +50,16 @@ LEAST_PIECE = 100
 
 
 def measured_segments(run: Run) -> list[LogSegment]:
-    """Return the usable segments of a log without the rows in which an output is at the end of its sensor's range.
+    """Return the usable segments of a log without the rows that are no measurement.
 
-    What lies between such rows becomes a segment of its own, begun in an unknown state, if it is long enough.
+    There an output is at the end of its sensor's range, or an input, output or reference holds no number. What lies
+    between such rows becomes a segment of its own, begun in an unknown state, if it is long enough.
     """
     facts = facts_of(run)
     found: list[LogSegment] = []
     for segment in usable_segments(run):
         read = partial(run.read, start=segment.start, stop=segment.stop)
-        cut = cut_off(facts, segment.label, segment.rows, read)
+        cut = cut_off(facts, segment.label, segment.rows, read) | missing_rows(run, segment)
         if not cut.any():
             found.append(segment)
             continue

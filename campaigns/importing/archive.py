@@ -43,7 +43,7 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
                 f"{source.path} has no column '{getattr(log.archive, key)}' for the archive: it has {there}"
             )
     found_stamps, read_as = stamps_of(source, log.archive.time, log.time_unit, f"{where}time '{log.archive.time}'")
-    time_s, names = found_stamps.after_s, np.array(columns["name"])
+    time_s, names = found_stamps.after_s, np.array(columns["name"], dtype=object)
     series = {}
     for i, (channel, wanted) in enumerate(_selected(found, part).items()):
         report(i, len(found.channels), f"reading {where}channel '{channel}'")

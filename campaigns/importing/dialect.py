@@ -9,10 +9,11 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import TextIO
 
 from campaigns.log.guard import first_line
 from campaigns.spreadsheet import as_named
@@ -31,7 +32,7 @@ MISSING = frozenset(
 """Cells that stand where a number is not known, in lower case."""
 
 _SAMPLE_LINES = 400
-_MAX_LINE_CHARS = 2**20
+MAX_LINE_CHARS = 2**20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _BEHIND = re.compile(r"\d+([eEdD][+-]?\d+)?")
@@ -152,12 +153,18 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
 def _sample(path: Path, encoding: str) -> list[str]:
     try:
         with path.open(encoding=encoding) as stream:
-            lines = list(islice(iter(lambda: stream.readline(_MAX_LINE_CHARS), ""), _SAMPLE_LINES))
+            lines = list(islice(lines_of(stream, path), _SAMPLE_LINES))
     except (OSError, UnicodeError) as error:
         raise DataError(f"cannot read {path}: {first_line(error)}; save it as UTF-8 text") from None
-    if any(len(line) == _MAX_LINE_CHARS for line in lines):
-        raise DataError(f"{path} has a line of more than {_MAX_LINE_CHARS} characters: check that it is a table")
     return [line.rstrip("\r\n") for line in lines]
+
+
+def lines_of(stream: TextIO, path: Path) -> Iterator[str]:
+    """Yield the lines of a text; raises DataError for one so long that it is none of a table, before it is held."""
+    while line := stream.readline(MAX_LINE_CHARS):
+        if len(line) == MAX_LINE_CHARS:
+            raise DataError(f"{path} has a line of more than {MAX_LINE_CHARS} characters: check that it is a table")
+        yield line
 
 
 def _is_number(cell: str, decimal: str | None) -> bool:

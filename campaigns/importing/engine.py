@@ -202,6 +202,7 @@ def _write(
         started_utc=found.log.started_utc,
         tool_commit=tool_commit(),
         settings_bytes=max(widest, SETTINGS_BYTES),
+        expected_segments=len(segments),
     ) as log:
         done = 0
         for segment in segments:

@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import os
 import struct
 import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -22,11 +24,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from campaigns.importing.matlab_objects import Variable, class_of, refusal, variables_in
-from campaigns.importing.packing import PACKING, unpacked
+from campaigns.importing.hdf5 import Hdf5Source, as_meant
+from campaigns.importing.matlab_objects import Variable, refusal, unpacked_bytes, variables_in
+from campaigns.importing.packing import PACKING
+from campaigns.importing.pieces import Pieces, boxes, of_array
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.log.child import bound_memory, tell_ready
-from campaigns.log.guard import MAX_EXPANSION, check_dataset, link_names, member, open_h5
+from campaigns.log.guard import most_bytes, stored_bytes
 from sim_backend.errors import DataError
 
 AnyArray = NDArray[Any]
@@ -37,82 +41,6 @@ HEAD_BYTES = 512 + len(HDF5_MARK)
 
 
 @dataclass(frozen=True)
-class Hdf5Source:
-    """Datasets of an HDF5 file by their path; those of a MATLAB 7.3 file with the axes in MATLAB's order.
-
-    A field of a compound dataset is selected as one more step of the path. Packed numbers are unpacked as the file's
-    attributes say (see `packing`).
-    """
-
-    path: Path
-    matlab: bool = False
-
-    def names(self) -> list[str]:
-        """Return the names at the top of the file."""
-        with open_h5(self.path) as file:
-            names = [name for name in link_names(file, self.path) if not name.startswith("#")]
-            return [n for n in names if not self.matlab or class_of(member(file, n, self.path)) is None]
-
-    def array(self, name: str) -> AnyArray | None:
-        """Return the dataset at that path, None when there is none; raises DataError when it is refused."""
-        with open_h5(self.path) as file:
-            found, fields = self._find(file, name)
-            if found is None:
-                return None
-            if self.matlab and (kind := class_of(found)) is not None:
-                raise refusal(self.path, name, kind)
-            check_dataset(found, self.path, name)
-            try:
-                values = np.asarray(found[()])
-            except (OSError, RuntimeError, ValueError, TypeError, MemoryError) as error:
-                raise unreadable(self.path, error) from None
-            for step in fields:
-                if step not in (values.dtype.names or ()):
-                    return None
-                values = values[step]
-            attributes = {key: _plain(found, key, self.path) for key in PACKING} if not fields else {}
-        return unpacked(values.T if self.matlab else values, attributes)
-
-    def unit(self, name: str) -> str | None:
-        """Return the unit that the file names for the dataset at that path."""
-        with open_h5(self.path) as file:
-            found, fields = self._find(file, name)
-            told = None if found is None or fields else _plain(found, "units", self.path)
-        return told if isinstance(told, str) else None
-
-    def _find(self, file: h5py.File, name: str) -> tuple[h5py.Dataset | None, list[str]]:
-        """Return the dataset on a path, and the steps that go on in it."""
-        found: h5py.Group | h5py.Dataset = file
-        steps = name.replace(".", "/").split("/") if self.matlab else name.strip("/").split("/")
-        for k, step in enumerate(steps):
-            if isinstance(found, h5py.Dataset):
-                return found, steps[k:]
-            if step not in link_names(found, self.path):
-                return None, []
-            found = member(found, step, self.path)
-        return (found, []) if isinstance(found, h5py.Dataset) else (None, [])
-
-
-def _plain(dataset: h5py.Dataset, name: str, path: Path) -> str | float | AnyArray | None:
-    """Return an attribute that is a text, a number or some numbers; None for any other."""
-    if not h5py.h5a.exists(dataset.id, name.encode()):
-        return None
-    kind = h5py.h5a.open(dataset.id, name.encode()).get_type()
-    if not isinstance(kind, h5py.h5t.TypeStringID | h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID):
-        return None
-    try:
-        value = dataset.attrs[name]
-    except (OSError, RuntimeError, ValueError, TypeError, UnicodeError) as error:
-        raise unreadable(path, error) from None
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = value.flat[0]
-        return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-    return value
-
-
-@dataclass(frozen=True)
 class Netcdf3Source:
     """Variables of a classic NetCDF file, unpacked as its attributes say (see `packing`)."""
 
@@ -120,27 +48,33 @@ class Netcdf3Source:
 
     def names(self) -> list[str]:
         """Return the names of the variables."""
-        with self._opened() as file:
-            return list(file.variables)
+        return list(self._file.variables)
 
-    def array(self, name: str) -> AnyArray | None:
+    def pieces(self, name: str) -> Pieces | None:
         """Return the variable of that name, None when there is none; raises DataError when damaged."""
-        with self._opened() as file:
-            found = file.variables.get(name)
-            if found is None:
-                return None
-            attributes = {key: getattr(found, key, None) for key in PACKING}
-            return unpacked(np.array(found[...]), attributes)
+        found = self._file.variables.get(name)
+        if found is None:
+            return None
+        # of what is packed there is as much as is stored
+        check_expansion(self.path, name, found.data.nbytes, stored_bytes(self.path))
+        shape, dtype = found.data.shape, found.data.dtype
+
+        def read() -> Iterator[AnyArray]:
+            for box in boxes(shape, dtype.itemsize):
+                yield np.array(found.data[box])
+
+        return as_meant(Pieces(shape, dtype, read), {key: getattr(found, key, None) for key in PACKING})
 
     def unit(self, name: str) -> str | None:
         """Return the unit that the file names for a variable."""
-        with self._opened() as file:
-            told = getattr(file.variables.get(name), "units", None)
+        told = getattr(self._file.variables.get(name), "units", None)
         return told.decode("utf-8", "replace") if isinstance(told, bytes) else None
 
-    def _opened(self) -> Any:
+    @cached_property
+    def _file(self) -> Any:
+        check_expansion(self.path, self.path.name, self.path.stat().st_size, stored_bytes(self.path))
         try:
-            return scipy.io.netcdf_file(self.path, "r", mmap=False)
+            return scipy.io.netcdf_file(self.path, "r", mmap=True)
         except Exception as error:  # a parser of foreign bytes fails in any way; there is no narrower class
             raise unreadable(self.path, error) from None
 
@@ -155,15 +89,23 @@ class TdmsSource:
         """Return all channels."""
         return list(self._channels)
 
-    def array(self, name: str) -> AnyArray | None:
+    def pieces(self, name: str) -> Pieces | None:
         """Return a channel's numbers, None when there is none; raises DataError when damaged."""
         channel = self._channels.get(name)
         if channel is None:
             return None
-        try:
-            return np.asarray(channel[:])
-        except Exception as error:  # as above
-            raise unreadable(self.path, error) from None
+        # what is no number has a type of its own for each row
+        dtype = np.dtype(channel.dtype if channel.dtype is not None else object)
+        check_expansion(self.path, name, len(channel) * dtype.itemsize, stored_bytes(self.path))
+
+        def read() -> Iterator[AnyArray]:
+            try:
+                for chunk in channel.data_chunks():  # as they lie in the file: a part of one is not read alone
+                    yield np.asarray(chunk[:])
+            except Exception as error:  # as above
+                raise unreadable(self.path, error) from None
+
+        return Pieces((len(channel),), dtype, read)
 
     def unit(self, name: str) -> str | None:
         """Return the unit that the file names for a channel."""
@@ -175,7 +117,7 @@ class TdmsSource:
     def _channels(self) -> dict[str, Any]:
         nptdms = optional("nptdms", self.path)
         try:
-            file = nptdms.TdmsFile.read(self.path)
+            file = nptdms.TdmsFile.open(self.path)
             return {f"{group.name}/{channel.name}": channel for group in file.groups() for channel in group.channels()}
         except Exception as error:  # as above
             raise unreadable(self.path, error) from None
@@ -191,13 +133,27 @@ class ParquetSource:
         """Return the names of the columns."""
         return list(self._file().schema_arrow.names)
 
-    def array(self, name: str) -> AnyArray | None:
+    def pieces(self, name: str) -> Pieces | None:
         """Return a column, missing numbers as not-a-number, None when there is none; raises DataError when damaged."""
         file = self._file()
         if name not in file.schema_arrow.names:
             return None
+        rows = file.metadata.num_rows
+        check_expansion(self.path, name, 8 * rows, stored_bytes(self.path))
+        # a column of whole numbers has another type where some are missing
+        kinds = {piece.dtype for piece in self._read(name)}
+        dtype = np.result_type(*kinds) if kinds and not any(kind.hasobject for kind in kinds) else np.dtype(object)
+
+        def read() -> Iterator[AnyArray]:
+            for piece in self._read(name):
+                yield piece.astype(dtype, copy=False)
+
+        return Pieces((rows,), dtype, read)
+
+    def _read(self, name: str) -> Iterator[AnyArray]:
         try:
-            return np.asarray(file.read(columns=[name]).column(0).to_pandas().to_numpy())
+            for batch in self._file().iter_batches(BATCH_ROWS, columns=[name], use_threads=False):
+                yield batch.column(0).to_numpy(zero_copy_only=False)
         except Exception as error:  # as above
             raise unreadable(self.path, error) from None
 
@@ -215,6 +171,9 @@ class ParquetSource:
             raise unreadable(self.path, error) from None
 
 
+BATCH_ROWS = 2**18
+
+
 def optional(library: str, path: Path) -> Any:
     """Return a library that is there only with the extra `formats`; raises DataError with the way to install it."""
     try:
@@ -229,6 +188,8 @@ class MatSource:
     """Variables of a MATLAB file up to version 7; a field of a structure is selected as `structure.field`."""
 
     path: Path
+    bounded: bool = False
+    """Whether the memory of this process is bounded, and may be raised for a variable."""
     _shapes: dict[str, tuple[int, ...]] = field(default_factory=dict, repr=False)
 
     def names(self) -> list[str]:
@@ -253,21 +214,30 @@ class MatSource:
         except (ValueError, OSError, zlib.error, struct.error):
             return []
 
-    def array(self, name: str) -> AnyArray | None:
+    def pieces(self, name: str) -> Pieces | None:
         """Return the variable or field of that name, None when there is none; raises DataError when damaged."""
         variable, *fields = name.split(".")
         if variable in self._objects:
             raise refusal(self.path, variable, self._objects[variable])
         if variable not in self.names():
             return None
-        size = 8 * math.prod(int(length) for length in self._shapes[variable])
-        check_expansion(self.path, variable, size, self.path.stat().st_size)
+        self._bound(variable)
         found = self._parse(lambda: scipy.io.loadmat(self.path, variable_names=[variable])[variable])
         for step in fields:
             if not isinstance(found, np.ndarray) or found.size != 1 or step not in (found.dtype.names or ()):
                 return None
             found = found[step].flat[0]
-        return found if isinstance(found, np.ndarray) else None
+        return of_array(found) if isinstance(found, np.ndarray) else None
+
+    def _bound(self, variable: str) -> None:
+        """Let this process take what the variable needs, once that is known to be no bomb: scipy reads it whole."""
+        stored = stored_bytes(self.path)
+        check_expansion(self.path, variable, 8 * math.prod(int(n) for n in self._shapes[variable]), stored)
+        size = self._parse(lambda: unpacked_bytes(self.path, variable, most_bytes(stored)))
+        if size > most_bytes(stored):
+            raise unreadable(self.path, MemoryError())
+        if self.bounded:  # whole numbers of one byte stand for those of eight
+            bound_memory(size + min(8 * size, most_bytes(stored)))
 
     def unit(self, name: str) -> str | None:
         """Return None: these files name no units."""
@@ -280,6 +250,9 @@ class MatSource:
             raise unreadable(self.path, error) from None
 
 
+Foreign = Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource
+
+
 def child() -> None:
     """Answer questions about the file named on the command line until standard input ends.
 
@@ -288,20 +261,34 @@ def child() -> None:
     """
     path = Path(sys.argv[1])
     _load_parsers(path)
-    bound_memory(MAX_EXPANSION * path.stat().st_size)
+    bound_memory(_held_at_once(path))
     tell_ready()
+    source = _source(path, bounded=True)
     for line in sys.stdin.buffer:
         try:
-            answer, values = _answer(path, json.loads(line))
+            answer, found = _answer(source, json.loads(line))
+            for _ in found.read() if found is not None else ():
+                pass  # what is refused in the middle has cost nobody memory
         except DataError as error:
-            answer, values = {"refused": str(error)}, None
+            answer, found = {"refused": str(error)}, None
         except MemoryError as error:
-            answer, values = {"refused": str(unreadable(path, error))}, None
-        _say(answer, values)
+            answer, found = {"refused": str(unreadable(path, error))}, None
+        _say(answer, found)
+
+
+def _held_at_once(path: Path) -> int:
+    """Return how much of a file its parser may hold, or map, beside what it hands on."""
+    size = path.stat().st_size
+    shares = {".nc": 1, ".tdms": 2, ".parquet": 1}  # what is read, and the numbers that are made of it
+    return shares.get(path.suffix.lower(), 0) * size if size <= most_bytes(stored_bytes(path)) else 0
 
 
 def _load_parsers(path: Path) -> None:
     """Import what only some files need and takes as long as all else here, before this process's memory is bounded."""
+    if path.suffix.lower() == ".parquet":
+        os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others reserve more than a process may have here
+        with contextlib.suppress(ImportError):
+            import_module("pyarrow.parquet")
     if path.suffix.lower() in (".mat", ".nc"):
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -309,34 +296,42 @@ def _load_parsers(path: Path) -> None:
             import_module("scipy.io")
 
 
-def _say(answer: dict[str, Any], values: AnyArray | None = None) -> None:
+def _say(answer: dict[str, Any], found: Pieces | None = None) -> None:
+    """Write an answer and its numbers; what fails in the middle of them ends this process, and so the answer."""
     sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n")
-    if values is not None:
-        sys.stdout.buffer.write(values.reshape(-1).view(np.uint8).data)
+    if found is not None:
+        dated, left = answer["dated"], math.prod(found.shape)
+        for piece in found.read():
+            plain = np.ascontiguousarray(_nanoseconds(piece) if dated else piece).reshape(-1)
+            left -= plain.size
+            if left < 0:
+                raise ValueError("more numbers than the shape has")
+            sys.stdout.buffer.write(plain.view(np.uint8).data)
+        if left:
+            raise EOFError
     sys.stdout.buffer.flush()
 
 
-def _answer(path: Path, name: str | None) -> tuple[dict[str, Any], AnyArray | None]:
-    source = _source(path)
+def _answer(source: Foreign, name: str | None) -> tuple[dict[str, Any], Pieces | None]:
     if name is None:
         return {"names": source.names()}, None
-    found = source.array(name)
+    found = source.pieces(name)
     if found is None:
         return {"absent": True}, None
     if found.dtype.kind not in "fiubM":
         return {"type": str(found.dtype)}, None
-    if found.dtype.kind == "M":
-        found = found.astype("datetime64[ns]").view(np.int64)
-        dated = True
-    else:
-        dated = False
-    turned = not found.flags.c_contiguous and found.T.flags.c_contiguous  # spares a copy of MATLAB's order
-    values = np.ascontiguousarray(found.T if turned else found)
-    told = {"dtype": values.dtype.str, "shape": values.shape, "turned": turned, "dated": dated}
-    return told | {"unit": source.unit(name)}, values
+    dated = found.dtype.kind == "M"
+    kind = "<i8" if dated else found.dtype.str
+    told = {"dtype": kind, "shape": found.shape, "turned": found.turned, "dated": dated}
+    return told | {"unit": source.unit(name)}, found
 
 
-def _source(path: Path) -> Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource:
+def _nanoseconds(dates: AnyArray) -> AnyArray:
+    return dates.astype("datetime64[ns]").view(np.int64)
+
+
+def _source(path: Path, *, bounded: bool = False) -> Foreign:
+    """Return the source for a file by its suffix; `bounded` says that the memory of this process is."""
     kind = path.suffix.lower()
     if kind == ".tdms":
         return TdmsSource(path)
@@ -345,4 +340,4 @@ def _source(path: Path) -> Hdf5Source | MatSource | Netcdf3Source | TdmsSource |
     if kind == ".nc" and not h5py.is_hdf5(path):
         return Netcdf3Source(path)
     matlab = kind == ".mat"
-    return Hdf5Source(path, matlab) if h5py.is_hdf5(path) or not matlab else MatSource(path)
+    return Hdf5Source(path, matlab) if h5py.is_hdf5(path) or not matlab else MatSource(path, bounded)

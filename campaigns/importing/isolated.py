@@ -6,10 +6,7 @@ can unpack to many gigabytes. What comes back from the child are plain numbers o
 
 from __future__ import annotations
 
-import contextlib
 import json
-import subprocess
-import threading
 from functools import cached_property
 from io import BufferedReader
 from pathlib import Path
@@ -19,7 +16,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.log.child import await_ready, start_python, time_limit_s
+from campaigns.log.child import Limited, start_python, time_limit_s
 from sim_backend.errors import DataError
 
 CHILD = "from campaigns.importing.foreign import child; child()"
@@ -31,8 +28,7 @@ class IsolatedSource:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._limit_s = time_limit_s(path)
-        self._child = start_python(CHILD, str(path.absolute()), talk=True)
-        self._ready = False
+        self._child = Limited(start_python(CHILD, str(path.absolute()), talk=True))
         self._told: dict[str, dict[str, Any]] = {}
 
     def names(self) -> list[str]:
@@ -57,12 +53,7 @@ class IsolatedSource:
 
     def close(self) -> None:
         """End the child."""
-        self._child.kill()
-        for pipe in (self._child.stdin, self._child.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
-        self._child.wait()
+        self._child.close()
 
     def __enter__(self) -> Self:
         return self
@@ -78,22 +69,15 @@ class IsolatedSource:
         return names
 
     def _ask(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
-        if not self._ready:
-            await_ready(self._child, self.path)
-            self._ready = True
-        timer = threading.Timer(self._limit_s, self._child.kill)
-        timer.start()
+        self._child.await_ready(self.path)
         try:
-            return self._answer(name)
+            with self._child.within(self._limit_s):
+                return self._answer(name)
         except (OSError, EOFError, ValueError):
-            late = timer.finished.is_set()
-            what = f"keeps its reader busy for more than {self._limit_s:.0f} s" if late else self._end()
-            raise DataError(f"{self.path} is damaged and {what}: restore it from a copy") from None
-        finally:
-            timer.cancel()
+            raise self._child.why(self.path) from None
 
     def _answer(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
-        into, out = self._child.stdin, self._child.stdout
+        into, out = self._child.process.stdin, self._child.process.stdout
         assert into is not None and out is not None
         into.write(json.dumps(name).encode() + b"\n")
         into.flush()
@@ -106,11 +90,6 @@ class IsolatedSource:
         if values.nbytes and cast(BufferedReader, out).readinto(_bytes_of(values)) != values.nbytes:
             raise EOFError
         return said, values.T if said["turned"] else values
-
-    def _end(self) -> str:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._child.wait(1.0)
-        return f"crashes its reader (exit {self._child.returncode})"
 
 
 def _bytes_of(values: NDArray[Any]) -> memoryview:

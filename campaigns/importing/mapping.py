@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +13,7 @@ from msgspec import Meta, Struct, field
 from campaigns.importing.clock import Method, TimeUnit
 from campaigns.log.guard import one_line
 from campaigns.log.schema import check_time
+from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError
 
 Axis = Literal["sample", "realisation", "period"]
@@ -22,7 +22,6 @@ Count = Annotated[int, Meta(ge=2, le=2**40)]
 Row = Annotated[int, Meta(ge=0, le=2**48)]
 Text = Annotated[str, Meta(min_length=1, max_length=1000)]
 Factor = Annotated[float, Meta(ge=-1e30, le=1e30)]
-_MAX_BYTES = 4 * 2**20
 _UNKNOWN_FIELD = re.compile(r"unknown field `(?P<field>.*?)`(?: - at `\$(?P<place>.*)`)?")
 
 
@@ -104,22 +103,11 @@ class ImportMap(Struct, frozen=True, forbid_unknown_fields=True):
 
 def read_map(path: Path) -> tuple[ImportMap, str]:
     """Return the map at `path` and its text; raises ConfigError naming the place, the value and the nearest field."""
+    text = read_text(path, "import map", fix="give the path of one")
     try:
-        if not path.is_file():
-            raise ConfigError(f"{path} is no file: give the path of an import map")
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(f"{path} has {path.stat().st_size} bytes of at most {_MAX_BYTES}: shorten the map")
-        text = path.read_text(encoding="utf-8")
-        found = msgspec.convert(tomllib.loads(text), ImportMap, strict=True)
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is not UTF-8 at byte {error.start}: save it as UTF-8 text") from None
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        if isinstance(error, msgspec.ValidationError):
-            raise ConfigError(one_line(f"{path}: {_explain(error)}")) from None
-        reason = str(error) or "tables nested too deeply"
-        raise ConfigError(one_line(f"{path} is no TOML: {reason}; correct it there")) from None
+        found = msgspec.convert(toml_of(text, str(path)), ImportMap, strict=True)
+    except msgspec.ValidationError as error:
+        raise ConfigError(one_line(f"{path}: {_explain(error)}")) from None
     _check(found, path)
     return found, text
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -19,6 +19,7 @@ from sim_backend.errors import DataError
 
 _HEADER = 128
 _MATRIX, _COMPRESSED, _OPAQUE = 14, 15, 17
+_BLOCK = 2**20
 _ENOUGH = 4096
 """Bytes of an element that hold its name and class."""
 
@@ -33,6 +34,10 @@ class Variable:
     name: str
     shape: tuple[int, ...] = ()
     object_of: str = ""
+    begin: int = 0
+    """Where its element stands in the file, behind the tag."""
+    size: int = 0
+    packed: bool = False
 
 
 def variables_in(path: Path) -> list[Variable]:
@@ -44,13 +49,40 @@ def variables_in(path: Path) -> list[Variable]:
             kind, size = struct.unpack(f"{order}II", tag)
             begin = file.tell()
             data = file.read(min(size, _ENOUGH))
-            if kind == _COMPRESSED:
+            packed = kind == _COMPRESSED
+            if packed:
                 data = zlib.decompressobj().decompress(data, _ENOUGH)
                 kind, data = struct.unpack(f"{order}I", data[:4])[0], data[8:]
             if kind == _MATRIX:
-                found.append(_variable(data, order))
+                found.append(replace(_variable(data, order), begin=begin, size=size, packed=packed))
             file.seek(begin + size)
     return found
+
+
+def unpacked_bytes(path: Path, name: str, most: int) -> int:
+    """Return how many bytes the variables of that name unpack to, or a number above `most` once it is more.
+
+    Nothing of them is kept. Raises as `variables_in`.
+    """
+    total = 0
+    with path.open("rb") as file:
+        for one in variables_in(path):
+            if one.name != name:
+                continue
+            if not one.packed:
+                total += one.size
+                continue
+            file.seek(one.begin)
+            unpacker, left = zlib.decompressobj(), one.size
+            while total <= most and not unpacker.eof:
+                data = unpacker.unconsumed_tail
+                if not data:
+                    data = file.read(min(left, _BLOCK))
+                    left -= len(data)
+                if not data:
+                    break
+                total += len(unpacker.decompress(data, _BLOCK))
+    return total
 
 
 def _variable(data: bytes, order: str) -> Variable:

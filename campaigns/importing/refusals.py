@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from campaigns.log.guard import FREE_BYTES, MAX_EXPANSION, first_line, refuse
+from campaigns.log.guard import first_line, most_bytes, refuse
 from sim_backend.errors import DataError
 
 
 def check_expansion(path: Path, item: str, size: int, stored: int) -> None:
     """Raise DataError when `item` of `size` bytes is stored in so few that it must be a bomb."""
-    limit = max(MAX_EXPANSION * stored, FREE_BYTES)
+    limit = most_bytes(stored)
     if size > limit:
         what = f"unpacks to {size} bytes of at most {limit} for {stored} stored bytes"
         raise refuse(path, item, what, "store it with less compression")

@@ -7,12 +7,8 @@ own, see `isolated`.
 from __future__ import annotations
 
 import difflib
-import math
-import zipfile
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.importing.isolated import IsolatedSource
+from campaigns.importing.npz import NpzSource
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.importing.selecting import column_of, parse_selection
 from campaigns.importing.text import TextSource
-from campaigns.log.guard import refuse
+from campaigns.log.guard import stored_bytes
 from sim_backend.errors import ConfigError, DataError
 
 AnyArray = NDArray[Any]
@@ -59,63 +56,11 @@ class NpySource:
     def array(self, name: str) -> AnyArray | None:
         """Return the array; raises DataError when the file is damaged or holds Python objects."""
         try:
-            return np.load(self.path, mmap_mode="r", allow_pickle=False)
+            found: AnyArray = np.load(self.path, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, TypeError, EOFError, SyntaxError, OverflowError, MemoryError) as error:
             raise unreadable(self.path, error) from None
-
-    def unit(self, name: str) -> str | None:
-        """Return None: numpy's files name no units."""
-        return None
-
-
-@dataclass(frozen=True)
-class NpzSource:
-    """Arrays in a zip archive; the size that each member claims is checked before it is unpacked."""
-
-    path: Path
-
-    @cached_property
-    def _members(self) -> dict[str, zipfile.ZipInfo]:
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                found = archive.infolist()
-        except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as error:
-            raise unreadable(self.path, error) from None
-        return {entry.filename.removesuffix(".npy"): entry for entry in found}
-
-    def names(self) -> list[str]:
-        """Return the names of the members."""
-        return list(self._members)
-
-    def array(self, name: str) -> AnyArray | None:
-        """Return the array of that name, None when there is none; raises DataError when it cannot be read."""
-        entry = self._members.get(name)
-        if entry is None:
-            return None
-        check_expansion(self.path, name, entry.file_size, entry.compress_size)
-        try:
-            with zipfile.ZipFile(self.path) as archive, archive.open(entry) as stream:
-                version = np.lib.format.read_magic(stream)
-                read_header: Callable[..., Any] = (
-                    np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-                )
-                shape, _, dtype = read_header(stream)
-                if math.prod(shape) * dtype.itemsize > entry.file_size:
-                    what = f"claims shape {shape} in {entry.file_size} bytes"
-                    raise refuse(self.path, name, what, "restore the file from a copy")
-            with np.load(self.path, allow_pickle=False) as archive:
-                return np.asarray(archive[name])
-        except (
-            OSError,
-            ValueError,
-            TypeError,
-            EOFError,
-            SyntaxError,
-            RuntimeError,
-            MemoryError,
-            zipfile.BadZipFile,
-        ) as error:
-            raise unreadable(self.path, error) from None
+        check_expansion(self.path, name, found.nbytes, stored_bytes(self.path))
+        return found
 
     def unit(self, name: str) -> str | None:
         """Return None: numpy's files name no units."""

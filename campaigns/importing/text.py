@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from collections.abc import Iterator
@@ -10,13 +9,22 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.importing.dialect import Dialect, cells_of, dialect_of, read_number, without_remark
-from campaigns.log.guard import first_line
+from campaigns.importing.dialect import (
+    MAX_LINE_CHARS,
+    Dialect,
+    cells_of,
+    dialect_of,
+    lines_of,
+    read_number,
+    without_remark,
+)
+from campaigns.importing.refusals import check_expansion
+from campaigns.log.guard import first_line, stored_bytes
 from sim_backend.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
@@ -30,6 +38,12 @@ class CellError(DataError):
         super().__init__(message)
         self.line, self.column, self.cell = line, column, cell
 
+
+FRAME_CELLS = 2**20
+"""So many cells are parsed at once."""
+
+KEPT_BYTES = 256 * 2**20
+"""What takes more is parsed twice: to see which columns hold numbers, and then to keep these."""
 
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 
@@ -75,7 +89,7 @@ class TextSource:
         columns = self._columns(name)
         if columns is None or len(columns) != 1:
             return None
-        return [cell.strip() for cell in self._read(usecols=columns, dtype=str).iloc[:, 0]]
+        return [cell.strip() for frame in self._frames(usecols=columns, dtype=str) for cell in frame.iloc[:, 0]]
 
     def first_cell(self, name: str) -> str | None:
         """Return the text of a column's first cell, without the rest being read; None without such a column."""
@@ -111,6 +125,10 @@ class TextSource:
     @cached_property
     def dialect(self) -> Dialect:
         """How the table is written; raises DataError where that is not clear."""
+        try:
+            check_expansion(self.path, self.path.name, self.path.stat().st_size, stored_bytes(self.path))
+        except OSError as error:
+            raise DataError(f"cannot read {self.path}: {error.strerror}; check the path and its rights") from None
         return dialect_of(self.path, self.separator, self.decimal, self.header)
 
     def _rows(self) -> Iterator[tuple[int, str, str | None]]:
@@ -167,31 +185,27 @@ class TextSource:
         """Give the number, from 0, and the text of every line from the first of the data on."""
         try:
             with self.path.open(encoding=self.dialect.encoding) as stream:
-                for number, line in enumerate(stream):
+                for number, line in enumerate(lines_of(stream, self.path)):
                     if number >= self.dialect.first_line:
                         yield number, line.rstrip("\n")
         except (OSError, UnicodeError) as error:
             raise DataError(f"cannot read {self.path}: {first_line(error)}; save it as UTF-8 text") from None
 
-    @cached_property
-    def _table(self) -> pd.DataFrame:
-        return self._read()
-
-    def _read(self, **options: Any) -> pd.DataFrame:
-        """Return the rows as a frame, read with pandas' `options`; raises DataError where rows do not come out."""
+    def _frames(self, **options: Any) -> Iterator[pd.DataFrame]:
+        """Yield the rows some at a time, read with pandas' `options`; raises DataError where rows do not come out."""
         import pandas as pd
 
         dialect = self.dialect
         if dialect.doubt:
             raise DataError(dialect.doubt)
         count, remarks = self._checked
+        done = 0
         try:
             with self.path.open(encoding=dialect.encoding) as stream:
                 for _ in range(dialect.first_line):
-                    stream.readline()
-                text = io.StringIO("\n".join(data for _, _, data in self._rows() if data)) if remarks else stream
-                frame = pd.read_csv(
-                    text,
+                    stream.readline(MAX_LINE_CHARS)
+                with pd.read_csv(
+                    cast("TextIO", _Joined(data for _, _, data in self._rows() if data)) if remarks else stream,
                     sep=r"\s+" if dialect.separator == " " else dialect.separator,
                     decimal=dialect.decimal,
                     header=None,
@@ -201,30 +215,59 @@ class TextSource:
                     index_col=False,
                     low_memory=False,
                     na_filter=False,  # an empty cell is told with its place, below
+                    chunksize=max(FRAME_CELLS // self._width, 1),
                     **options,
-                )
+                ) as frames:
+                    for frame in frames:
+                        done += len(frame)
+                        yield frame
         except (OSError, ValueError, UnicodeError, MemoryError, OverflowError) as error:
             raise DataError(f"cannot read {self.path}: {first_line(error)}; correct the table") from None
-        if len(frame) != count:
-            raise DataError(f"{self.path} has {count} lines of data of which {len(frame)} rows came: check its quotes")
-        return frame
+        if done != count:
+            raise DataError(f"{self.path} has {count} lines of data of which {done} rows came: check its quotes")
+
+    @cached_property
+    def _columns_of_numbers(self) -> dict[int, NDArray[Any]]:
+        """Return the columns that pandas takes for numbers throughout, by their place."""
+        count, kept = self._checked[0], True
+        kinds: dict[int, set[np.dtype[Any]]] = {i: set() for i in range(self._width)}
+        found: list[pd.DataFrame] = []
+        for frame in self._frames():
+            for i, kind in enumerate(frame.dtypes):
+                kinds[i].add(kind)
+            kept = kept and sum(8 * count for some in kinds.values() if _common(some) is not None) <= KEPT_BYTES
+            found = [*found, frame[[i for i, some in kinds.items() if _common(some) is not None]]] if kept else []
+        types = {i: kind for i, some in kinds.items() if (kind := _common(some)) is not None}
+        columns = {i: np.empty(count, kind) for i, kind in types.items()}
+        done = 0
+        for frame in found if kept else self._frames(usecols=list(types)):
+            for i, column in columns.items():
+                column[done : done + len(frame)] = frame[i].to_numpy()
+            done += len(frame)
+        return columns
 
     def _numbers(self, index: int) -> NDArray[Any]:
-        column = self._table.iloc[:, index]
-        if column.dtype.kind in "iub":
-            return column.to_numpy()
-        if column.dtype.kind == "f":
-            values = column.to_numpy()
-            bad = np.flatnonzero(~np.isfinite(values))
-            if bad.size:
-                self._refuse_cell(index, int(bad[0]), str(values[bad[0]]), bad.size)
+        values = self._columns_of_numbers.get(index)
+        if values is not None:
+            if values.dtype.kind == "f":
+                bad = np.flatnonzero(~np.isfinite(values))
+                if bad.size:
+                    self._refuse_cell(index, int(bad[0]), str(values[bad[0]]), bad.size)
             return values
-        decimal = self.dialect.decimal
-        numbers = np.array([_number(cell, decimal) for cell in column], dtype=np.float64)
-        bad = np.flatnonzero(np.isnan(numbers))
-        if bad.size:
-            self._refuse_cell(index, int(bad[0]), str(column.iloc[bad[0]]), bad.size)
-        return numbers
+        # cells that pandas takes for text: numbers of another hand, or none
+        pieces: list[NDArray[np.float64]] = []
+        rows, count, first = 0, 0, (0, "")
+        for frame in self._frames(usecols=[index], dtype=str):
+            numbers = np.array([_number(cell, self.dialect.decimal) for cell in frame[index]], dtype=np.float64)
+            bad = np.flatnonzero(np.isnan(numbers))
+            if bad.size and not count:
+                first = rows + int(bad[0]), str(frame[index].iloc[bad[0]])
+            count += bad.size
+            pieces = [] if count else [*pieces, numbers]
+            rows += len(frame)
+        if count:
+            self._refuse_cell(index, *first, count)
+        return np.concatenate(pieces)
 
     def _refuse_cell(self, index: int, row: int, cell: str, count: int) -> NoReturn:
         line = next(islice((number for number, _, data in self._rows() if data is not None), row, None))
@@ -242,10 +285,37 @@ class TextSource:
         )
 
 
-def _number(cell: object, decimal: str) -> float:
+def _common(kinds: set[np.dtype[Any]]) -> np.dtype[Any] | None:
+    """Return the type in which cells of all these types are numbers as they were written, None where some are none."""
+    if not all(kind.kind in "fiub" for kind in kinds) or len({kind.kind == "b" for kind in kinds}) > 1:
+        return None
+    return np.result_type(*kinds) if kinds else None
+
+
+def _number(cell: str, decimal: str) -> float:
     """Return the number in a cell, not-a-number where it is none."""
-    if not isinstance(cell, str):
-        found: float | None = float(cell)  # type: ignore[arg-type]
-    else:
-        found = read_number(cell.strip().strip('"'), decimal)
+    found = read_number(cell.strip().strip('"'), decimal)
     return math.nan if found is None or not math.isfinite(found) else found
+
+
+class _Joined:
+    """Lines as a file that is read, so that they never stand in memory together."""
+
+    def __init__(self, lines: Iterator[str]) -> None:
+        self._lines = lines
+        self._left = ""
+
+    def __iter__(self) -> Iterator[str]:
+        return (f"{line}\n" for line in self._lines)
+
+    def read(self, size: int = -1) -> str:
+        """Return at most `size` characters."""
+        parts, count = [self._left], len(self._left)
+        for line in self._lines:
+            parts.append(f"{line}\n")
+            count += len(line) + 1
+            if 0 <= size <= count:
+                break
+        whole = "".join(parts)
+        self._left = whole[size:] if size >= 0 else ""
+        return whole[:size] if size >= 0 else whole

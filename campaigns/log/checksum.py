@@ -9,8 +9,8 @@ from pathlib import Path
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
 from sim_backend.safe_write import write_text
+from sim_backend.small_files import SIDECAR_BYTES, open_regular, read_small_text
 
-_SIDECAR_LIMIT_BYTES = 4096
 _BLOCK_BYTES = 2**20
 
 
@@ -22,10 +22,8 @@ def sidecar_of(path: Path) -> Path:
 def sha256_of(path: Path, report: Report = unheard) -> str:
     """Return the SHA-256 of the file at `path` as hexadecimal text; raises DataError if it cannot be read."""
     digest, done = hashlib.sha256(), 0
-    if path.exists() and not path.is_file():
-        raise DataError(f"{path} is no file: check the path")  # a pipe would be read without end
     try:
-        with path.open("rb") as stream:
+        with open(open_regular(path), "rb") as stream:
             size = os.fstat(stream.fileno()).st_size
             while block := stream.read(_BLOCK_BYTES):
                 digest.update(block)
@@ -55,13 +53,11 @@ def read_sidecar(path: Path) -> str | None:
     """
     sidecar = sidecar_of(path)
     try:
-        if not sidecar.exists():
-            return None
-        if not sidecar.is_file() or sidecar.stat().st_size > _SIDECAR_LIMIT_BYTES:
-            raise ValueError
-        digest, name = sidecar.read_text(encoding="utf-8").rstrip("\n").split("  ", 1)
+        digest, name = read_small_text(sidecar, SIDECAR_BYTES).rstrip("\n").split("  ", 1)
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef") or not name:
             raise ValueError
+    except FileNotFoundError:
+        return None
     except (ValueError, OSError):
         raise DataError(f"{sidecar} is no checksum of one line 'SHA-256  NAME': restore it, or delete it") from None
     return digest

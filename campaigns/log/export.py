@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.log.failure import let_go, reason_of
+from campaigns.log.limits import BLOCK_ROWS
 from campaigns.log.matlab import Numbers, Value, write_structure
-from campaigns.log.read import BLOCK_ROWS, Run
+from campaigns.log.read import Run
 from campaigns.log.schema import to_json
 from campaigns.progress import Report, unheard
 from campaigns.spreadsheet import inert

@@ -5,21 +5,27 @@ The checks read descriptions only (link kinds, layouts, sizes), never data, so a
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from campaigns.log.limits import (
+    CHUNK_CACHE_BYTES,
+    CHUNK_CACHES_BYTES,
+    CHUNK_SLOTS,
+    FREE_BYTES,
+    MAX_CHANNELS,
+    MAX_CHUNK_BYTES,
+    MAX_EXPANSION,
+    MAX_TEXT_BYTES,
+)
 from sim_backend.errors import DataError
+from sim_backend.small_files import open_regular
 
-MAX_CHUNK_BYTES = 64 * 2**20  # a chunk is what has to be decompressed at once
-MAX_LINKS = 4096
 MAX_RANK = 8
-MAX_TEXT_BYTES = 16 * 2**20
-# Deflate reaches 1032:1 on constant data. Measured data stay below 20:1, so 100:1 leaves room for quiet
-# channels while a bomb stays within 100 times its own size.
-MAX_EXPANSION = 100
-FREE_BYTES = 256 * 2**20  # below this size the expansion does not matter: a square wave compresses to nothing
 KNOWN_FILTERS = {
     h5py.h5z.FILTER_DEFLATE: "deflate",
     h5py.h5z.FILTER_SHUFFLE: "shuffle",
@@ -54,8 +60,8 @@ def link_names(group: h5py.Group, path: Path) -> list[str]:
     """Return the names of the links in `group`; raises DataError for too many or one that is not UTF-8."""
     links = group.id.links
     count = group.id.get_num_objs()
-    if count > MAX_LINKS:
-        raise refuse(path, str(group.name), f"holds {count} items of at most {MAX_LINKS}", "split the file")
+    if count > MAX_CHANNELS:
+        raise refuse(path, str(group.name), f"holds {count} items of at most {MAX_CHANNELS}", "split the file")
     raw: list[bytes] = []
     links.iterate(raw.append)
     names = []
@@ -67,8 +73,10 @@ def link_names(group: h5py.Group, path: Path) -> list[str]:
     return names
 
 
-def member(group: h5py.Group, name: str, path: Path) -> h5py.Group | h5py.Dataset:
+def member(group: h5py.Group, name: str, path: Path, among: int = 1) -> h5py.Group | h5py.Dataset:
     """Return the group or dataset that `group` itself holds under `name`; a dataset passed `check_dataset`.
+
+    HDF5 keeps unpacked chunks of every open dataset: of one `among` many it may keep few.
 
     Raises DataError when it is missing, a link to elsewhere, or a dataset that is refused.
     """
@@ -81,11 +89,17 @@ def member(group: h5py.Group, name: str, path: Path) -> h5py.Group | h5py.Datase
         what = f"is a link of kind {_LINK_KINDS.get(kind, 'unknown')}; only data inside the file are read"
         raise refuse(path, item, what, "copy the data into the file")
     found = group[name]
-    if isinstance(found, h5py.Dataset):
-        check_dataset(found, path, item)
-    elif not isinstance(found, h5py.Group):
+    if isinstance(found, h5py.Group):
+        return found
+    if not isinstance(found, h5py.Dataset):
         raise refuse(path, item, "is neither group nor dataset", "remove it")
-    return found
+    check_dataset(found, path, item)
+    if among <= CHUNK_CACHES_BYTES // CHUNK_CACHE_BYTES:
+        return found
+    access = found.id.get_access_plist()
+    access.set_chunk_cache(CHUNK_SLOTS, CHUNK_CACHES_BYTES // among, access.get_chunk_cache()[2])
+    del found  # settings count for a dataset that nobody has open
+    return h5py.Dataset(h5py.h5d.open(group.id, name.encode("utf-8"), access))
 
 
 def check_dataset(dataset: h5py.Dataset, path: Path, item: str) -> None:
@@ -114,13 +128,75 @@ def check_dataset(dataset: h5py.Dataset, path: Path, item: str) -> None:
 
 def _check_size(dataset: h5py.Dataset, path: Path, item: str) -> None:
     size = _bytes(dataset.shape or (), dataset.dtype.itemsize)
-    stored, in_file = dataset.id.get_storage_size(), path.stat().st_size
+    stored, in_file = dataset.id.get_storage_size(), stored_bytes(path)
     if stored > in_file:
         raise refuse(path, item, f"claims {stored} stored bytes in a file of {in_file}", "restore it from a copy")
-    limit = max(MAX_EXPANSION * stored, FREE_BYTES)
+    limit = most_bytes(stored)
     if size > limit:
         what = f"has shape {dataset.shape}, {size} bytes, of at most {limit} for {stored} stored bytes"
         raise refuse(path, item, what, "store it whole and with less compression")
+
+
+def check_total(datasets: Iterable[h5py.Dataset], path: Path) -> None:
+    """Raise DataError if all of them together would exhaust the memory: they may share what they store."""
+    size = sum(_bytes(dataset.shape or (), dataset.dtype.itemsize) for dataset in datasets)
+    stored = stored_bytes(path)
+    if size > most_bytes(stored):
+        what = f"has channels of {size} bytes together, of at most {most_bytes(stored)} for a file of {stored}"
+        raise refuse(path, "channels", what, "store them with less compression")
+
+
+def check_chunks(dataset: h5py.Dataset, path: Path) -> None:
+    """Raise DataError if a chunk that is not packed has another size than it must have.
+
+    HDF5 believes the size that the index of a dataset tells, and reads on behind a chunk that is too short.
+    """
+    if dataset.chunks is None or is_packed(dataset):
+        return
+    plist = dataset.id.get_create_plist()
+    codes = [plist.get_filter(index)[0] for index in range(plist.get_nfilters())]
+    wanted = _bytes(dataset.chunks, dataset.dtype.itemsize) + 4 * (h5py.h5z.FILTER_FLETCHER32 in codes)
+    wrong: list[int] = []
+
+    def seen(chunk: h5py.h5d.StoreInfo) -> None:
+        if chunk.size != wanted or chunk.filter_mask:
+            wrong.append(chunk.size)
+
+    try:
+        dataset.id.chunk_iter(seen)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise refuse(path, str(dataset.name), f"is damaged ({first_line(error)})", "restore it from a copy") from None
+    if wrong:
+        what = f"has chunks of another size ({wrong[0]} bytes stored, {wanted} expected)"
+        raise refuse(path, str(dataset.name), what, "restore the file from a copy")
+
+
+def is_packed(dataset: h5py.Dataset) -> bool:
+    """Tell whether the values are compressed: how much they unpack to shows only when it is done."""
+    plist = dataset.id.get_create_plist()
+    return any(plist.get_filter(k)[0] == h5py.h5z.FILTER_DEFLATE for k in range(plist.get_nfilters()))
+
+
+def most_bytes(stored: int) -> int:
+    """Return how many bytes may come out of so many stored ones before they must be a bomb."""
+    return max(MAX_EXPANSION * stored, FREE_BYTES)
+
+
+def stored_bytes(path: Path) -> int:
+    """Return how many bytes of the file at `path` are on the disk: a file with holes holds less than it is long."""
+    found = path.stat()
+    if not hasattr(found, "st_blocks") or found.st_size <= FREE_BYTES or _allocated(found) >= found.st_size:
+        return found.st_size
+    descriptor = open_regular(path)
+    try:
+        os.fsync(descriptor)  # some file systems count blocks when they are written
+        return min(found.st_size, _allocated(os.fstat(descriptor)))
+    finally:
+        os.close(descriptor)
+
+
+def _allocated(found: os.stat_result) -> int:
+    return found.st_blocks * 512
 
 
 def _bytes(shape: tuple[int, ...], itemsize: int) -> int:
@@ -170,10 +246,16 @@ def _attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> objec
         simple = isinstance(kind, h5py.h5t.TypeStringID | h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID)
         if not (scalar and simple):
             raise refuse(path, item, "is no single text or number", "see docs/log-format.md")
-        value: object = owner.attrs[name]
+        if (size := kind.get_size()) > MAX_TEXT_BYTES:
+            raise refuse(path, item, f"has {size} bytes of at most {MAX_TEXT_BYTES}", "shorten it")
+        value = np.empty(space.get_simple_extent_dims(), described.dtype)
+        described.read(value)
+    except MemoryError:
+        raise refuse(path, item, "takes more memory than there is", "shorten it") from None
     except (OSError, RuntimeError, ValueError, TypeError, UnicodeError) as error:
         raise refuse(path, item, f"cannot be read ({first_line(error)})", "restore it from a copy") from None
-    return value.flat[0] if isinstance(value, np.ndarray) else value
+    found: object = value.flat[0]
+    return found
 
 
 def first_line(error: BaseException) -> str:

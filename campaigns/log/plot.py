@@ -42,7 +42,8 @@ def picture(run: Run) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for ax, name in zip(axes, names, strict=True):
-        low, high = envelope(run.read(name), COLUMNS)
+        values = run.read(name)
+        low, high = envelope(np.where(np.isfinite(values), values, np.nan), COLUMNS)
         time_s = run.time_s(name)[np.linspace(0, run.rows - 1, low.size).astype(np.intp)]
         ax.fill_between(time_s, low, high, step="mid", linewidth=0.6, edgecolor="C0", facecolor="C0")
         ax.set_ylabel(f"{name}\n({run.channels[name].unit})", fontsize=8)
@@ -95,10 +96,13 @@ def drawn(run: Run, width: int = 60) -> list[tuple[str, str, str]]:
     rows = []
     for name, channel in run.channels.items():
         values = run.read(name)
-        _, high = envelope(values, width)
-        least, most = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+        low, high = envelope(np.where(np.isfinite(values), values, np.nan), width)
+        if np.isnan(high).all():
+            rows.append((name, " " * high.size, "no number"))
+            continue
+        least, most = float(np.nanmin(low)), float(np.nanmax(high))
         span = (most - least) or 1.0
-        levels = np.rint((np.nan_to_num(high, nan=least) - least) / span * (len(BLOCKS) - 2)).astype(np.intp) + 1
-        line = "".join(BLOCKS[level] for level in levels)
+        heights = np.rint((high - least) / span * (len(BLOCKS) - 2)) + 1.0
+        line = "".join(BLOCKS[int(height)] if np.isfinite(height) else BLOCKS[0] for height in heights)
         rows.append((name, line, f"{least:.4g} to {most:.4g} {channel.unit}"))
     return rows

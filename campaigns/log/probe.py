@@ -1,32 +1,39 @@
 """A first look at a file by a process of its own, for the damage that makes the HDF5 library itself crash or hang.
 
-No check in this process can catch that: a flipped byte in an index is enough. So a log whose checksum does not
-vouch for it is read once by a child with bounded memory and time, and opened here only when that came back.
+No check in this process can catch that: a flipped byte in an index is enough. So a log that this process has not
+written itself is looked at by a child with bounded memory and time, and opened here only when that came back. A
+checksum that fits spares no look: whoever changes a file can write one.
 """
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from campaigns.log.checksum import read_sidecar, sha256_of
-from campaigns.log.child import await_ready, bound_memory, start_python, tell_ready, time_limit_s
-from campaigns.log.read import BLOCK_ROWS, Run, has_writer, open_run
+from campaigns.log.child import Limited, ReaderFailedError, fork_python, may_fork, start_python, time_limit_s
+from campaigns.log.own import is_own
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
 
-HASHED_BYTES = 256 * 2**20  # a larger log is taken at its sidecar's word; `verify` reads it all
+if TYPE_CHECKING:
+    from campaigns.log.read import Run
+
+HASHED_BYTES = 256 * 2**20
+"""The checksum of a larger log is compared by `verify` alone, which reads it all."""
+
+CHILD = "from campaigns.log.look import child; child()"
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What the child found: `refused` is the error at opening, `fatal` says that the library did not survive.
+    """What the child found: `refused` is the error at opening, `fatal` says that it did not come back.
 
     `sound_rows` can be read from every channel; `damage` says what comes after, empty when nothing does.
     """
@@ -43,110 +50,153 @@ def read_run(path: str | os.PathLike[str]) -> Run:
     Raises DataError for what is no log, is damaged, differs from its checksum, or could do harm.
     """
     target = Path(path)
-    if not _vouched(target):
-        found = examine(target)
+    if not target.is_file():
+        raise DataError(f"{target} is no file: check the path")
+    foreign = not is_own(target)
+    if foreign:
+        prepare()
+    _compare(target)
+    if foreign:
+        found = examine(target, whole=False)
         if found.refused or found.fatal:
             raise DataError(found.refused or found.damage)
+    from campaigns.log.opening import open_run
+
     return open_run(target)
 
 
-def _vouched(path: Path) -> bool:
-    if not path.is_file() or has_writer(path):
-        return True
+def prepare() -> None:
+    """Start the child for a log that will be read soon, if there is none, so that nobody waits for it then."""
+    with _reading:
+        if not _kept:
+            _kept.append(_started())
+
+
+def _started() -> Limited:
+    """Return a new child: a copy of this process where that is safe, as it has loaded the library already."""
+    if may_fork():
+        from h5py import h5f
+
+        from campaigns.log.look import child
+
+        # a copy would take a file that is open here for open there
+        if not h5f.get_obj_count(h5f.OBJ_ALL, h5f.OBJ_FILE | h5f.OBJ_DATASET | h5f.OBJ_GROUP | h5f.OBJ_ATTR):
+            return Limited(fork_python(child))
+    return Limited(start_python(CHILD, talk=True))
+
+
+def _compare(path: Path) -> None:
+    """Raise DataError for a log of usual size that differs from the checksum beside it."""
+    from campaigns.log.opening import has_writer
+
+    if has_writer(path):
+        return
     promised = read_sidecar(path)
-    if promised is None:
-        return False
-    if path.stat().st_size <= HASHED_BYTES and promised != sha256_of(path):
+    if promised is not None and path.stat().st_size <= HASHED_BYTES and promised != sha256_of(path):
         raise DataError(
             f"{path} is not as it was written, its checksum differs: restore it from a copy, "
             "or save what is sound with `mccd log recover`"
         )
-    return True
 
 
-def examine(path: Path, report: Report = unheard) -> Examination:
-    """Let a child read the whole log at `path` and return what it found."""
+def examine(path: Path, report: Report = unheard, *, whole: bool = True) -> Examination:
+    """Let a child look at the log at `path`, at the `whole` of its values or at what could do harm.
+
+    Raises DataError when the child does not start, is kept waiting, or has too little memory: that is no damage.
+    """
     try:
         limit_s = time_limit_s(path)
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
-    late = threading.Event()
-    with start_python("from campaigns.log.probe import child; child()", str(path)) as process:
-        await_ready(process, path)
-        watchdog = threading.Timer(limit_s, _end, (process, late))
-        watchdog.start()
-        try:
-            output = "".join(_heard(process, f"reading {path.name}", report))
-        finally:
-            watchdog.cancel()
-    end = f"crashes the HDF5 library (exit {process.returncode})"
-    return _judged(path, output, f"keeps the HDF5 library busy for more than {limit_s:.0f} s" if late.is_set() else end)
+    with _reading:
+        fresh = not any(reader.ready for reader in _kept)
+        found = _asked(path, limit_s, report, whole)
+        if found is None and not fresh:  # it had held on to what former files took
+            found = _asked(path, limit_s, report, whole)
+    if found is None:
+        raise ReaderFailedError(
+            f"{path} takes more memory than its reader may: it is not said to be damaged; split it into smaller logs, "
+            "or try again when more memory is free"
+        )
+    return found
 
 
-def _end(process: subprocess.Popen[bytes], late: threading.Event) -> None:
-    late.set()
-    process.kill()
+_reading = threading.Lock()
+_kept: list[Limited] = []
+"""The child that looked last, if it is well: a command that opens many logs starts one process for all of them."""
 
 
-def _heard(process: subprocess.Popen[bytes], what: str, report: Report) -> Iterator[str]:
-    """Yield what the child says, line by line, and report how far it is."""
-    assert process.stdout is not None  # start_python makes it a pipe
-    total = 0
-    for line in process.stdout:
-        text = line.decode("utf-8", "replace")
-        yield text
-        try:
-            said = json.loads(text)
-        except ValueError:  # cut short by the end of the child
-            return
-        total = said.get("of", total)
-        if "rows" in said and total:
-            report(said["rows"], total, what)
-
-
-def _judged(path: Path, output: str, end: str) -> Examination:
-    sound_rows = 0
-    for line in output.splitlines():
-        try:
-            said = json.loads(line)
-        except ValueError:  # cut short by the end of the child
-            break
-        sound_rows = said.get("rows", sound_rows)
-        if "refused" in said:
-            return Examination(refused=said["refused"])
-        if "damage" in said:
-            return Examination(sound_rows=sound_rows, damage=said["damage"])
-    message = f"{path} is damaged and {end}: restore it from a copy, or try `mccd log recover`"
-    opened = '"rows"' in output
-    return Examination("" if opened else message, sound_rows, message, fatal=True)
-
-
-def child() -> None:
-    """Read the log named on the command line and tell, line by line, how far that went."""
-    bound_memory()
-    tell_ready()
+def _asked(path: Path, limit_s: float, report: Report, whole: bool) -> Examination | None:
+    """Return what the child says, None where its memory does not suffice; only one that answered is kept."""
+    reader = _kept.pop() if _kept else None
+    if reader is None or (reader.ready and reader.process.poll() is not None):
+        reader = _started()
+    said: list[dict[str, object]] = []
     try:
-        with open_run(Path(sys.argv[1])) as run:
-            _tell(rows=0, of=run.rows)
-            _tell(damage=_read_all(run))
-    except DataError as error:
-        _tell(refused=str(error))
+        reader.await_ready(path)
+        with reader.within(limit_s):
+            said += _heard(reader, json.dumps({"path": str(path.absolute()), "whole": whole}), report, path.name)
+        found = _judged(said, reader, path)
+    except BaseException:
+        reader.close()
+        raise
+    if found is None or found.fatal:
+        reader.close()
+    else:
+        _kept.append(reader)
+    return found
 
 
-def _read_all(run: Run) -> str:
-    coarse = max(BLOCK_ROWS // run.chunk_rows, 1) * run.chunk_rows
-    sound = 0
-    for rows in (coarse, run.chunk_rows):  # the second pass finds the chunk within the block
-        try:
-            for first, block in run.blocks(start=sound, rows=rows):
-                sound = first + next(iter(block.values())).size
-                _tell(rows=sound)
-        except DataError as error:
-            damage = str(error)
-        else:
-            return ""
-    return damage
+def _heard(reader: Limited, question: str, report: Report, name: str) -> Iterator[dict[str, object]]:
+    """Yield what the child says, line by line up to its end, and report how far it is."""
+    into, out = reader.process.stdin, reader.process.stdout
+    assert into is not None and out is not None  # start_python makes them pipes
+    total = 0
+    try:
+        into.write(question.encode() + b"\n")
+        into.flush()
+        for line in out:
+            said = json.loads(line)
+            yield said
+            if "of" in said:
+                total = said["of"]
+            elif "rows" not in said:
+                return
+            if total:
+                report(said["rows"], total, f"reading {name}")
+    except (OSError, ValueError):  # the child has ended, perhaps within a line
+        return
 
 
-def _tell(**said: object) -> None:
-    print(json.dumps(said), flush=True)
+def _judged(said: list[dict[str, object]], reader: Limited, path: Path) -> Examination | None:
+    last = said[-1] if said else {}
+    whole, shown = str(path.absolute()), str(path)
+    sound_rows = next((int(str(one["rows"])) for one in reversed(said) if "rows" in one), 0)
+    if "memory" in last:
+        return None
+    if "refused" in last:
+        return Examination(refused=str(last["refused"]).replace(whole, shown))
+    if "damage" in last:
+        return Examination(sound_rows=sound_rows, damage=str(last["damage"]).replace(whole, shown))
+    error = reader.why(path)
+    if isinstance(error, ReaderFailedError):
+        raise error
+    message = f"{error}, or try `mccd log recover`"
+    return Examination("" if sound_rows else message, sound_rows, message, fatal=True)
+
+
+@atexit.register
+def _end() -> None:
+    while _kept:
+        _kept.pop().close()
+
+
+def _forget() -> None:
+    """In a forked copy of this process: the child is the other's, and the lock may be held for good."""
+    global _reading
+    _kept.clear()
+    _reading = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)

@@ -1,12 +1,11 @@
-"""The reader of a log: description at once, values by slice or in blocks, from files nobody has to trust."""
+"""What a log holds: its description at once, values by slice or in blocks."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import h5py
@@ -14,22 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.log.guard import (
+    check_chunks,
     first_line,
-    link_names,
-    member,
-    number_attribute,
-    open_h5,
+    is_packed,
     refuse,
-    text_attribute,
 )
+from campaigns.log.limits import BLOCK_ROWS, BLOCK_VALUES
 from campaigns.log.schema import (
-    CHANNELS,
-    COMMITTED,
-    EXPECTED,
-    OPEN_STATUS,
-    OPEN_STOP,
-    SCHEMA,
-    SEGMENTS,
     Channel,
     Header,
     LogSegment,
@@ -38,9 +28,12 @@ from sim_backend.errors import ConfigError, DataError
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-BLOCK_ROWS = 65536
-_MAX_SEGMENTS = 1_000_000
-_SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
+LARGEST, SMALLEST = 1e100, 1e-100
+"""Sizes in SI that no reading has; squares and ratios of others stay numbers."""
+
+
+class NoMemoryError(DataError):
+    """Values take more memory than there is; the file that holds them is not said to be damaged."""
 
 
 @dataclass(frozen=True)
@@ -94,14 +87,31 @@ class Run:
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
         """Return rows `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.
 
-        Raises ConfigError for an unknown channel or row, DataError where the file is damaged.
+        Raises ConfigError for an unknown channel or row, DataError where the file is damaged and for numbers that
+        nothing can be computed with (larger than LARGEST, or all of them smaller than SMALLEST and not zero),
+        NoMemoryError where the memory does not suffice.
         """
+        values = self._stored(name, start, stop)
+        # holes are no numbers, and every user of values looks for them
+        size = float(max(np.fmax.reduce(values), -np.fmin.reduce(values))) if values.size else 0.0
+        if LARGEST < size < np.inf or 0.0 < size < SMALLEST:
+            what = f"holds {size:.4g} as its largest number; it must lie between {SMALLEST:g} and {LARGEST:g}"
+            raise refuse(self.path, name, what, "correct its unit or scale where it was made")
+        return values
+
+    def _stored(self, name: str, start: int, stop: int | None) -> Array:
+        """Return rows of a channel as they are."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
             raise ConfigError(f"rows {start} to {last} of {self.path}: it holds rows 0 to {self.rows}")
         try:
             return np.asarray(self._dataset(name)[start:last], dtype=np.float64)
-        except (OSError, RuntimeError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError, MemoryError) as error:
+            if without_memory(error):
+                raise NoMemoryError(
+                    f"{self.path}: rows {start} to {last} of '{name}' take more memory than there is: free some, or "
+                    "read fewer rows"
+                ) from None
             what = f"cannot be read from row {start} to {last} ({first_line(error)})"
             raise refuse(self.path, name, what, "run `mccd log recover`, or restore the file from a copy") from None
 
@@ -131,19 +141,34 @@ class Run:
         names: Iterable[str] | None = None,
         start: int = 0,
         stop: int | None = None,
-        rows: int = BLOCK_ROWS,
+        rows: int | None = None,
     ) -> Iterator[tuple[int, dict[str, Array]]]:
         """Yield (first row, {name: values}) over rows `start` to `stop`, at most `rows` at a time.
 
-        Raises as `read`.
+        Without `rows`, as many as keep the memory of a block whatever the number of channels. Raises as `read`.
         """
+        chosen = tuple(self.channels if names is None else names)
+        rows = self._block_rows(len(chosen)) if rows is None else rows
         if rows < 1:
             raise ConfigError(f"blocks of {rows} rows: ask for at least 1")
-        chosen = tuple(self.channels if names is None else names)
         last = self.rows if stop is None else stop
         for first in range(start, last, rows):
             until = min(first + rows, last)
-            yield first, {name: self.read(name, first, until) for name in chosen}
+            yield first, {name: self._stored(name, first, until) for name in chosen}
+
+    def _block_rows(self, channels: int) -> int:
+        rows = min(BLOCK_ROWS, max(BLOCK_VALUES // max(channels, 1), 1))
+        chunk = self.chunk_rows
+        return rows // chunk * chunk if BLOCK_ROWS > rows >= chunk else rows
+
+    def packed(self) -> list[str]:
+        """Return the names of the channels whose values are compressed."""
+        return [name for name, dataset in self._datasets.items() if is_packed(dataset)]
+
+    def check_chunks(self) -> None:
+        """Raise DataError where a chunk has another size than it must have; no value is read."""
+        for dataset in self._datasets.values():
+            check_chunks(dataset, self.path)
 
     def close(self) -> None:
         """Close the file; the description stays usable, the values do not."""
@@ -188,162 +213,15 @@ class Window:
         return self.run.time_s(name, self.segment.start, self.segment.stop)
 
     def blocks(
-        self, names: Iterable[str] | None = None, rows: int = BLOCK_ROWS
+        self, names: Iterable[str] | None = None, rows: int | None = None
     ) -> Iterator[tuple[int, dict[str, Array]]]:
         """Yield (first row, {name: values}) over the segment; the row counts from the start of the run."""
         return self.run.blocks(names, self.segment.start, self.segment.stop, rows)
 
 
-def open_run(target: Path) -> Run:
-    """Open the log at `target` without a first look by `probe`; raises DataError if it is no sound log."""
-    file = open_h5(target)
-    try:
-        return _described_run(target, file)
-    except DataError:
-        file.close()
-        raise
-    except ConfigError as error:  # the schema's own checks, met here in a file instead of in a call
-        file.close()
-        raise DataError(f"{target}: {error}") from None
-    except (OSError, RuntimeError, ValueError, TypeError, KeyError, OverflowError, MemoryError) as error:
-        file.close()
-        raise DataError(f"{target} is damaged: {first_line(error)}; run `mccd log verify`") from None
-
-
-def _described_run(path: Path, file: h5py.File) -> Run:
-    schema = text_attribute(file, "schema", path, default="")
-    if schema != SCHEMA:
-        raise DataError(
-            f"{path} has schema {schema[:40]!r}, this version reads {SCHEMA!r}: "
-            "if it is another tool's file, use `mccd import`"
-        )
-    header = _header(path, file)
-    group = member(file, CHANNELS, path)
-    if not isinstance(group, h5py.Group):
-        raise refuse(path, CHANNELS, "is no group", "see docs/log-format.md")
-    rows = _committed(path, file)
-    datasets, channels = _channels(path, group, rows)
-    segments = _segments(path, file, rows)
-    expected = number_attribute(file, EXPECTED, path)
-    return Run(
-        path,
-        header,
-        rows,
-        MappingProxyType(channels),
-        segments,
-        file,
-        MappingProxyType(datasets),
-        None if expected is None else int(expected),
-    )
-
-
-def _header(path: Path, file: h5py.File) -> Header:
-    texts = {
-        name: text_attribute(file, name, path)
-        for name in (
-            "run_uid",
-            "test",
-            "configuration",
-            "started_utc",
-            "tool_version",
-            "tool_commit",
-            "status",
-        )
-    }
-    texts |= {name: text_attribute(file, name, path, default="") for name in ("status_reason", "ended_utc")}
-    if texts["status"] == OPEN_STATUS and not has_writer(path):
-        texts["status"], texts["status_reason"] = "crashed", "its writer ended without closing it"
-    seed = number_attribute(file, "seed", path)
-    bench = _object(text_attribute(file, "bench", path), path, "bench")
-    return Header(bench=bench, seed=None if seed is None else int(seed), **texts)
-
-
-def has_writer(path: Path, *, unknown: bool = True) -> bool:
-    """Return whether a process holds the lock that HDF5 takes for writing; `unknown` where locks do not exist."""
-    try:
-        import fcntl
-    except ImportError:
-        return unknown
-    with path.open("rb") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:  # a file system without locks
-            return unknown
-    return False
-
-
-def _committed(path: Path, file: h5py.File) -> int:
-    counter = member(file, COMMITTED, path)
-    if not isinstance(counter, h5py.Dataset) or counter.shape != () or counter.dtype.kind not in "iu":
-        raise refuse(path, COMMITTED, "is no single integer", "see docs/log-format.md")
-    rows = int(counter[()])
-    if rows < 0:
-        raise refuse(path, COMMITTED, f"is {rows}, less than 0", "restore the file from a copy")
-    return rows
-
-
-def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.Dataset], dict[str, Channel]]:
-    found: list[tuple[int, Channel, h5py.Dataset]] = []
-    for name in link_names(group, path):
-        dataset = member(group, name, path)
-        item = f"{CHANNELS}/{name}"
-        if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or dataset.dtype.kind not in "fiu":
-            raise refuse(path, item, "is no one-dimensional dataset of numbers", "see docs/log-format.md")
-        if dataset.shape[0] < rows:
-            what = f"has {dataset.shape[0]} rows, fewer than the {rows} committed ones"
-            raise refuse(path, item, what, "restore the file from a copy")
-        rate, t0_s = (number_attribute(dataset, key, path) for key in ("sample_rate_hz", "t0_s"))
-        if rate is None:
-            raise refuse(path, item, "has no sample_rate_hz", "see docs/log-format.md")
-        unit, role = (text_attribute(dataset, key, path) for key in ("unit", "role"))
-        dof = text_attribute(dataset, "dof", path, default="")
-        index = number_attribute(dataset, "index", path)
-        channel = Channel(name, unit, role, dof, float(rate), float(t0_s or 0.0))
-        found.append((len(found) if index is None else int(index), channel, dataset))
-    if len({channel.sample_rate_hz for _, channel, _ in found}) != 1:
-        raise refuse(path, CHANNELS, "has no channels, or channels of different rates", "see docs/log-format.md")
-    found.sort(key=lambda entry: entry[0])
-    return (
-        {channel.name: dataset for _, channel, dataset in found},
-        {channel.name: channel for _, channel, _ in found},
-    )
-
-
-def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
-    table = member(file, SEGMENTS, path)
-    kinds = table.dtype.fields if isinstance(table, h5py.Dataset) else None
-    if kinds is None or {name: kind[0].kind for name, kind in kinds.items()} != _SEGMENT_FIELDS or table.ndim != 1:
-        raise refuse(path, SEGMENTS, "is no table of label, start, stop, settings", "see docs/log-format.md")
-    if table.shape[0] > _MAX_SEGMENTS:
-        raise refuse(path, SEGMENTS, f"has {table.shape[0]} rows of at most {_MAX_SEGMENTS}", "split the run")
-    segments: list[LogSegment] = []
-    labels: set[str] = set()
-    free = 0
-    for raw in table[:]:
-        label, start, stop = raw["label"].decode("utf-8"), int(raw["start"]), int(raw["stop"])
-        if not label or (start >= rows and stop != start):
-            continue  # begun, but none of its rows was committed before the writer ended
-        stop = rows if stop == OPEN_STOP else min(stop, rows)
-        if not free <= start <= stop or label in labels:
-            what = f"has segment {label!r} from row {start} to {stop}, used twice or overlapping another"
-            raise refuse(path, SEGMENTS, what, "restore the file from a copy")
-        free = stop
-        labels.add(label)
-        settings = _object(raw["settings"].decode("utf-8"), path, f"{SEGMENTS}/{label}")
-        segments.append(LogSegment(label, start, stop, MappingProxyType(settings)))
-    return tuple(segments)
-
-
-def _object(text: str, path: Path, item: str) -> dict[str, Any]:
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError):
-        value = None
-    if not isinstance(value, dict):
-        raise refuse(path, item, "is no JSON object", "see docs/log-format.md")
-    return value
+def without_memory(error: BaseException) -> bool:
+    """Tell whether memory is short: HDF5 has no error of its own kind for that."""
+    return isinstance(error, MemoryError) or "allocat" in first_line(error)
 
 
 def _listed(names: Iterable[str]) -> str:

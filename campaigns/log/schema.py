@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import h5py
 import numpy as np
 
+from campaigns.log.limits import check_text
 from campaigns.log.units import unit_named
 from campaigns.names import check_label, check_name
 from sim_backend.errors import ConfigError
@@ -79,6 +80,7 @@ class Channel:
             raise ConfigError(
                 f"channel '{self.name}' has sample rate {self.sample_rate_hz} Hz: give a number above 0 and up to 1e9"
             )
+        check_text(self.dof, f"dof of channel '{self.name}'")
         if not np.isfinite(self.t0_s):
             raise ConfigError(f"channel '{self.name}' starts at {self.t0_s} s: give a finite time")
 
@@ -136,6 +138,9 @@ class Header:
         for label, time in (("started_utc", self.started_utc), ("ended_utc", self.ended_utc)):
             if time or label == "started_utc":
                 check_time(time, label)
+        for label in ("configuration", "tool_version", "tool_commit"):
+            check_text(getattr(self, label), label)
+        check_text("".join(self.bench), "bench identity")
         for key, value in self.bench.items():
             if not (isinstance(key, str) and isinstance(value, str) and len(value) <= MAX_IDENTITY_CHARS):
                 raise ConfigError(
@@ -148,7 +153,7 @@ class Header:
         """The settings of the plan that was played; empty where the configuration is none of a plan of ours."""
         try:
             settings = json.loads(self.configuration).get("settings", {})
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
             return {}
         return settings if isinstance(settings, dict) else {}
 

@@ -39,15 +39,16 @@ def summarise(run: Run, names: Iterable[str] | None = None, report: Report = unh
     rows = 0
     low, high = np.full(len(chosen), np.inf), np.full(len(chosen), -np.inf)
     mean, squares = np.zeros(len(chosen)), np.zeros(len(chosen))
-    for start, block in run.blocks(chosen):
-        report(start, run.rows, f"reading {run.path.name}")
-        values = np.stack(list(block.values()))
-        n, own = values.shape[1], values.mean(axis=1)
-        low, high = np.minimum(low, values.min(axis=1)), np.maximum(high, values.max(axis=1))
-        apart = own - mean
-        squares += np.sum((values - own[:, None]) ** 2, axis=1) + apart**2 * (rows * n / (rows + n))
-        mean += apart * (n / (rows + n))
-        rows += n
+    with np.errstate(invalid="ignore"):  # of numbers that are none
+        for start, block in run.blocks(chosen):
+            report(start, run.rows, f"reading {run.path.name}")
+            values = np.stack(list(block.values()))
+            n, own = values.shape[1], values.mean(axis=1)
+            low, high = np.minimum(low, values.min(axis=1)), np.maximum(high, values.max(axis=1))
+            apart = own - mean
+            squares += np.sum((values - own[:, None]) ** 2, axis=1) + apart**2 * (rows * n / (rows + n))
+            mean += apart * (n / (rows + n))
+            rows += n
     numbers = (low.tolist(), high.tolist(), mean.tolist(), np.sqrt(squares / rows).tolist())
     return tuple(
         ChannelSummary(name, run.channels[name].unit, rows, *each) for name, *each in zip(chosen, *numbers, strict=True)

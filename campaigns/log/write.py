@@ -19,9 +19,11 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from campaigns.log import own
 from campaigns.log.checksum import write_sidecar
 from campaigns.log.create import SEGMENTS_PER_CHUNK, lay_out, storable
 from campaigns.log.failure import cannot, let_go
+from campaigns.log.limits import MAX_CHUNK_ROWS, MAX_SETTINGS_BYTES, check_channels, check_segments
 from campaigns.log.room import CLOSING_BYTES, give_back, rows_bytes, take
 from campaigns.log.schema import (
     CHANNELS,
@@ -33,6 +35,7 @@ from campaigns.log.schema import (
     Channel,
     ChannelLike,
     Header,
+    segment_dtype,
     to_json,
 )
 from campaigns.names import check_label
@@ -68,6 +71,7 @@ class LogWriter:
         self._in_segment = False
         self._closed = False
         self._broken = False
+        self._own = own.begin(path)
         self._room_rows, self._room_segments = -1, 0  # for which room is taken, besides that for closing
 
     @classmethod
@@ -87,12 +91,14 @@ class LogWriter:
         chunk_rows: int = CHUNK_ROWS,
         settings_bytes: int = SETTINGS_BYTES,
         expected_rows: int | None = None,
+        expected_segments: int = 0,
     ) -> LogWriter:
         """Make the file, complete with its header, under a hidden name and only then give it its own.
 
         `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the room
         for each segment's settings as JSON, `expected_rows` how long a complete run is. Raises ConfigError for an
-        existing path or a header that a log cannot hold, DataError when the file cannot be made.
+        existing path, a header that a log cannot hold, and more channels or `expected_segments` than any reader takes;
+        DataError when the file cannot be made.
         """
         header = Header(
             run_uid=uuid.uuid4().hex if run_uid is None else run_uid,
@@ -105,11 +111,7 @@ class LogWriter:
             tool_commit=tool_commit,
         )
         columns = _checked(channels)
-        if not (1 <= chunk_rows <= 2**20 and 2 <= settings_bytes <= 2**16):
-            raise ConfigError(
-                f"chunk_rows {chunk_rows} must lie in 1 to {2**20}, "
-                f"settings_bytes {settings_bytes} in 2 to {2**16}: choose values within"
-            )
+        _check_sizes(chunk_rows, settings_bytes, expected_segments)
         target = Path(path)
         require_ordinary(target)
         if target.exists():
@@ -155,8 +157,9 @@ class LogWriter:
         text = to_json(settings or {}, f"settings of segment '{label}'").encode()
         if self._in_segment or label in self._labels or len(text) > self._settings_bytes:
             raise ConfigError(self._refusal(label, len(text)))
-        self._need_room(0, 1)
         index = len(self._labels)
+        check_segments(index + 1, self._segments.dtype.itemsize)
+        self._need_room(0, 1)
         row = np.array((label.encode(), self.rows, OPEN_STOP, text), dtype=self._segments.dtype)
         with self._writing():
             self._segments.resize((index + 1,))
@@ -219,6 +222,7 @@ class LogWriter:
         if self._closed:
             return
         self._closed = True
+        own.end(self._own)
         if self.status == OPEN_STATUS:
             self.status = "complete"
         if self._broken:
@@ -234,6 +238,7 @@ class LogWriter:
             self._file.close()
             give_back(self.path, size_bytes)
             write_sidecar(self.path)
+            own.keep(self.path)
         except (OSError, RuntimeError) as error:
             raise cannot("complete", self.path, error) from None
 
@@ -334,7 +339,17 @@ class LogWriter:
             raise ConfigError(f"{self.path} is {state}: create a new log for new rows")
 
 
+def _check_sizes(chunk_rows: int, settings_bytes: int, segments: int) -> None:
+    if not (1 <= chunk_rows <= MAX_CHUNK_ROWS and 2 <= settings_bytes <= MAX_SETTINGS_BYTES):
+        raise ConfigError(
+            f"chunk_rows {chunk_rows} must lie in 1 to {MAX_CHUNK_ROWS}, "
+            f"settings_bytes {settings_bytes} in 2 to {MAX_SETTINGS_BYTES}: choose values within"
+        )
+    check_segments(segments, segment_dtype(settings_bytes).itemsize)
+
+
 def _checked(channels: Sequence[ChannelLike]) -> tuple[Channel, ...]:
+    check_channels(len(channels))
     columns = tuple(Channel.of(channel) for channel in channels)
     names = [column.name for column in columns]
     if not columns or len(set(names)) != len(names):

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.sizes import BYTES_PER_VALUE, MOST_IN_WAVEFORM, require_at_once, require_run, samples_of
 from sim_backend.bench import Bench, Demand, Segment, check_segment
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.model import dump_model, load_model
@@ -24,8 +25,6 @@ Array = NDArray[np.float64]
 
 SEGMENT_S = 10.0
 """Longest segment that plans make of steady motion: the most that an interrupt waits for and a crash can lose."""
-
-BYTES_PER_VALUE = 8
 
 
 @dataclass(frozen=True)
@@ -110,6 +109,10 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         if not holds:
             raise ConfigError(f"plan {self.name}: {setting} is {getattr(self, setting)}; it must be {needs}")
 
+    def require_run(self, bench: Bench, samples: float, segments: float) -> None:
+        """Raise ConfigError for settings that make a run of this size, known before it is counted, too long."""
+        require_run(f"plan {self.name}", samples, segments, len(self.channels(bench)), rate_of(bench))
+
     def require_positive(self, *names: str) -> None:
         """Raise ConfigError unless each of these settings is a finite number above zero."""
         for name in names:
@@ -164,9 +167,9 @@ def axis_of(bench: Bench, axis: str) -> int:
     return bench.axes.index(axis)
 
 
-def samples_of(duration_s: float, rate_hz: float) -> int:
-    """Return the whole number of samples nearest to a duration, at least one."""
-    return max(round(duration_s * rate_hz), 1)
+def longest_segment(rate_hz: float) -> int:
+    """Return the samples of the longest segment of steady motion."""
+    return samples_of(min(SEGMENT_S, MOST_IN_WAVEFORM / rate_hz), rate_hz)
 
 
 def open_loop(
@@ -214,8 +217,12 @@ def checked_segments(plan: Plan, bench: Bench) -> Iterator[Segment]:
 def _checked(plan: Plan, bench: Bench) -> Iterator[tuple[Segment, Demand]]:
     """Yield the checked segments, each with what it asks for."""
     channels, limits, labels = plan.channels(bench), bench.limits, set[str]()
+    rate, samples = rate_of(bench), 0
     demand, waves = None, (np.empty(0), np.empty(0))
     for segment in plan.segments(bench):
+        samples += segment.n_samples
+        require_at_once(f"plan {plan.name}: segment '{segment.label}'", segment.n_samples, len(channels), rate)
+        require_run(f"plan {plan.name}", samples, len(labels) + 1, len(channels), rate)
         # a stage is cut into segments that play the same waveforms
         if demand is None or segment.reference is not waves[0] or segment.feedforward is not waves[1]:
             demand, waves = check_segment(segment, limits), (segment.reference, segment.feedforward)

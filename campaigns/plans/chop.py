@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from campaigns.plans.base import SEGMENT_S, Plan, channels_of, rate_of, samples_of
+from campaigns.plans.base import Plan, channels_of, longest_segment, rate_of
+from campaigns.sizes import samples_of, wave_samples
 from campaigns.strategies import check_strategy, stages_of
 from campaigns.strategies.stages import Task, Tuning, stage_segments
 from sim_backend.bench import Bench, Segment
@@ -79,8 +80,9 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             "window_samples": samples_of(self.window_s, rate),
             "strategy": self.strategy,
         }
-        record, longest = self.channels(bench), samples_of(SEGMENT_S, rate)
+        record, longest = self.channels(bench), longest_segment(rate)
         chopping = self.cycles * task.period
+        self.require_run(bench, chopping, chopping / max(longest, task.period))
         for stage in stages_of(self.strategy, task, self._design(rate)):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
             yield from stage_segments(task, stage, n_samples, longest, record, settings)
@@ -94,6 +96,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
 
     def _task(self, bench: Bench, rate_hz: float) -> Task:
         dwell = 0.5 * rate_hz / self.frequency_hz
+        wave_samples(2.0 * dwell, rate_hz)
         self.require(
             abs(dwell - round(dwell)) < 1e-6 and dwell >= 2,
             "frequency_hz",

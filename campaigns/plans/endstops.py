@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from campaigns.plans.base import Plan, channels_of, open_loop, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, channels_of, open_loop, rate_of, smooth_ramp
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 
 

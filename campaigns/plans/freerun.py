@@ -8,8 +8,9 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, smooth_ramp
 from campaigns.plans.multisine import orthogonal
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 
 Array = NDArray[np.float64]

@@ -17,9 +17,9 @@ from campaigns.plans.base import (
     open_loop,
     rate_of,
     rounded,
-    samples_of,
     smooth_ramp,
 )
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
         """Yield one segment per loop and three per step; raises ConfigError for an axis or model that does not fit."""
         rate, record = rate_of(bench), self.channels(bench)
         period = samples_of(1.0 / self.frequency_hz, rate)
+        self.require_run(bench, len(self.torques_nm) * self.cycles * period, len(self.torques_nm))
         sine = on_axis(bench, self.axis, np.sin(2.0 * np.pi * np.arange(period) / period))
         for i, torque_nm in enumerate(self.torques_nm):
             settings: dict[str, float | str] = {

@@ -8,7 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, rounded, samples_of
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, rounded
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -76,6 +77,8 @@ class Multisine(Plan, frozen=True, kw_only=True):
         rms = np.array([self.force_rms_n if axis == "z" else self.torque_rms_nm for axis in self.axes])
         rng = np.random.default_rng(self.seed)
         period = samples_of(self.period_s, rate)
+        experiments = (self.realisations + 1) * len(where)
+        self.require_run(bench, experiments * (self.transient_periods + self.periods) * period, experiments)
         for realisation in range(self.realisations + 1):
             held_out = realisation == self.realisations
             gain = self.held_out_gain if held_out else 1.0

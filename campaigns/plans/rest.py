@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from campaigns.plans.base import Plan, channels_of, open_loop, rate_of, samples_of
+from campaigns.plans.base import Plan, channels_of, open_loop, rate_of
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 
 

@@ -10,7 +10,8 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 
-from campaigns.plans.base import Plan, axis_of, on_axis, open_loop, rate_of, samples_of
+from campaigns.plans.base import Plan, axis_of, on_axis, open_loop, rate_of
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -33,8 +34,11 @@ class Band(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     def frequencies_hz(self) -> list[float]:
         """Return the frequencies of the band."""
-        count = int((self.stop_hz - self.start_hz) / self.step_hz + 1e-9) + 1
-        return [self.start_hz + i * self.step_hz for i in range(count)]
+        return [self.start_hz + i * self.step_hz for i in range(int(self.steps()) + 1)]
+
+    def steps(self) -> float:
+        """Return how many steps there are between the first frequency and the last, whole but for a fraction."""
+        return (self.stop_hz - self.start_hz) / self.step_hz + 1e-9
 
 
 # The resolution is the paper's: 5 Hz in 5–600 and 1400–1500 Hz, 50 Hz elsewhere. Amplitudes grow with frequency,
@@ -90,6 +94,8 @@ class SineSweep(Plan, frozen=True, kw_only=True):
     def segments(self, bench: Bench) -> Iterator[Segment]:
         """Yield one segment per frequency; raises ConfigError for one beyond half the rate or without whole cycles."""
         rate, record = rate_of(bench), self.channels(bench)
+        shortest_s = sum((band.steps() + 1.0) * (band.settle_s + band.measure_s) for band in self.bands)
+        self.require_run(bench, shortest_s * rate, sum(band.steps() for band in self.bands))
         set_point = self.cold_finger_k
         for band in self.bands:
             for wanted_hz in band.frequencies_hz():

@@ -8,7 +8,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, rounded, samples_of, smooth_ramp
+from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, rounded, smooth_ramp
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Gate, Segment
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.importing.text import CellError, TextSource
-from campaigns.plans.base import SEGMENT_S, Plan, axis_of, channels_of, open_loop, rate_of, samples_of
+from campaigns.log import sha256_of
+from campaigns.plans.base import Plan, axis_of, channels_of, longest_segment, open_loop, rate_of
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import DataError
+from sim_backend.small_files import open_regular
 
 Array = NDArray[np.float64]
 
@@ -34,7 +36,7 @@ class Waveform(Plan, frozen=True, kw_only=True):
 
     def configuration(self) -> dict[str, Any]:
         """Return what decides the segments: the settings and the file's checksum."""
-        return super().configuration() | {"file_sha256": hashlib.sha256(Path(self.file).read_bytes()).hexdigest()}
+        return super().configuration() | {"file_sha256": sha256_of(Path(self.file))}
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return commands and readings, and the temperature."""
@@ -45,7 +47,8 @@ class Waveform(Plan, frozen=True, kw_only=True):
         names, values = read_waveform(Path(self.file))
         command = np.zeros((values.shape[0], len(bench.axes)))
         command[:, [axis_of(bench, name) for name in names]] = values
-        record, longest = self.channels(bench), samples_of(SEGMENT_S, rate_of(bench))
+        record, longest = self.channels(bench), longest_segment(rate_of(bench))
+        self.require_run(bench, self.repeats * len(command), self.repeats * (len(command) / longest))
         for repeat in range(self.repeats):
             for part, first in enumerate(range(0, len(command), longest)):
                 wave = command[first : first + longest]
@@ -56,6 +59,7 @@ class Waveform(Plan, frozen=True, kw_only=True):
 def read_waveform(path: Path) -> tuple[tuple[str, ...], Array]:
     """Return the column names and values (n, columns) of a CSV file; raises DataError for what is no waveform."""
     try:
+        os.close(open_regular(path))
         if path.stat().st_size > MAX_BYTES:
             raise DataError(f"{path}: {path.stat().st_size} bytes; a waveform takes at most {MAX_BYTES}")
     except OSError as error:

@@ -9,7 +9,6 @@ an uninterrupted one's.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,9 +19,9 @@ import numpy as np
 
 from campaigns.names import check_file_name
 from campaigns.plans import Plan, make_plan
+from campaigns.sizes import MOST_RUNS
+from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError, did_you_mean
-
-MAX_FILE_BYTES = 1_000_000
 
 
 class RunEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -87,19 +86,9 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
     if str(name_or_path) in bundled_campaigns():
         text = (_BUNDLED / f"{name_or_path}.toml").read_text(encoding="utf-8")
         return parse_campaign(text, f"campaign {name_or_path}")
-    if not path.is_file():
-        raise ConfigError(
-            f"campaign '{name_or_path}': no such file, and no bundled campaign; "
-            f"{did_you_mean(str(name_or_path), bundled_campaigns())}bundled: "
-            f"{', '.join(bundled_campaigns())}"
-        )
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise ConfigError(f"{path}: {path.stat().st_size} bytes; a campaign file holds at most {MAX_FILE_BYTES}")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; save the campaign as UTF-8 TOML") from None
-    return parse_campaign(text, str(path), str(path.parent))
+    near = did_you_mean(str(name_or_path), bundled_campaigns())
+    fix = f"nor is it a bundled campaign; {near}bundled: {', '.join(bundled_campaigns())}"
+    return parse_campaign(read_text(path, "campaign", fix=fix), str(path), str(path.parent))
 
 
 def parse_campaign(text: str, where: str, folder: str = "") -> Campaign:
@@ -108,14 +97,14 @@ def parse_campaign(text: str, where: str, folder: str = "") -> Campaign:
     Raises ConfigError as `load_campaign`.
     """
     try:
-        campaign = msgspec.structs.replace(msgspec.convert(tomllib.loads(text), Campaign), folder=folder)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{where}: not valid TOML: {error}; mend that line") from None
+        campaign = msgspec.structs.replace(msgspec.convert(toml_of(text, where), Campaign), folder=folder)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; a campaign has name, title and runs of name, plan and settings") from None
     names = [entry.name for entry in campaign.runs]
     if not names or len(set(names)) < len(names):
-        raise ConfigError(f"{where}: runs {', '.join(names) or 'none'}; name each run once, and give one at least")
+        raise ConfigError(f"{where}: runs {', '.join(names[:20]) or 'none'}; name each run once, and give one at least")
+    if len(names) > MOST_RUNS:
+        raise ConfigError(f"{where}: {len(names)} runs; a campaign has {MOST_RUNS} at most, make several of it")
     check_file_name(campaign.name, f"{where}: campaign")  # that of its folder, where none is given
     for name in names:
         check_file_name(name, f"{where}: run")

@@ -7,6 +7,7 @@ import dataclasses
 import fcntl
 import hashlib
 import json
+import os
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,20 +18,43 @@ import msgspec
 
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import read_run, sidecar_of
-from campaigns.log.read import has_writer
+from campaigns.log.child import ReaderFailedError
+from campaigns.log.opening import has_writer
 from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
 from campaigns.playing.campaign import Campaign, in_run, run_seed
+from campaigns.playing.counting import within_bounds
 from campaigns.playing.interrupts import Interrupts
 from campaigns.playing.runner import Outcome, Report, fingerprint, fingerprint_of, run_plan
 from campaigns.playing.side_by_side import free_cores, share
 from campaigns.version import tool_version
+from sim_backend.documents import json_of, read_text
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import open_lock, write_text
+from sim_backend.small_files import STATE_BYTES
 
 STATE_FILE = "campaign.json"
 LOCK_FILE = ".campaign.lock"
 STATE_SCHEMA = "mccd-campaign-state/1"
+_NO_STATE = "delete it, the logs beside it hold all there is"
+
+
+class _KeptRun(msgspec.Struct):
+    name: str
+    plan: str
+    log: str
+    seed: int
+    status: str
+    run_uid: str
+
+
+class _KeptState(msgspec.Struct):
+    """What the state file has to hold."""
+
+    campaign: dict[str, Any]
+    fingerprint: dict[str, str]
+    status: str
+    runs: list[_KeptRun]
 
 
 @dataclass(frozen=True)
@@ -77,7 +101,7 @@ def run_campaign(
     """
     home, plans = Path(folder), campaign.plans()
     survey = _survey(campaign, address, seed)
-    estimates = {name: counted for name, (counted, _) in survey.items()}
+    estimates = within_bounds(campaign, {name: counted for name, (counted, _) in survey.items()})
     states = {
         name: RunState(name, plans[name].name, home / f"{name}.h5", run_seed(seed, name), mark)
         for name, (_, mark) in survey.items()
@@ -166,14 +190,16 @@ def _locked(home: Path) -> Iterator[None]:
 def read_state(folder: str | Path) -> dict[str, Any] | None:
     """Return the state file of a campaign's folder, None if there is none; raises DataError when it is broken."""
     path = Path(folder) / STATE_FILE
-    if not path.is_file():
+    if not os.path.lexists(path):
         return None
-    try:
-        state: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
-        raise DataError(f"{path}: cannot be read ({error}); delete it, the logs beside it hold all there is") from None
+    text = read_text(path, "state of a campaign", most_bytes=STATE_BYTES, error=DataError, fix=_NO_STATE)
+    state: dict[str, Any] = json_of(text, str(path), error=DataError, fix=_NO_STATE)
     if not isinstance(state, dict) or state.get("schema") != STATE_SCHEMA:
         raise DataError(f"{path}: not the state of a campaign ({STATE_SCHEMA}); choose another folder")
+    try:
+        msgspec.convert(state, _KeptState)
+    except msgspec.ValidationError as error:
+        raise DataError(f"{path}: {error}; {_NO_STATE}") from None
     return state
 
 
@@ -209,7 +235,7 @@ def _claim(home: Path, campaign: Campaign, whole: dict[str, str], resume: bool) 
         return
     if not resume:
         raise ConfigError(f"{home} holds a campaign already; continue it with --resume or choose another folder")
-    before = state.get("fingerprint", {})
+    before = state["fingerprint"]
     differs = [key for key in whole if before.get(key) != whole[key]]
     if differs:
         changes = ", ".join(f"{key} was {str(before.get(key))[:40]} and is {whole[key][:40]}" for key in differs)
@@ -239,6 +265,8 @@ def _found(state: RunState) -> RunState:
             # killed between closing the log and writing its checksum: nothing vouches for what it holds
             unsealed = run.status == "complete" and not sidecar_of(state.log).exists()
             return dataclasses.replace(state, status="unsealed" if unsealed else run.status, run_uid=run.run_uid)
+    except ReaderFailedError:  # on a busy machine, say: nothing that was measured is repeated for that
+        raise
     except DataError:
         return dataclasses.replace(state, status="damaged", run_uid="")
 

@@ -7,6 +7,7 @@ from contextlib import closing
 from campaigns.benches import open_bench
 from campaigns.plans import Estimate, estimate
 from campaigns.playing.campaign import Campaign, in_run
+from campaigns.sizes import require_campaign
 
 
 def estimate_campaign(campaign: Campaign, address: str, seed: int) -> dict[str, Estimate]:
@@ -19,4 +20,11 @@ def estimate_campaign(campaign: Campaign, address: str, seed: int) -> dict[str, 
         for name, plan in campaign.plans().items():
             with in_run(campaign, name):
                 counted[name] = estimate(plan, bench)
+    return within_bounds(campaign, counted)
+
+
+def within_bounds(campaign: Campaign, counted: dict[str, Estimate]) -> dict[str, Estimate]:
+    """Return what was counted of a campaign; raises ConfigError where all runs together take too long."""
+    duration_s, size_bytes = (sum(getattr(one, what) for one in counted.values()) for what in ("duration_s", "bytes"))
+    require_campaign(campaign.name, duration_s, size_bytes)
     return counted

@@ -82,6 +82,7 @@ def run_plan(
         tool_version=tool_version(),
         tool_commit=tool_commit(),
         expected_rows=total.samples,
+        expected_segments=total.segments,
     )
     with _own(interrupts) as signals, writer:
         try:

@@ -7,7 +7,6 @@ long it learns. Feed-forward is not stored: it follows from the model for any tw
 from __future__ import annotations
 
 import math
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -19,10 +18,9 @@ import tomli_w
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.repetitive import q_taps
+from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError
 from sim_backend.model import Model, check_model
-
-MAX_FILE_BYTES = 10_000_000
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
@@ -101,8 +99,8 @@ def parse_controller(text: str, where: str) -> Controller:
     Raises ConfigError for broken TOML, unknown fields, and values that no strategy could play.
     """
     try:
-        found = msgspec.convert(tomllib.loads(text), Controller)
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        found = msgspec.convert(toml_of(text, where, "write it with `mccd design`"), Controller)
+    except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; write it with `mccd design`") from None
     check_model(found.model, where)
     if not found.axes or len({one.dof for one in found.axes}) < len(found.axes):
@@ -133,15 +131,7 @@ def _check(one: AxisControl, rate_hz: float, where: str) -> None:
 
 def load_controller(path: str | Path) -> Controller:
     """Return the controller in a file; raises ConfigError when there is none, it is too large, or as its parser."""
-    file = Path(path)
-    if not file.is_file():
-        raise ConfigError(f"controller '{path}': no such file; write one with `mccd design`")
-    if file.stat().st_size > MAX_FILE_BYTES:
-        raise ConfigError(f"{file}: {file.stat().st_size} bytes; a controller file holds at most {MAX_FILE_BYTES}")
-    try:
-        return parse_controller(file.read_text(encoding="utf-8"), str(file))
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: not UTF-8 text at byte {error.start}; write it with `mccd design`") from None
+    return parse_controller(read_text(Path(path), "controller", fix="write one with `mccd design`"), str(path))
 
 
 def dump_controller(controller: Controller) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.sizes import samples_of
 from campaigns.strategies.design import Design, feedback_of
 from campaigns.strategies.stages import Program, Stage, Task, chop_of, held, move_samples, moving, stage_of
 from sim_backend.bench import Gate
@@ -74,7 +75,7 @@ def _learn_then(task: Task, design: Design, program: Program, factor: float) -> 
     tuning = task.tuning
     movers = [dof for dof, moves in zip(task.axes, moving(task), strict=True) if moves]
     learning_s = tuning.learning_s or max(LEARNING_S.get(dof, 0.0) for dof in movers)
-    n_learning = max(round(learning_s * design.rate_hz), 1)
+    n_learning = samples_of(learning_s, design.rate_hz)
     learn, after, learning, frozen, feedback, final = [], [], [], [], [], []
     for axis, (dof, moves) in enumerate(zip(task.axes, moving(task), strict=True)):
         chop = chop_of(task, design, axis)

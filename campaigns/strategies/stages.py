@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.sizes import samples_of
 from sim_backend.bench import Gate, Learning, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.chop import AxisProgram, Chop
@@ -166,4 +167,4 @@ def stage_of(
 
 def move_samples(task: Task, design: Design) -> int:
     """Return the samples in which a move is made, one at least."""
-    return max(round(task.tuning.move_s * design.rate_hz), 1)
+    return samples_of(task.tuning.move_s, design.rate_hz)

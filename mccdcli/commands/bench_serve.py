@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mccdcli.options import NewPath, common_options
+from mccdcli.options import NewPath, RealRange, WholeRange, common_options
 from mccdcli.output import emit, say
 
 
@@ -17,9 +17,7 @@ from mccdcli.output import emit, say
 @click.option("--model", default="as-built", show_default=True, metavar="MODEL", help="The bench behind the firmware.")
 @click.option("--link", type=NewPath(), metavar="PATH", help="Name of the pseudo-terminal.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on with tcp.")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one."
-)
+@click.option("--port", type=WholeRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one.")
 @click.option("--allow-remote", is_flag=True, help="Listen where other machines can connect; they need the token.")
 @click.option(
     "--token-file",
@@ -28,8 +26,8 @@ from mccdcli.output import emit, say
     metavar="FILE",
     help="File with the token that tcp hosts must know; else the variable MCCD_BENCH_TOKEN holds it.",
 )
-@click.option("--baud", type=click.FloatRange(min=300), metavar="N", help="Let no more pass than such a line does.")
-@click.option("--speed", type=click.FloatRange(min=1e-3), metavar="X", help="Pace of the bench; 1 is real time.")
+@click.option("--baud", type=RealRange(min=300), metavar="N", help="Let no more pass than such a line does.")
+@click.option("--speed", type=RealRange(min=1e-3), metavar="X", help="Pace of the bench; 1 is real time.")
 @click.option(
     "--faults", metavar="SEED[/KIND=RATE,…]", help="Damage the line: kinds and rates, or drawn from the seed."
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from mccdcli.options import NewPath, common_options
+from mccdcli.options import NewPath, WholeRange, common_options
 from mccdcli.output import emit
 from mccdcli.progress import Report, progress
 
@@ -17,19 +17,19 @@ from mccdcli.progress import Report, progress
 @click.option(
     "--generator", type=click.Choice(["first", "second"]), default="first", show_default=True, help="By which."
 )
-@click.option("--one", type=click.IntRange(0), default=1, show_default=True, help="Cases of one effect per family.")
-@click.option("--faint", type=click.IntRange(0), default=0, show_default=True, help="Cases near detection per family.")
-@click.option("--two", "--pairs", type=click.IntRange(0), default=0, show_default=True, help="Cases of two effects.")
-@click.option("--none", "null", type=click.IntRange(0), default=1, show_default=True, help="Cases without any effect.")
-@click.option("--outside", type=click.IntRange(0), default=0, show_default=True, help="Cases per family left out.")
-@click.option("--twisted", type=click.IntRange(0), default=0, help="Second: cases per listed law with a twist.")
-@click.option("--unlisted", type=click.IntRange(0), default=0, help="Second: cases per law that no library lists.")
+@click.option("--one", type=WholeRange(0), default=1, show_default=True, help="Cases of one effect per family.")
+@click.option("--faint", type=WholeRange(0), default=0, show_default=True, help="Cases near detection per family.")
+@click.option("--two", "--pairs", type=WholeRange(0), default=0, show_default=True, help="Cases of two effects.")
+@click.option("--none", "null", type=WholeRange(0), default=1, show_default=True, help="Cases without any effect.")
+@click.option("--outside", type=WholeRange(0), default=0, show_default=True, help="Cases per family left out.")
+@click.option("--twisted", type=WholeRange(0), default=0, help="Second: cases per listed law with a twist.")
+@click.option("--unlisted", type=WholeRange(0), default=0, help="Second: cases per law that no library lists.")
 @click.option(
     "--reserved", is_flag=True, help="Second: take the unlisted laws that are kept back, in place of the others."
 )
 @click.option("--family", "families", multiple=True, metavar="NAME", help="Hide only this family; may be repeated.")
 @click.option("--shape", type=click.Choice(["full", "aperiodic", "short"]), help="Play only campaigns of this shape.")
-@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases to make at the same time.")
+@click.option("--jobs", type=WholeRange(1), default=1, show_default=True, help="Cases to make at the same time.")
 @common_options("seed", "json")
 def make(
     folder: Path,

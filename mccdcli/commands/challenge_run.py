@@ -6,18 +6,18 @@ from pathlib import Path
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import RealRange, WholeRange, common_options
 from mccdcli.output import emit
 from mccdcli.progress import progress
 
 
 @click.command("run")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR")
-@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Diagnoses at the same time.")
+@click.option("--jobs", type=WholeRange(1), default=1, show_default=True, help="Diagnoses at the same time.")
 @click.option(
     "--time-limit",
     "limit_s",
-    type=click.FloatRange(1.0),
+    type=RealRange(1.0),
     default=300.0,
     show_default=True,
     metavar="SECONDS",

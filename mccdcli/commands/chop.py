@@ -7,16 +7,16 @@ from typing import Any
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import Real, WholeRange, common_options
 from mccdcli.trials import Form, conclude, controller_option, count, play, settings_option
 
 
 @click.command()
-@click.option("--alpha", type=float, default=0.0, show_default=True, help="Direction in degrees: 0 is θx, 90 is θy.")
+@click.option("--alpha", type=Real(), default=0.0, show_default=True, help="Direction in degrees: 0 is θx, 90 is θy.")
 @click.option("--form", type=Form(), default="0:+8.5", show_default=True, help="Both positions in mrad.")
 @click.option("--strategy", default="hybrid", show_default=True, help="Control strategy.")
-@click.option("--cycles", type=int, default=15, show_default=True, help="Cycles to chop.")
-@click.option("--frequency", type=float, default=0.5, show_default=True, help="Chop frequency in Hz.")
+@click.option("--cycles", type=WholeRange(1), default=15, show_default=True, help="Cycles to chop.")
+@click.option("--frequency", type=Real(), default=0.5, show_default=True, help="Chop frequency in Hz.")
 @click.option("--model", default="design-4th-order", show_default=True, help="Design model: a bundled one or a file.")
 @controller_option
 @settings_option

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mccdcli.options import POSITIVE, common_options
+from mccdcli.options import POSITIVE, RealRange, common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import Report, progress
 from mccdcli.trials import count, play
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(0.0, 50.0, max_open=True),
+    type=RealRange(0.0, 50.0, max_open=True),
     default=0.1,
     show_default=True,
     metavar="PERCENT",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import BenchAddress, common_options
+from mccdcli.options import BenchAddress, Real, RealRange, WholeRange, common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import progress
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
+    type=RealRange(0.0, 1.0, min_open=True),
     default=0.03,
     show_default=True,
     help="How far the model's own numbers are trusted, relative (1 sigma).",
 )
 @click.option(
     "--rows",
-    type=click.IntRange(min=1000),
+    type=WholeRange(min=1000),
     default=250_000,
     show_default=True,
     help="Rows of all logs together to use at most; memory and time grow with them.",
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Judge by a table of frequency response (frequency, magnitude, phase; levels) instead of logs.",
 )
-@click.option("--level", type=float, help="With --frf: level of excitation to look at.  [default: all]")
+@click.option("--level", type=Real(), help="With --frf: level of excitation to look at.  [default: all]")
 @click.option(
     "--held", is_flag=True, help="With --frf: it was measured at the model's rate, behind the hold of its input."
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import NewPath, common_options
+from mccdcli.options import POSITIVE, NewPath, Real, WholeRange, common_options
 from mccdcli.output import emit, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign, settings_option
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 )
 @click.option("--axis", "axes", multiple=True, metavar="AXIS", help="Axis to sweep; repeatable.  [default: all]")
 @click.option("--logs", "folder", type=NewPath(), metavar="DIR", help="Where the sweeps' logs go.")
-@click.option("--modes", type=click.IntRange(min=1), metavar="N", help="Number of modes.  [default: chosen]")
+@click.option("--modes", type=WholeRange(min=1), metavar="N", help="Number of modes.  [default: chosen]")
 @click.option("--only", default="", metavar="TEXT", help="Use only segments whose label contains TEXT.")
 @click.option(
     "--equal-weights",
@@ -52,10 +52,8 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Fit a table of frequency response (frequency, magnitude, phase; levels) instead of logs.",
 )
-@click.option(
-    "--rate", "rate_hz", type=click.FloatRange(0.0, min_open=True), metavar="HZ", help="With --frf: rate of the model."
-)
-@click.option("--level", type=float, help="With --frf: level of excitation to fit.  [default: the lowest]")
+@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="With --frf: rate of the model.")
+@click.option("--level", type=Real(), help="With --frf: level of excitation to fit.  [default: the lowest]")
 @click.option(
     "--plot",
     "picture",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.options import common_options
+from mccdcli.options import POSITIVE, RealRange, WholeRange, common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count, settings_option
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
-@click.option("--rounds", type=click.IntRange(min=1), default=4, show_default=True, help="Most experiments to run.")
+@click.option("--rounds", type=WholeRange(min=1), default=4, show_default=True, help="Most experiments to run.")
 @click.option(
     "--budget-s",
-    type=click.FloatRange(0.0, min_open=True),
+    type=POSITIVE,
     default=600.0,
     show_default=True,
     help="Most seconds on the bench, all experiments together.",
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
+    type=RealRange(0.0, 1.0, min_open=True),
     default=0.03,
     show_default=True,
     help="How far the model's own numbers are trusted, relative (1 sigma).",

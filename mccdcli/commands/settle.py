@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import Real, WholeRange, common_options
 from mccdcli.trials import Form, conclude, controller_option, count, play, settings_option
 
 
@@ -15,9 +15,9 @@ from mccdcli.trials import Form, conclude, controller_option, count, play, setti
 @click.option(
     "--strategy", default="hybrid", show_default=True, help="hybrid, mbff, repetitive, learned-hybrid, designed …"
 )
-@click.option("--alpha", type=float, default=90.0, show_default=True, help="Direction in degrees: 0 is θx, 90 is θy.")
+@click.option("--alpha", type=Real(), default=90.0, show_default=True, help="Direction in degrees: 0 is θx, 90 is θy.")
 @click.option("--form", type=Form(), default="0:+8.5", show_default=True, help="Both positions in mrad.")
-@click.option("--cycles", type=int, default=25, show_default=True, help="Cycles to chop, after any learning.")
+@click.option("--cycles", type=WholeRange(1), default=25, show_default=True, help="Cycles to chop, after any learning.")
 @click.option("--model", default="design-4th-order", show_default=True, help="Design model: a bundled one or a file.")
 @controller_option
 @settings_option

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.options import common_options, existing_file
+from mccdcli.options import WholeRange, common_options, existing_file
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
 
@@ -43,7 +43,7 @@ class ClusterAddress(click.ParamType[str]):
 
 @click.command()
 @existing_file("study_file", metavar="STUDY.toml")
-@click.option("--workers", type=click.IntRange(1, 256), metavar="N", help="Threads; by default one for each core.")
+@click.option("--workers", type=WholeRange(1, 256), metavar="N", help="Threads; by default one for each core.")
 @click.option(
     "--cluster",
     type=ClusterAddress(),
@@ -133,7 +133,9 @@ def _of_first(job: Job, name: str) -> str:
 def _content(outcome: StudyOutcome, folder: Path) -> dict[str, Any]:
     import json
 
-    results = json.loads(outcome.files["json"].read_text(encoding="utf-8"))
+    from sim_backend.small_files import TABLE_BYTES, read_small_text
+
+    results = json.loads(read_small_text(outcome.files["json"], TABLE_BYTES))
     return {"status": outcome.status, "folder": folder, **results, "files": outcome.files, "timing": outcome.timing}
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import RealRange, common_options
 from mccdcli.output import emit, plain, say, table, visible
 from mccdcli.trials import quantity
 
@@ -31,7 +31,7 @@ PATIENCE: Final = 5
 @click.option(
     "--every",
     "period_s",
-    type=click.FloatRange(0.05, 3600.0),
+    type=RealRange(0.05, 3600.0),
     default=0.5,
     show_default=True,
     metavar="S",
@@ -52,6 +52,9 @@ def watch(run: Path, as_json: bool, model: str | None, period_s: float, wait: bo
       mccd watch runs/sweep-x.h5 --wait
       mccd watch chop.h5 --once --json
     """
+    from campaigns.log.probe import prepare
+
+    prepare()
     while wait and not run.exists():
         time.sleep(period_s)
     last: Snapshot | None = None
@@ -156,7 +159,7 @@ def _left(one: Snapshot) -> str:
 
 
 def _share(part: float, whole: float) -> str:
-    return f"{part / whole:.1%}" if whole > 0.0 else "—"
+    return f"{part / whole:.1%}" if whole > 0.0 and math.isfinite(part) else "—"
 
 
 def _bars(values: list[float]) -> str:

@@ -11,7 +11,7 @@ import pytest
 from campaigns.importing import import_run
 from campaigns.log import Channel, LogWriter, read_run, recover, verify
 from campaigns.log.export import FORMS, save
-from campaigns.log.read import BLOCK_ROWS
+from campaigns.log.limits import BLOCK_ROWS
 from campaigns.log.summary import summarise
 from campaigns.progress import Report, part_of
 from tests.listening import Listener

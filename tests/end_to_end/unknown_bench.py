@@ -51,9 +51,13 @@ dof = "{dof}"
 """
 
 
+HANGS_S = 900
+"""A command that takes longer hangs: on slow cores that others use as well, the longest diagnoses take five minutes."""
+
+
 def mccd(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Return what the command did in `folder`."""
-    return running.mccd(*arguments, cwd=folder, timeout=300)
+    return running.mccd(*arguments, cwd=folder, timeout=HANGS_S)
 
 
 def write_map(

@@ -65,7 +65,7 @@ def test_no_file_is_a_drawer() -> None:
 
 def test_files_are_written_by_the_one_module_that_follows_no_link() -> None:
     direct = (
-        r"\.write_(?:text|bytes)\(|open\([^)\n]*[\"'][rwax]*b?[wax+]+b?[\"']|mkstemp\(|NamedTemporaryFile\(|\.truncate\("
+        r"\.write_(?:text|bytes)\(|open\((?!\d)[^)\n]*[\"'][rwax]*b?[wax+]+b?[\"']|mkstemp\(|NamedTemporaryFile\(|\.truncate\("
         r"|\.savefig\((?!stream|buffer)|\.to_csv\((?!file\b|index|\))|np\.save(?:z|txt)?\((?!file\b)|h5py\.File\([^)]*[\"']w"
     )
     allowed = {

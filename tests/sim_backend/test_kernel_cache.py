@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -147,3 +148,36 @@ def test_a_user_without_a_home_has_no_cache_and_no_crash(tmp_path: Path) -> None
         env=nobody,
     )
     assert done.stdout.strip() in ("None", "b'b'"), done.stderr
+
+
+@pytest.mark.parametrize(("mode", "used"), [(0o777, False), (0o770, False), (0o1777, True), (0o755, True)])
+def test_a_folder_that_others_may_exchange_is_not_used(folder: Path, mode: int, used: bool) -> None:
+    above = folder.parent / "above"
+    above.mkdir()
+    above.chmod(mode)
+    os.environ[VARIABLE] = str(above / "kernels")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        keep_entry("loop-1", DATA)
+    assert (read_entry("loop-1") == DATA) is used
+    assert [str(w.message).partition(";")[0] for w in said] == (
+        [] if used else [f"kernel cache: {above} may be written by other users"]
+    )
+
+
+def test_a_user_without_a_home_leaves_nothing_where_he_works(tmp_path: Path) -> None:
+    script = (
+        "import os, pwd\n"
+        "def nobody(uid): raise KeyError(uid)\n"
+        "pwd.getpwuid = nobody\n"
+        "from sim_backend.kernel_cache import keep_entry, read_entry\n"
+        "keep_entry('a', b'b'); print(read_entry('a'))"
+    )
+    nobody = {k: v for k, v in os.environ.items() if k not in ("HOME", "XDG_CACHE_HOME", VARIABLE)}
+    nobody["PYTHONPATH"] = str(Path(__file__).parents[2])
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, env=nobody, cwd=tmp_path
+    )
+    assert done.stdout.strip() == "None", done.stderr
+    assert "no folder to keep compiled code in" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.challenge.folder import Report, fill, require_empty
+from analysis.challenge.folder import Report, fill, require_countable, require_empty
 from analysis.challenge.second.draw import Drawn, Plan, draw_case
 from analysis.challenge.second.integrate import Placed
 from analysis.challenge.second.laws import LAWS
@@ -63,6 +63,7 @@ def plans_of(counts: Counts, names: Sequence[str], rng: np.random.Generator, *, 
         ("twisted", counts.twisted, [law.name for law in chosen if law.group == "twisted"]),
         ("unlisted", counts.unlisted, sorted(outside)),
     ]
+    require_countable(counts.none + counts.two + sum(n * len(some) for _, n, some in groups))
     plans = [Plan("none")] * counts.none
     plans += [Plan(stratum, (name,)) for stratum, n, some in groups for name in some for _ in range(n)]
     if counts.two and len({LAWS[name].effect for name in alone}) < 2:

@@ -182,7 +182,7 @@ def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting
 def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
     """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
     candidates, sizes = fit.held(keep)
-    return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True)
+    return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True, misled=fit.misled)
 
 
 def sharpened(setting: Setting, fit: Fit) -> Fit:
@@ -190,7 +190,7 @@ def sharpened(setting: Setting, fit: Fit) -> Fit:
     if not any(c.effect.whole or any(p.grain > 0.0 for p in c.effect.parameters()) for c in fit.candidates):
         return fit
     candidates, sizes = fit.held()
-    return refit(setting, candidates, sizes, fit.change, steps=1, exact=True, sharp=True)
+    return refit(setting, candidates, sizes, fit.change, steps=1, exact=True, sharp=True, misled=fit.misled)
 
 
 def guessed_squares(setting: Setting, residuals: Sequence[Array]) -> tuple[Array, Array]:

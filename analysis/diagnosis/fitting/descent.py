@@ -60,6 +60,9 @@ class Slopes(Protocol[At]):
     def truer(self) -> bool:
         """Tell whether there are truer ones, which is what is asked for from then on."""
 
+    def failed(self) -> bool:
+        """Tell the same of slopes that have led astray."""
+
 
 class Descent(Generic[Point]):
     """A least-squares problem: what to evaluate, its slopes, its bounds.
@@ -157,7 +160,7 @@ class Descent(Generic[Point]):
 
     def _misled(self, failures: int) -> bool:
         """Tell whether rather the slopes fail than a step is too long; others are asked for then."""
-        return not self._slopes.fresh() or (failures >= _TRIES and self._slopes.truer())
+        return not self._slopes.fresh() or (failures >= _TRIES and self._slopes.failed())
 
     def _way(self, x: Array, here: Point) -> _Way:
         """Return what the slopes say of the steps from `x`, along what is not held at a bound."""

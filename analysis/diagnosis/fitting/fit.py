@@ -97,6 +97,7 @@ class Fit:
     `change_std` are those of `change`. `occam` is by how much the data narrowed all parameters, knobs included: the
     logarithm of the ratio of the prior's volume to the posterior's. `log_variance` is the sum of the logarithms of the
     noise variances that `misfit` is in units of. `residuals` are of simulations that began in `states`, per record.
+    `misled` tells of a descent that slopes with torques held have led astray: the next one does without them.
     """
 
     candidates: tuple[Candidate, ...]
@@ -113,6 +114,7 @@ class Fit:
     residuals: tuple[Array, ...]
     states: tuple[Array, ...]
     change_std: Array = field(default_factory=lambda: np.zeros(0))
+    misled: bool = False
 
     @property
     def objective(self) -> float:

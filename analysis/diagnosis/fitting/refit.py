@@ -42,6 +42,7 @@ class _Manner:
     exact: bool
     strong: bool = False
     sharp: bool = False
+    misled: bool = False
 
 
 def refit(
@@ -54,6 +55,7 @@ def refit(
     exact: bool = False,
     strong: bool = False,
     sharp: bool = False,
+    misled: bool = False,
 ) -> Fit:
     """Return the best fit of a hypothesis from screened `sizes` and knob `change`; without candidates, of the knobs.
 
@@ -61,9 +63,10 @@ def refit(
     misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
     motion, slopes with torques held lead astray: differences of full simulations are taken from the start;
     the screened start goes too far there, and is shortened until it is better than nothing. Parameters over which the
-    misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`.
+    misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`. Slopes that have `misled` the fit
+    before this one are not tried again.
     """
-    manner = _Manner(steps, exact, strong, sharp)
+    manner = _Manner(steps, exact, strong, sharp, misled)
     parts = in_parts(setting, candidates, sizes)
     if len(parts) == 1:
         return _whole(setting, candidates, sizes, change, manner)
@@ -123,12 +126,13 @@ def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, chan
         x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
     elif manner.strong:
         x = problem.shortened(x)
-    slopes = Slopes(problem, strong=manner.strong)
+    slopes = Slopes(problem, strong=manner.strong, misled=manner.misled)
     x, found = problem.descend(slopes, x, manner.steps, exact=manner.exact)
     deviations: dict[int, float] = {}
     if manner.sharp and np.isfinite(found.misfit):
         x, found, deviations = problem.at_cusps(slopes, x, found)
-    return problem.finish(x, found, slopes.latest(x, found), deviations)
+    fit = problem.finish(x, found, slopes.latest(x, found), deviations)
+    return replace(fit, misled=slopes.misled)
 
 
 def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[Part], fits: Sequence[Fit]) -> Fit:
@@ -164,4 +168,5 @@ def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[P
         residuals=residuals,
         states=setting.states,
         change_std=change_std,
+        misled=any(fit.misled for fit in fits),
     )

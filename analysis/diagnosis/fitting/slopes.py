@@ -38,13 +38,14 @@ class Slopes:
     """d(stacked)/dx of a hypothesis, as true as a descent has to have it.
 
     The knobs' columns are those with torques held as long as these lead somewhere, then those of full simulations;
-    beside a `strong` effect they are so from the start. A step that does nearly what was said of it corrects the
-    columns along its own direction (Broyden 1965), and the next needs no simulations.
+    beside a `strong` effect they are so from the start, as where those with torques held have `misled` before. A step
+    that does nearly what was said of it corrects the columns along its own direction (Broyden 1965), and the next needs
+    no simulations.
 
     Many modes that something strong acts in would make those slow: the columns then are those of effects that answer.
     """
 
-    def __init__(self, problem: Problem, *, strong: bool = False) -> None:
+    def __init__(self, problem: Problem, *, strong: bool = False, misled: bool = False) -> None:
         self._problem = problem
         # columns are computed side by side already; each simulation need not be
         self._alone = replace(problem, setting=replace(problem.setting, workers=1))
@@ -53,7 +54,8 @@ class Slopes:
         late = any(knob.field == "delay_s" for knob in problem.setting.knobs)
         approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._may_simulate = approximate and not self._answering
-        self._simulated = strong and self._may_simulate
+        self._simulated = (strong or misled) and self._may_simulate
+        self.misled = misled
         self._last: tuple[Array, Array, Array] | None = None
         self._outworn, self._own, self._age = False, False, 0
 
@@ -77,6 +79,11 @@ class Slopes:
             return False
         self._simulated = self._outworn = True
         return True
+
+    def failed(self) -> bool:
+        """Tell whether there are truer columns than these, which have led astray."""
+        self.misled |= not self._simulated and self._may_simulate
+        return self.truer()
 
     def latest(self, x: Array, at: Point) -> Array:
         """Return the columns at the last place where a step began."""

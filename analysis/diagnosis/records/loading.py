@@ -88,6 +88,8 @@ def load_runs(paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_
     try:
         for path in paths:
             runs.append(read_run(path))
+            if not runs[-1].rows:
+                raise DataError(f"{path} holds no samples; give a run in which something was recorded")
         return _load(runs, model, max_rows)
     finally:
         for run in runs:

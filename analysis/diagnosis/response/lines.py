@@ -12,6 +12,7 @@ from analysis.identification.response_files import load_response
 from analysis.identification.response_table import Table, read_table
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Model
+from sim_backend.small_files import open_regular
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -129,12 +130,16 @@ def _entries(path: Path, model: Model) -> list[tuple[Table, int, int]]:
     return [(table, 0, 0)]
 
 
+HEAD_CHARS = 2**16
+"""A line of names is not longer."""
+
+
 def _names_ports(path: Path) -> bool:
     """Tell whether the columns of a table name outputs and inputs."""
     if path.suffix.lower() != ".csv":
         return False
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return {"output", "input"} <= {name.strip() for name in file.readline().split(",")}
+    with open(open_regular(path), encoding="utf-8", errors="replace") as file:
+        return {"output", "input"} <= {name.strip() for name in file.readline(HEAD_CHARS).split(",")}
 
 
 @dataclass(frozen=True)

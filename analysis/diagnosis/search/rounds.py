@@ -357,6 +357,7 @@ def _brought_into_line(setting: Setting, trials: list[Fit], before: Fit) -> tupl
     own = [lined_up(setting, trials[0])]
     own += [lined_up(setting, f, score(own[0][1], False)) for f in trials[1:]]
     own.sort(key=lambda pair: score(pair[1], False))
+    own[0] = lined_up(*own[0])  # where noise and fit come to rest slowly, the rounds that decide are too few to answer
     if _colour(*own[0]) > _DRIFTING:
         # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
         # White noise cannot, so the best is tried from there as well

@@ -80,7 +80,7 @@ def test_the_same_name_in_another_challenge_is_another_case(parts: tuple[Path, l
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("no json", "is no JSON"),
+        ("no json", "not valid JSON"),
         ("[]", "has the form None"),
         ('{"schema": "mccd-challenge-score/2", "cases": []}', "score its challenge again"),
         ('{"schema": "mccd-challenge-score/3", "seal": "a", "cases": [{"case": "01"}]}', "holds a case that cannot"),

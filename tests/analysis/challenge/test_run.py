@@ -98,5 +98,5 @@ def test_a_changed_truth_stops_the_run(tmp_path: Path) -> None:
 def test_a_folder_without_challenge_is_refused(tmp_path: Path) -> None:
     folder = challenge(tmp_path)
     (folder / "challenge.json").unlink()
-    with pytest.raises(ConfigError, match=r"no challenge\.json"):
+    with pytest.raises(ConfigError, match=r"challenge\.json': no such file; make a challenge there first"):
         run_challenge(folder)

@@ -7,6 +7,7 @@ import pytest
 
 import analysis.recorded.folded
 import campaigns.facts.finding
+import campaigns.facts.missing
 from analysis.frequency.frf_records import frequency_response_welch
 from analysis.identification.identify import identify_runs
 from analysis.linear.simulate import simulate_linear
@@ -51,6 +52,7 @@ def small(monkeypatch):
     monkeypatch.setattr(analysis.recorded.folded, "BLOCK_VALUES", 8_000)
     monkeypatch.setattr(analysis.recorded.folded, "PIECE", 512)
     monkeypatch.setattr(campaigns.facts.finding, "MOST_NUMBERS", 8_000)
+    monkeypatch.setattr(campaigns.facts.missing, "ROWS_AT_ONCE", 655)
     most, read = [0], Run.read
 
     def watched(run, name, start=0, stop=None):

@@ -126,3 +126,30 @@ def test_a_database_of_another_kind_is_refused(tmp_path: Path) -> None:
     file.close()
     with pytest.raises(DataError, match="something/9"):
         opened(tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("statement", "said"),
+    [
+        ("UPDATE trials SET x = 'text'", "trial 0 holds what no trial is kept as"),
+        ("UPDATE trials SET x = x'ff'", "trial 0 holds what no trial is kept as"),
+        ("UPDATE trials SET status = x'ff'", "trial 0 holds what no trial is kept as"),
+        ("UPDATE trials SET wall_s = 'text'", "trial 0 holds what no trial is kept as"),
+        ("UPDATE trials SET trial = -1", "trial -1 holds what no trial is kept as"),
+        ("ALTER TABLE trials DROP COLUMN yes", "its trials have the columns"),
+        ("DROP TABLE trials", "its trials have the columns"),
+        ("UPDATE study SET value = '[' WHERE part = 'fingerprint'", "not valid JSON"),
+        ("UPDATE study SET value = '[1]' WHERE part = 'fingerprint'", "which study it is of"),
+        ("DELETE FROM study WHERE part = 'fingerprint'", "not valid JSON"),
+        ("UPDATE study SET value = x'00ff'", "Could not decode"),
+        ("DROP TABLE study; CREATE TABLE study (a)", "no such column"),
+    ],
+)
+def test_what_no_program_of_ours_has_written_is_refused(tmp_path: Path, statement: str, said: str) -> None:
+    with opened(tmp_path) as store:
+        store.add([Outcome(0, "done", "", (1.0, "s"), (1.0, True, ""), 0.1)])
+    file = sqlite3.connect(tmp_path / FILE)
+    file.executescript(statement)
+    file.close()
+    with pytest.raises(DataError, match=said):
+        opened(tmp_path, resume=True)

@@ -14,6 +14,7 @@ import pytest
 import scipy.io
 
 from campaigns.importing import isolated
+from campaigns.log import child
 from mccdcli.main import main
 from tests.campaigns.log.test_hostile import HOSTILE, mutated
 
@@ -115,18 +116,37 @@ def test_a_matlab_structure_that_unpacks_to_gibibytes_stays_within_the_bound(tmp
         ("import os; os.abort()", "crashes its reader (exit -6)"),
         ("import sys; sys.stdin.readline(); print('{', flush=True)", "crashes its reader (exit 0)"),
         ('import sys; sys.stdin.readline(); print(\'{"names": ["x"]}\', flush=True)', "crashes its reader (exit 0)"),
-        ("import time; time.sleep(600)", "keeps its reader busy for more than 1 s"),
+        ("while True: pass", "keeps its reader busy for more than 1 s of processor time"),
     ],
     ids=["crash", "half an answer", "crash at the array", "hang"],
 )
 def test_a_reader_that_does_not_survive_is_a_clear_error(tmp_path, imported, monkeypatch, code, said):
     (tmp_path / "a.h5").write_bytes(b"x")
-    monkeypatch.setattr(isolated, "CHILD", f"print('ready', flush=True); {code}")
+    monkeypatch.setattr(isolated, "CHILD", f"print('ready', flush=True)\n{code}")
     monkeypatch.setattr(isolated, "time_limit_s", lambda _path: 1.0)
     started_s = time.monotonic()
     exit_code, told = imported("a.h5")
     assert exit_code == 4 and f"a.h5 is damaged and {said}: restore it" in told
     assert time.monotonic() - started_s < 10.0
+
+
+def test_a_reader_that_is_kept_waiting_is_no_fault_of_the_file(tmp_path, imported, monkeypatch):
+    """It computes nothing, so it has its time; a machine that serves others must not damage a sound file."""
+    (tmp_path / "a.h5").write_bytes(b"x")
+    monkeypatch.setattr(isolated, "CHILD", "print('ready', flush=True); import time; time.sleep(600)")
+    monkeypatch.setattr(isolated, "time_limit_s", lambda _path: 0.1)
+    monkeypatch.setattr(child, "WAIT_S", 0.5)
+    exit_code, told = imported("a.h5")
+    assert exit_code == 4 and "took too long" in told and "busy, try again" in told and "damaged" not in told
+
+
+def test_a_reader_has_its_time_however_slowly_the_clock_lets_it_compute(tmp_path, imported, monkeypatch):
+    """Three times its limit pass on the clock while it waits; it then answers."""
+    (tmp_path / "a.h5").write_bytes(b"x")
+    answer = "for line in sys.stdin: time.sleep(1.0); print('{\"names\": []}', flush=True)"
+    monkeypatch.setattr(isolated, "CHILD", f"import sys, time; print('ready', flush=True)\n{answer}")
+    monkeypatch.setattr(isolated, "time_limit_s", lambda _path: 0.5)
+    assert "has no variable 'x'" in imported("a.h5")[1]
 
 
 @pytest.mark.parametrize("suffix", ["h5", "mat", "73.mat"])

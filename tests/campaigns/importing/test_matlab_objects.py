@@ -56,8 +56,8 @@ def test_a_timetable_beside_plain_data_is_passed_over(tmp_path, write, first, co
     write(path, "timetable", first, compressed)
     source = foreign._source(path)  # noqa: SLF001
     assert sorted(source.names()) == ["s", "u"]
-    np.testing.assert_array_equal(source.array("u").ravel(), np.arange(5.0))
-    np.testing.assert_array_equal(source.array("s.y").ravel(), np.arange(4.0))
+    np.testing.assert_array_equal(source.pieces("u").whole().ravel(), np.arange(5.0))
+    np.testing.assert_array_equal(source.pieces("s.y").whole().ravel(), np.arange(4.0))
 
 
 @pytest.mark.parametrize("write", [version_5, version_73])
@@ -69,4 +69,4 @@ def test_an_object_that_is_asked_for_says_how_to_export_it(tmp_path, write, of, 
     path = tmp_path / "a.mat"
     write(path, of, False, False)
     with pytest.raises(DataError, match=f"'TT.*is a MATLAB {of}.*{said}"):
-        foreign._source(path).array(name)  # noqa: SLF001
+        foreign._source(path).pieces(name)  # noqa: SLF001

@@ -12,7 +12,7 @@ from scipy.io import loadmat
 
 from campaigns.log import Channel, LogWriter, Run, read_run
 from campaigns.log.export import save
-from campaigns.log.read import BLOCK_ROWS
+from campaigns.log.limits import BLOCK_ROWS
 from campaigns.log.summary import summarise
 from mccdcli.main import main
 from sim_backend.errors import ConfigError, DataError

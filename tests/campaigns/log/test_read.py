@@ -239,3 +239,15 @@ def test_damage_that_the_library_does_not_survive_is_one_clear_line(unsealed, mo
     with pytest.raises(DataError) as caught:
         read_run(unsealed)
     assert str(unsealed) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("size", "said"), [(1e308, "1e.308"), (5e-324, "4.94.*e-324"), (1e-310, "1e-310")])
+def test_numbers_that_nothing_can_be_computed_with_are_refused(tmp_path, size, said):
+    path = tmp_path / "run.h5"
+    values = size * np.array([0.0, 1.0, -1.0, np.nan])
+    with LogWriter.create(path, [Channel("a", "rad", "output", "z", 1e4)], test="fuzz", bench={"kind": "sim"}) as log:
+        log.append({"a": values})
+    with read_run(path) as run:
+        with pytest.raises(DataError, match=f"'a' holds {said} as its largest number; it must lie between"):
+            run.read("a")
+        np.testing.assert_array_equal(next(run.blocks())[1]["a"], values)  # what copies or shows it still can

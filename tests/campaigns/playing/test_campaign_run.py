@@ -17,7 +17,7 @@ import pytest
 
 import campaigns.benches
 from campaigns.benches import BenchKind, open_bench
-from campaigns.log import verify
+from campaigns.log import probe, verify
 from campaigns.playing.campaign import bundled_campaigns, load_campaign, parse_campaign, run_seed
 from campaigns.playing.campaign_run import read_state, run_campaign
 from campaigns.playing.counting import estimate_campaign
@@ -257,6 +257,20 @@ def test_a_second_process_is_kept_out(file, tmp_path):
         play(file, tmp_path / "out", report=nested)
     # the error ended the first run; its log says so and the folder can be resumed
     assert play(file, tmp_path / "out", resume=True).status == "complete"
+
+
+def test_a_log_whose_reader_was_kept_waiting_is_neither_played_again_nor_moved(file, tmp_path, monkeypatch):
+    play(file, tmp_path / "a")
+    before = bytes_of(tmp_path / "a")
+    probe._end()  # noqa: SLF001 a child of a test before
+    monkeypatch.setattr(probe, "is_own", lambda _path: False)
+    monkeypatch.setattr(probe, "may_fork", lambda: False)
+    monkeypatch.setattr(probe, "CHILD", "import time; print('ready', flush=True); time.sleep(600)")
+    monkeypatch.setattr(probe, "time_limit_s", lambda _path: 0.1)
+    monkeypatch.setattr("campaigns.log.child.WAIT_S", 0.2)
+    with pytest.raises(DataError, match="took too long"):
+        play(file, tmp_path / "a", resume=True)
+    assert bytes_of(tmp_path / "a") == before
 
 
 def test_a_broken_state_file_is_named(file, tmp_path):

@@ -14,8 +14,9 @@ import numpy as np
 
 from campaigns.benches import open_bench
 from campaigns.plans import Plan
-from campaigns.plans.base import open_loop, samples_of
+from campaigns.plans.base import open_loop
 from campaigns.playing.runner import run_plan
+from campaigns.sizes import samples_of
 from sim_backend.bench import Bench, Segment
 
 RATE_HZ = 10_000.0

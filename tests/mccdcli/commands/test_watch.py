@@ -36,7 +36,7 @@ def writing(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
     process = subprocess.Popen(
         [*running.PYTHON, "-m", "tests.campaigns.playing.slow_run", "run", str(log), "-"],
         cwd=ROOT,
-        env=os.environ | {"SLOW_S": "0.15"},
+        env=os.environ | {"SLOW_S": "0.4"},
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -6,8 +6,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from campaigns.log.opening import open_run
 from campaigns.log.probe import examine
-from campaigns.log.read import Run, open_run
+from campaigns.log.read import Run
 from campaigns.log.schema import LogSegment, to_json
 from campaigns.log.write import SETTINGS_BYTES, LogWriter
 from campaigns.progress import Report, part_of, unheard

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.log.checksum import read_sidecar, sha256_of, sidecar_of
+from campaigns.log.opening import open_run
 from campaigns.log.probe import Examination, examine
-from campaigns.log.read import Run, open_run
+from campaigns.log.read import Run
 from campaigns.log.schema import OPEN_STATUS
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError

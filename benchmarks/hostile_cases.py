@@ -1,0 +1,332 @@
+"""Hostile command lines, option values and files, drawn from a seed: what `soak_hostile` feeds every command with."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mccdcli.main import cli
+
+NUMBERS = (
+    "nan", "inf", "-inf", "1e308", "-1e308", "1e-300", "5e-324", "0", "-0.0", "0.0", "-1", "1", "2", "0.5",
+    "1e9", "3e12",
+    "1000000000", "20000000", "9223372036854775807", "18446744073709551616", "1" + "0" * 30, "1" * 5000, "1e-9",
+)  # fmt: skip
+TEXTS = (
+    "", " ", "-", "--", "~", "/", ".", "..", "../outside", "/nonexistent/x", "no such", "a" * 5000,
+    "\U0001f600", "\udcff",
+    "tab\there", "line\nbreak", "\x1b[31m", "%s%n{}", "true", "1979-05-27", "'", '"', "[", "{", "[[", "a=b",
+    "[1, 2]", "x,y",
+    "[]", "{}", "[nan]", "{ a = 1 }", '""', "null", "1970-13-45", "[" * 100_000, "[" * 2_000 + "]" * 2_000,
+    "x" * 1_000_000,
+)  # fmt: skip
+FILES = (
+    "folder", "empty", "binary", "long", "deep", "link", "loop", "unreadable", "missing/x", "run.h5",
+    "model.toml", "data.csv",
+    "campaign.toml", "study.toml", "map.toml", "score.json", "played/campaign.json", "new/out.h5", "out.h5", "out.csv",
+    "out.mat", "out.svg", "out.json", "out.toml", "\udcff.h5", "a" * 300, "folder/out.npz", "/dev/null",
+)  # fmt: skip
+
+BASES: tuple[tuple[str, ...], ...] = (
+    ("bench", "list"),
+    ("bench", "check", "--bench", "sim"),
+    ("bench", "serve", "--transport", "pty", "--faults", "no-such-fault"),
+    ("campaign", "list"),
+    ("campaign", "run", "campaign.toml", "--dry-run"),
+    ("campaign", "run", "campaign.toml", "-o", "again"),
+    ("campaign", "run", "campaign.toml", "-o", "played", "--resume"),
+    ("campaign", "show", "campaign.toml"),
+    ("campaign", "show", "played"),
+    ("challenge", "make", "blind", "--one", "0", "--none", "0"),
+    ("challenge", "pool", "score.json"),
+    ("challenge", "score", "hidden"),
+    ("challenge", "run", "hidden", "--from", "0009"),
+    ("chop", "--dry-run"),
+    ("chop", "--frequency", "5", "--cycles", "2", "--set", "window_s=0.05", "-o", "chop.h5"),
+    ("completion", "bash"),
+    ("config", "show", "chop"),
+    ("design", "--model", "design", "-o", "designed", "--dry-run"),
+    ("diagnose", "rest.h5", "--model", "nominal.toml", "--rows", "1000"),
+    ("diagnose", "--frf", "response.csv", "--model", "nominal.toml", "--level", "7"),
+    ("endstops", "--dry-run"),
+    ("endstops", "--set", "hold_s=0.1", "--set", "ramp_s=0.05", "--set", "settle_s=0.05"),
+    ("hysteresis", "--dry-run"),
+    ("hysteresis", "--set", "frequency_hz=20", "--set", "offsets_rad=[]", "--set", "torques_nm=[0.02]"),
+    ("identify", "--dry-run", "-o", "new.toml"),
+    ("identify", "--log", "run.h5", "-o", "fit.toml", "--only", "theta_x"),
+    ("identify", "--frf", "response.csv", "--rate", "1000", "--modes", "1", "-o", "fit.toml"),
+    ("import", "map.toml", "-o", "imported.h5"),
+    ("import", "data.csv", "--guess", "-o", "guessed.toml"),
+    ("investigate", "--model", "nominal.toml", "--dry-run"),
+    ("log", "check", "run.h5"),
+    ("log", "export", "rest.h5", "-o", "rest.csv"),
+    ("log", "plot", "rest.h5"),
+    ("log", "recover", "rest.h5", "-o", "recovered.h5"),
+    ("log", "show", "run.h5"),
+    ("log", "summary", "run.h5"),
+    ("log", "verify", "run.h5", "rest.h5"),
+    ("manual",),
+    ("model", "convert", "model.toml", "-o", "model.json"),
+    ("model", "effects", "coulomb-friction"),
+    ("report", "--campaign", "campaign.toml", "--dry-run"),
+    ("report", "--campaign", "campaign.toml", "--no-design", "-o", "played"),
+    ("schema", "chop"),
+    ("settle", "--dry-run"),
+    ("settle", "--cycles", "2", "-o", "settle.h5"),
+    ("simulate", "--model", "model.toml", "--plan", "rest", "--set", "duration_s=0.1", "-o", "sim.h5"),
+    ("simulate", "--plan", "freerun", "--dry-run"),
+    ("simulate", "--plan", "multisine", "--dry-run"),
+    ("simulate", "--plan", "sinesweep", "--dry-run"),
+    ("simulate", "--plan", "theodolite", "--dry-run"),
+    ("simulate", "--plan", "thermal", "--dry-run"),
+    ("simulate", "--plan", "hysteresis", "--dry-run"),
+    ("simulate", "--waveform", "wave.csv", "-o", "sim.h5"),
+    ("study", "study.toml", "--dry-run"),
+    ("study", "study.toml", "-o", "studied", "--resume"),
+    ("study", "study.toml", "-o", "new", "--workers", "1"),
+    ("theodolite", "--dry-run"),
+    ("theodolite", "--readings", "readings.csv", "--dry-run"),
+    ("thermal", "--dry-run"),
+    ("watch", "rest.h5", "--once"),
+    ("watch", "rest.h5", "--once", "--model", "nominal.toml"),
+)
+"""Sound command lines that end within a second or two; each is the start of many that are not sound."""
+
+
+def commands_of(arguments: tuple[str, ...]) -> click.Command:
+    """Return the command that a sound command line runs."""
+    words = next(arguments[:n] for n in (2, 1) if arguments[:n] in cli.paths())
+    found = cli.find(words)
+    assert found is not None
+    return found
+
+
+def drawn(seed: int) -> tuple[list[str], list[Callable[[], None]], str]:
+    """Return a command line, what is to be done to the files in the folder before it, and what it is in words."""
+    rng = random.Random(seed)
+    base = BASES[seed % len(BASES)]
+    arguments, changes, told = list(base), list[Callable[[], None]](), list[str]()
+    for _ in range(rng.choice((1, 1, 1, 1, 2, 3)) if seed >= 0 else 0):
+        kind = rng.random()
+        if kind < 0.4:
+            told.append(_option(arguments, base, rng))
+        elif kind < 0.46:
+            told.append(_argument(arguments, base, rng))
+        elif kind < 0.54:
+            name, change = _settings(base, rng)
+            changes.append(change)
+            told.append(name)
+        else:
+            name, change = _file(arguments, rng)
+            changes.append(change)
+            told.append(name)
+    return arguments, changes, "; ".join(told)
+
+
+def _option(arguments: list[str], base: tuple[str, ...], rng: random.Random) -> str:
+    """Add an option with a hostile value, of the kind that it takes or of another."""
+    command = commands_of(base)
+    options = [
+        p for p in command.params if isinstance(p, click.Option) and p.name not in ("workers", "jobs", "cluster")
+    ]
+    if not options:
+        return "nothing"
+    option = rng.choice(options)
+    name = max(option.opts, key=len)
+    if option.is_flag:
+        arguments.append(rng.choice([name, *option.secondary_opts]))
+        return arguments[-1]
+    value = _value(option, arguments, rng)
+    arguments += [name, value]
+    return f"{name} {value[:40]!r}"
+
+
+def _value(option: click.Option, arguments: list[str], rng: random.Random) -> str:
+    if option.name == "settings":
+        return f"{_setting(arguments, rng)}={rng.choice(NUMBERS + TEXTS)}"
+    if option.name in ("bench", "address"):
+        some = ("sim:model.toml", "sim:", "sim:folder", "serial:/dev/null", "tcp:127.0.0.1:1", "emulator:no")
+        return rng.choice(some + TEXTS)
+    if isinstance(option.type, click.Path) or rng.random() < 0.2:
+        return rng.choice(FILES)
+    return rng.choice(NUMBERS + (TEXTS if rng.random() < 0.4 else ()))
+
+
+def _setting(arguments: list[str], rng: random.Random) -> str:
+    """Return a setting of any plan, mostly one of the plan at hand."""
+    from campaigns.plans import PLANS
+
+    plans = {plan.name: plan for plan in (PLANS.values() if isinstance(PLANS, dict) else PLANS)}
+    own = {"chop": "chop", "settle": "settling", "identify": "sinesweep"} | {n: n for n in plans}
+    at_hand = [plans[own[word]] for word in arguments if word in own and own[word] in plans]
+    plan = at_hand[-1] if at_hand and rng.random() < 0.9 else rng.choice(list(plans.values()))
+    return str(rng.choice([*plan.__struct_fields__, "no_such", "tuning"]))
+
+
+def _argument(arguments: list[str], base: tuple[str, ...], rng: random.Random) -> str:
+    """Put something hostile in place of a word."""
+    at = rng.randrange(len(base))
+    arguments[at] = rng.choice(FILES + TEXTS + NUMBERS)
+    return f"word {at + 1} is {arguments[at][:40]!r}"
+
+
+def _settings(base: tuple[str, ...], rng: random.Random) -> tuple[str, Callable[[], None]]:
+    """Return what writes a hostile mccd.toml."""
+    command = commands_of(base)
+    table = ".".join(base[:2] if base[:2] in cli.paths() else base[:1])
+    names = [max(p.opts, key=len).removeprefix("--") for p in command.params if isinstance(p, click.Option)]
+    where = rng.choice([f"[{table}]", f"[{table}]", "[defaults]", "[no]", "", f"[[{table}]]", f"[{table}.x]"])
+    key = rng.choice([*names, "bench", "seed", "no"])
+    value = rng.choice(NUMBERS + TEXTS + ('"text"', '["a", "b"]', "[[[1]]]", "{ a = { b = 1 } }", "true"))
+    text = f"{where}\n{key} = {value}\n"
+    return f"mccd.toml with {text[:60]!r}", lambda: _write(Path("mccd.toml"), text.encode("utf-8", "surrogatepass"))
+
+
+def _file(arguments: list[str], rng: random.Random) -> tuple[str, Callable[[], None]]:
+    """Return what damages one of the files that a command line names, or of those in a folder that it names."""
+    named = [Path(word) for word in arguments if word and len(word) < 200 and "\0" not in word]
+    files = [Path("mccd.toml")] if not named else []
+    for path in (*named, Path(".")) if rng.random() < 0.1 else named:
+        try:
+            files += [p for p in sorted(path.rglob("*")) if p.is_file()] if path.is_dir() else [path] * path.is_file()
+        except OSError:
+            continue
+    files = [file for file in files if not file.is_fifo() and str(file) not in ("unreadable", "/dev/null")]
+    if not files:
+        return "nothing", lambda: None
+    file, seed = rng.choice(files), rng.random()
+    return f"{file} changed", lambda: changed(file, random.Random(seed))
+
+
+def _write(path: Path, content: bytes) -> None:
+    if path.is_symlink() or path.is_file() or not path.exists():
+        path.unlink(missing_ok=True)
+        path.write_bytes(content)
+
+
+def changed(path: Path, rng: random.Random) -> None:
+    """Change a file in the folder: as text of its kind, its bytes, or what it is."""
+    if not path.is_file():
+        return
+    kind = rng.random()
+    content = path.read_bytes()
+    if kind < 0.05:
+        _write(
+            path, rng.choice([b"", b"\0" * 1000, b"\xff\xfe", os.urandom(100), b"{" * 100_000, b"[" * 100_000, b'"'])
+        )
+    elif kind < 0.1:
+        path.unlink()
+        rng.choice([path.mkdir, lambda: path.symlink_to("nowhere"), lambda: None])()
+    elif path.suffix in (".toml", ".csv"):
+        _write(path, _text(content, rng))
+    elif path.suffix == ".json":
+        _write(path, _json(content, rng))
+    elif path.suffix == ".sqlite":
+        _sqlite(path, rng)
+    else:
+        out = bytearray(content)
+        for _ in range(rng.randrange(1, 9)):
+            out[rng.randrange(len(out)) if out else 0 : 0] = b""
+            if out:
+                out[rng.randrange(len(out))] ^= 1 << rng.randrange(8)
+        _write(path, bytes(out[: rng.randrange(len(out) + 1)] if rng.random() < 0.2 else out))
+
+
+def _hostile(rng: random.Random) -> str:
+    return rng.choice(NUMBERS + TEXTS + ('"text"', "true", "[[[1]]]", "{ a = { b = 1 } }", '"' + "x" * 100_000 + '"'))
+
+
+def _text(content: bytes, rng: random.Random) -> bytes:
+    """Put a hostile value in place of one in TOML or CSV, or drop or repeat a line."""
+    text = content.decode("utf-8", "surrogateescape")
+    values = list(re.finditer(r"(?<=[=,\[] )[^\s,\]}]+|(?<=,)[^,\n]+|(?<=\n)[^,\n=]+(?=,)", text))
+    if values and rng.random() < 0.8:
+        found = rng.choice(values)
+        text = text[: found.start()] + _hostile(rng) + text[found.end() :]
+    else:
+        lines = text.splitlines(keepends=True) or [""]
+        at = rng.randrange(len(lines))
+        lines[at : at + 1] = rng.choice(
+            [[], [lines[at]] * 2, lines[at : at + 1] * 0 + [_hostile(rng) + "\n"], lines[:at]]
+        )
+        text = "".join(lines)
+    return text.encode("utf-8", "surrogateescape")
+
+
+VALUES = (
+    None,
+    True,
+    0,
+    -1,
+    1e308,
+    5e-324,
+    10**30,
+    "",
+    "x" * 100_000,
+    [],
+    {},
+    [[[1]]],
+    {"a": {"b": 1}},
+    float("nan"),
+    "text",
+)
+
+
+def _json(content: bytes, rng: random.Random) -> bytes:
+    """Put a hostile value in place of one in JSON, or drop it."""
+    try:
+        whole = json.loads(content)
+    except ValueError:
+        return content[: rng.randrange(len(content) + 1)]
+    top: dict[str, Any] = {"": whole}
+    node: Any = top
+    at: Any = ""
+    for _ in range(rng.randrange(1, 6)):
+        inner = node[at]
+        if isinstance(inner, dict | list) and inner:
+            node, at = inner, rng.choice(list(inner)) if isinstance(inner, dict) else rng.randrange(len(inner))
+    if rng.random() < 0.25 and isinstance(node, dict) and at:
+        del node[at]
+    else:
+        node[at] = rng.choice(VALUES)
+    return json.dumps(top[""]).encode()
+
+
+STATEMENTS = (
+    "DROP TABLE study", "DROP TABLE trials", "DELETE FROM study", "UPDATE study SET value = 'x'", "DELETE FROM trials",
+    "UPDATE study SET value = '[1, 2]' WHERE part = 'fingerprint'", "UPDATE study SET value = x'00ff'",
+    "UPDATE study SET value = '[]'", "UPDATE trials SET status = 'other'", "UPDATE trials SET wall_s = 'text'",
+    "UPDATE trials SET trial = trial + 1000000", "UPDATE trials SET trial = -1 - trial",
+    "ALTER TABLE trials DROP COLUMN reason",
+    "UPDATE trials SET drift_m_s = 'text', noise_3sigma_m = x'ff'", "UPDATE trials SET noise_3sigma_m = NULL",
+    "UPDATE trials SET noise_3sigma_m = 9e999", "ALTER TABLE trials RENAME COLUMN noise_3sigma_m TO other",
+    "CREATE TABLE more (a)", "DROP TABLE trials; CREATE TABLE trials (a)",
+    "DROP TABLE study; CREATE TABLE study (part, value)",
+    "UPDATE trials SET status = x'ff'", "UPDATE trials SET reason = 7", "PRAGMA user_version = 7",
+    "UPDATE study SET value = '\"text\"' WHERE part = 'fingerprint'",
+    "UPDATE study SET value = '{\"a\": 1}' WHERE part = 'fingerprint'",
+)  # fmt: skip
+
+
+def _sqlite(path: Path, rng: random.Random) -> None:
+    """Change what a database says, or its bytes."""
+    if rng.random() < 0.3:
+        content = bytearray(path.read_bytes())
+        for _ in range(rng.randrange(1, 20)):
+            content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        return _write(path, bytes(content))
+    try:
+        file = sqlite3.connect(path)
+        file.executescript(rng.choice(STATEMENTS))
+        file.commit()
+        file.close()
+    except sqlite3.Error:
+        return

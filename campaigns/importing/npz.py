@@ -1,0 +1,113 @@
+"""Arrays in numpy's zip archives, unpacked as a stream: no size that the archive tells of itself is believed."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.importing.pieces import PIECE_BYTES, Pieces
+from campaigns.importing.refusals import check_expansion, unreadable
+from campaigns.log.guard import refuse, stored_bytes
+from sim_backend.errors import DataError
+
+_ERRORS = (OSError, ValueError, TypeError, EOFError, SyntaxError, RuntimeError, MemoryError, zipfile.BadZipFile)
+_PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""What numpy writes. Others are unpacked by Python without a bound on what comes out at once."""
+
+
+@dataclass(frozen=True)
+class NpzSource:
+    """Arrays by the names of their members, `.npy` taken off."""
+
+    path: Path
+
+    @cached_property
+    def _members(self) -> dict[str, zipfile.ZipInfo]:
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                found = archive.infolist()
+        except _ERRORS as error:
+            raise unreadable(self.path, error) from None
+        members: dict[str, zipfile.ZipInfo] = {}
+        for entry in found:
+            name = entry.filename.removesuffix(".npy")
+            if name in members:
+                raise refuse(self.path, name, "stands for two members of the archive", "save it again with numpy")
+            members[name] = entry
+        return members
+
+    def names(self) -> list[str]:
+        """Return the names of the members."""
+        return list(self._members)
+
+    def array(self, name: str) -> NDArray[Any] | None:
+        """Return the array of that name, None when there is none; raises DataError when it cannot be read."""
+        entry = self._members.get(name)
+        if entry is None:
+            return None
+        stored = min(entry.compress_size, stored_bytes(self.path))
+        check_expansion(self.path, name, entry.file_size, stored)
+        if entry.compress_type not in _PLAIN:
+            raise refuse(self.path, name, f"is packed by method {entry.compress_type}", "save it again with numpy")
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                with archive.open(entry) as stream:
+                    shape, turned, dtype = _described(stream)
+                if dtype.hasobject:
+                    raise refuse(self.path, name, "holds Python objects", "save real numbers")
+                found = Pieces(
+                    shape[::-1] if turned else shape, dtype, lambda: self._read(archive, entry, dtype), turned
+                )
+                if found.nbytes > entry.file_size:
+                    what = f"claims shape {shape} in {entry.file_size} bytes"
+                    raise refuse(self.path, name, what, "restore the file from a copy")
+                for _ in found.read():
+                    pass  # what is refused in the middle has cost no memory
+                return found.whole()
+        except DataError:
+            raise
+        except _ERRORS as error:
+            raise unreadable(self.path, error) from None
+
+    def _read(self, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+        with archive.open(entry) as stream:
+            shape, _, _ = _described(stream)
+            left = math.prod(shape) * dtype.itemsize
+            while left:
+                # whole numbers only: a stream gives what it has, not what it is asked for
+                data = _exactly(stream, min(left, max(PIECE_BYTES // dtype.itemsize, 1) * dtype.itemsize))
+                left -= len(data)
+                yield np.frombuffer(data, dtype)
+            if stream.read(1):
+                raise ValueError("there is more than its shape tells")
+
+    def unit(self, name: str) -> str | None:
+        """Return None: numpy's files name no units."""
+        return None
+
+
+def _described(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, whether it is in Fortran's order, and type."""
+    version = np.lib.format.read_magic(stream)
+    read_header: Callable[..., tuple[tuple[int, ...], bool, np.dtype[Any]]] = (
+        np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    )
+    return read_header(stream)
+
+
+def _exactly(stream: IO[bytes], count: int) -> bytes:
+    data = bytearray()
+    while len(data) < count:
+        more = stream.read(count - len(data))
+        if not more:
+            raise EOFError(f"ends after {len(data)} of {count} bytes of a piece")
+        data += more
+    return bytes(data)
