@@ -169,7 +169,7 @@ def test_all_measures_together(tmp_path: Path) -> None:
     assert value["named correctly"] == (pytest.approx(2 / 3), 3, False)
     assert value["worst family"] == (pytest.approx(2 / 3), 3, False)
     assert rows(score)["worst family"].interval == pytest.approx(share_interval(2, 3))
-    assert value["families below 80 %"] == (1, 1, False)
+    assert value["families below 85 %"] == (1, 1, False)
     assert value["confident wrong name"] == (pytest.approx(2 / 13), 13, False)
     # one alarm, and one that cannot be read, which is no "consistent" either
     assert value["false alarms on null campaigns"] == (pytest.approx(2 / 3), 3, False)
@@ -200,7 +200,7 @@ def test_page_holds_every_measure_and_what_went_wrong(tmp_path: Path) -> None:
     score = score_challenge(tmp_path)
     text = page(score, date="2026-01-02", commands=("mccd challenge score DIR",), version="1")
     assert all(m.name.strip().replace("|", "\\|") in text for m in score.measures)
-    assert "| worst family, delay | 0 | 0 – 0.975 | 1 | >= 80 % | **no** |" in text
+    assert "| worst family, delay | 0 | 0 – 0.975 | 1 | >= 85 % | **no** |" in text
     assert "| 01 | one | full, 2 axes | delay at theta_x (2.0 × naming limit) | named | backlash at theta_x |" in text
     assert "2026-01-02" in text
 
