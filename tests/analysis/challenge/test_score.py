@@ -221,7 +221,7 @@ def test_a_score_of_too_few_cases_is_not_passed(tmp_path: Path) -> None:
     few = rows(score)["false alarms on null campaigns"]
     assert (few.value, few.mark, few.counted) == (0.0, "too few", "1 of 300")
     text = page(score, date="2026-01-02", commands=("mccd challenge score DIR",), version="1")
-    assert "| false alarms on null campaigns | 0 | 0 – 0.975 | 1 of 300 | <= 1 % | **too few** |" in text
+    assert "| false alarms on null campaigns | 0 | 0 – 0.975 | 1 of 300 | <= 0.5 % | **too few** |" in text
     (line,) = [line for line in text.splitlines() if line.startswith("Fewer cases than the design demands: ")]
     assert "families with 20 cases or more (0 of 33)" in line
     assert "two effects at once, both named (0 of 1)" in line
