@@ -32,7 +32,7 @@ def read_text(
     except (FileNotFoundError, NotADirectoryError):
         raise error(f"{what} '{path}': no such file{fix and '; '}{fix}") from None
     except UnicodeDecodeError as fault:
-        raise error(f"{path}: not UTF-8 at byte {fault.start}; save the {what} as UTF-8 text") from None
+        raise error(f"{path}: not UTF-8 text at byte {fault.start}; save the {what} as UTF-8") from None
     except ValueError as fault:  # a name with a zero byte
         raise error(f"{what} '{path}': no name of a file ({fault}); correct it") from None
     except OSError as fault:

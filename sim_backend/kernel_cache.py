@@ -14,7 +14,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from sim_backend.errors import MccdWarning
+from sim_backend.errors import ConfigError, MccdWarning
 from sim_backend.safe_write import write_bytes
 
 VARIABLE = "MCCD_KERNEL_CACHE"
@@ -61,6 +61,8 @@ def keep_entry(name: str, data: bytes) -> None:
         return
     try:
         write_bytes(place / name, _digest(name, data) + data, mode=0o600)
+    except ConfigError as error:  # something else has the entry's name
+        _doubt(str(error))
     except OSError as error:
         _doubt(f"{place} cannot be written ({error.strerror or error})")
 

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import Event, Timer
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import msgspec
 
@@ -40,7 +40,7 @@ _RESTORE = "restore the file, or make the challenge anew"
 class _Public(msgspec.Struct):
     """What is read of what a challenge tells of itself."""
 
-    cases: Annotated[list[str], msgspec.Meta(min_length=1)]
+    cases: list[str]
     nominal_error: float = NOMINAL_ERROR
 
 
@@ -97,6 +97,8 @@ def cases_of(folder: Path, first: str | None = None) -> list[str]:
     Raises ConfigError when there is no challenge in `folder` or no such case.
     """
     names = _public(folder).cases
+    if not names:
+        raise DataError(f"{folder / 'challenge.json'} lists no cases; {_RESTORE}")
     for name in names:
         check_file_name(name, f"{folder / 'challenge.json'}: case")
     if first is not None and first not in names:

@@ -155,7 +155,7 @@ class _Follower:
     def misfits(self, run: Run, start: int) -> tuple[Misfit, ...]:
         found = []
         for k, name in self.outputs.items():
-            measured = with_gaps(run.read(name, start, self.row))
+            measured = with_gaps(run.stored(name, start, self.row))
             residual = measured - self.simulated[-measured.size :, k]
             channel = run.channels[name]
             found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(measured - _mean(measured))))
@@ -188,7 +188,7 @@ def _channels(run: Run, ports: Sequence[Port], role: str) -> dict[int, str]:
 
 
 def _reading(run: Run, name: str, start: int) -> Reading:
-    values = with_gaps(run.read(name, start))
+    values = with_gaps(run.stored(name, start))
     channel = run.channels[name]
     recent = np.array([_mean(part) for part in np.array_split(values, min(BINS, values.size))])
     there = values[np.isfinite(values)]

@@ -114,7 +114,7 @@ def seen_in(run: Run) -> Seen:
     names = [name for name, channel in run.channels.items() if channel.role != "aux"]
     rows = min(run.rows, MOST_NUMBERS // max(len(names), 1))
     segments = [replace(s, stop=min(s.stop, rows)) for s in run.segments if s.start < rows] or whole(rows)
-    columns = {name: with_gaps(run.read(name, 0, rows)) for name in names}
+    columns = {name: with_gaps(run.stored(name, 0, rows)) for name in names}
     return Seen(columns, {name: run.channels[name] for name in names}, segments, run.sample_rate_hz, rows == run.rows)
 
 

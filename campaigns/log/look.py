@@ -50,7 +50,7 @@ def _read_all(run: Run, names: list[str]) -> str:
             for first in range(sound, run.rows if names else 0, rows):
                 until = min(first + rows, run.rows)
                 for name in names:
-                    run.read(name, first, until)
+                    run.stored(name, first, until)
                 sound = until
                 _tell(rows=sound)
         except NoMemoryError:

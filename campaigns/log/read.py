@@ -91,16 +91,18 @@ class Run:
         nothing can be computed with (larger than LARGEST, or all of them smaller than SMALLEST and not zero),
         NoMemoryError where the memory does not suffice.
         """
-        values = self._stored(name, start, stop)
+        values = self.stored(name, start, stop)
         # holes are no numbers, and every user of values looks for them
         size = float(max(np.fmax.reduce(values), -np.fmin.reduce(values))) if values.size else 0.0
         if LARGEST < size < np.inf or 0.0 < size < SMALLEST:
-            what = f"holds {size:.4g} as its largest number; it must lie between {SMALLEST:g} and {LARGEST:g}"
+            what = (
+                f"holds {size:.4g} as its largest number, {'beyond' if size > 1.0 else 'below'} what any sensor reads"
+            )
             raise refuse(self.path, name, what, "correct its unit or scale where it was made")
         return values
 
-    def _stored(self, name: str, start: int, stop: int | None) -> Array:
-        """Return rows of a channel as they are."""
+    def stored(self, name: str, start: int = 0, stop: int | None = None) -> Array:
+        """Return rows as `read` does, whatever numbers they hold: to copy them, or to say what is wrong with them."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
             raise ConfigError(f"rows {start} to {last} of {self.path}: it holds rows 0 to {self.rows}")
@@ -154,7 +156,7 @@ class Run:
         last = self.rows if stop is None else stop
         for first in range(start, last, rows):
             until = min(first + rows, last)
-            yield first, {name: self._stored(name, first, until) for name in chosen}
+            yield first, {name: self.stored(name, first, until) for name in chosen}
 
     def _block_rows(self, channels: int) -> int:
         rows = min(BLOCK_ROWS, max(BLOCK_VALUES // max(channels, 1), 1))

@@ -7,7 +7,6 @@ import dataclasses
 import fcntl
 import hashlib
 import json
-import os
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -190,7 +189,7 @@ def _locked(home: Path) -> Iterator[None]:
 def read_state(folder: str | Path) -> dict[str, Any] | None:
     """Return the state file of a campaign's folder, None if there is none; raises DataError when it is broken."""
     path = Path(folder) / STATE_FILE
-    if not os.path.lexists(path):
+    if not path.exists():
         return None
     text = read_text(path, "state of a campaign", most_bytes=STATE_BYTES, error=DataError, fix=_NO_STATE)
     state: dict[str, Any] = json_of(text, str(path), error=DataError, fix=_NO_STATE)

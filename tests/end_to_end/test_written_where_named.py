@@ -122,6 +122,9 @@ def test_a_terminal_replaces_no_link_but_that_of_a_terminal(folder, victim):
     assert Path("mine").readlink() == victim
     Path("left").symlink_to("/dev/pts/987654321")
     port = PtyPort(Path("left"))
+    line = port.accept()
+    assert line is not None and Path("left").readlink() != Path("/dev/pts/987654321")
+    line.close()
     port.close()
     assert not os.path.lexists("left")
 

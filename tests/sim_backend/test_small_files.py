@@ -66,5 +66,5 @@ def test_text_has_the_line_feeds_of_python(tmp_path):
     (tmp_path / "a").write_bytes("é\r\nb\rc\n".encode())
     assert read_small_text(tmp_path / "a", 100) == "é\nb\nc\n"
     (tmp_path / "a").write_bytes(b"\xff")
-    with pytest.raises(ConfigError, match="not UTF-8 at byte 0"):
+    with pytest.raises(ConfigError, match="not UTF-8 text at byte 0"):
         read_text(tmp_path / "a", "map")

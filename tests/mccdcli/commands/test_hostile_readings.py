@@ -64,7 +64,8 @@ def test_readings_that_are_none_end_in_one_line(tmp_path: Path, command: str, be
     assert done.returncode == 4, done.stderr
     lines = [line for line in done.stderr.splitlines() if line.startswith("mccd: error:")]
     assert len(lines) == 1 and "Warning" not in done.stderr and "Traceback" not in done.stderr
-    assert ("beyond what any sensor reads" if bend is huge else "not finite") in lines[0]
+    said = ("beyond what any sensor reads",) if bend is huge else ("not finite", "holds no number")
+    assert any(words in lines[0] for words in said)
 
 
 def test_a_mirror_that_does_not_move_has_no_loops(tmp_path: Path) -> None:
