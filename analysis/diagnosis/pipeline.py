@@ -295,8 +295,7 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
     remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
     noise = setting.whitener if own else remaining
     first, last = (linear_of(setting, fit) for fit in (tuned, best))
-    outputs, inflation = [p.dof for p in model.outputs], np.sqrt(found.inflation)
-    gain = gain_of(data, before, after, noise, first, last, outputs, seed, best.least_known * float(inflation))
+    gain = gain_of(data, before, after, noise, first, last, [p.dof for p in model.outputs], seed)
     return _Answer(before, after, remaining, gain)
 
 

@@ -38,7 +38,6 @@ def gain_of(
     extended: ModalModel,
     outputs: Sequence[str],
     seed: int = 0,
-    size_std: float = 0.0,
 ) -> Gain | None:
     """Return the gain on all held-out windows, and by the `outputs` of these names; None when nothing is held out.
 
@@ -46,7 +45,7 @@ def gain_of(
     relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
     noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. What the state
     in which a window begins can add under `first` and `extended`, the linear models that left `before` and `after`, is
-    taken out of it. What was added is of a size that the fitted rows tell to the part `size_std` of it.
+    taken out of it.
     """
     windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
     if not windows:
@@ -67,7 +66,7 @@ def gain_of(
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
-    times, own_std = _times(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
+    times, times_std = _times(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
@@ -86,7 +85,7 @@ def gain_of(
         ),
         least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
         times=times,
-        times_std=float(np.hypot(own_std, size_std)),
+        times_std=times_std,
     )
 
 

@@ -121,16 +121,6 @@ class Fit:
         """Twice the negative log posterior up to a constant."""
         return self.misfit + self.penalty
 
-    @property
-    def least_known(self) -> float:
-        """To what part of itself the size of the least known effect is known; 0 without effects that have sizes."""
-        known: dict[int, float] = {}
-        for (i, name), value, std in zip(self.names, self.values, self.std, strict=True):
-            if name in self.candidates[i].unit_sizes:
-                part = float(std / abs(value)) if value else np.inf
-                known[i] = min(known.get(i, np.inf), part)
-        return max(known.values(), default=0.0)
-
     def held(self, keep: Sequence[int] | None = None) -> tuple[list[Candidate], Array]:
         """Return where another refit of these effects (or those numbered in `keep`) starts: shapes and sizes as fitted.
 

@@ -225,18 +225,3 @@ def test_noise_stays_as_large_as_it_is_beside_a_start(oscillator, rows):
         squares.append((found.rms_after * np.std(noise[10:])) ** 2)
     # the mean of 300 sums of `rows` squares, five standard deviations
     assert np.mean(squares) == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / (300 * rows)))
-
-
-def test_a_size_that_is_poorly_known_may_be_another_one_on_held_out_rows(oscillator):
-    """A tenth of deviation in the fit and one on held-out rows are two independent errors of one number."""
-    rng, linear = np.random.default_rng(8), oscillator.linear()
-    y, noise = 10.0 * rng.standard_normal((4000, 1)), rng.standard_normal((4000, 1))
-    wave = np.sin(np.arange(4000.0) * 0.7)[:, None]
-    data = Dataset(RATE_HZ, (record(y, (Window("fit", 0, 2000), Window("held-out", 2000, 4000, held_out=True))),))
-    of_parts = [
-        gain_of(data, [noise + 0.6 * wave], [noise - 0.4 * wave], WHITENER, linear, linear, ["x"], size_std=part)
-        for part in (0.0, 0.1)
-    ]
-    known, poorly = (found for found in of_parts if found is not None)
-    assert known.times == poorly.times == pytest.approx(0.6, abs=4.0 * known.times_std)
-    assert poorly.times_std == pytest.approx(np.hypot(known.times_std, 0.1), rel=1e-12)
