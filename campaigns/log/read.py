@@ -95,9 +95,8 @@ class Run:
         # holes are no numbers, and every user of values looks for them
         size = float(max(np.fmax.reduce(values), -np.fmin.reduce(values))) if values.size else 0.0
         if LARGEST < size < np.inf or 0.0 < size < SMALLEST:
-            what = (
-                f"holds {size:.4g} as its largest number, {'beyond' if size > 1.0 else 'below'} what any sensor reads"
-            )
+            limits = f"it must lie between {SMALLEST:g} and {LARGEST:g}, others are beyond what any sensor reads"
+            what = f"holds {size:.4g} as its largest number; {limits}"
             raise refuse(self.path, name, what, "correct its unit or scale where it was made")
         return values
 

@@ -280,7 +280,7 @@ def test_a_block_of_many_channels_has_fewer_rows(tmp_path, monkeypatch):
 def test_a_reader_without_memory_says_so_and_recovery_drops_no_row(unsealed, tmp_path, monkeypatch):
     short = "import resource\nfrom campaigns.log import look\n"
     short += "look.bound_memory = lambda: None\n"
-    short += "def read(*_): raise MemoryError\nlook.Run.read = read\nlook.child()"
+    short += "def read(*_): raise MemoryError\nlook.Run.stored = read\nlook.child()"
     instead(monkeypatch, short)
     with pytest.raises(DataError, match="more memory than its reader may") as caught:
         recover(unsealed, tmp_path / "saved.h5")
