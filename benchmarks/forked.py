@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 
-HIGHEST_FILE = 256
+from campaigns.log.child import fork_python
 
 
 def forked(code: str, *arguments: str, talk: bool = False) -> subprocess.Popen[bytes]:
     """Do what `campaigns.log.child.start_python` does, in a copy of this process that has everything imported."""
 
-    def run() -> None:
-        os.closerange(3, HIGHEST_FILE)  # among them the pipe by which Popen would wait for the program to start
+    def work() -> None:
         sys.argv = ["-c", *arguments]
-        sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)
-        status = 1
-        try:
-            exec(code, {})
-            sys.stdout.flush()
-            status = 0
-        finally:
-            os._exit(status)
+        exec(code, {})
 
-    return subprocess.Popen(
-        [sys.executable],
-        stdin=subprocess.PIPE if talk else subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=run,  # which never returns
-    )
+    process = fork_python(work)
+    if not talk and process.stdin is not None:
+        process.stdin.close()
+        process.stdin = None
+    return process

@@ -32,9 +32,9 @@ _KINDS = {
 }
 
 
-def open_regular(path: str | os.PathLike[str], flags: int = _OPEN, mode: int = 0o666) -> int:
+def open_regular(path: str | os.PathLike[str]) -> int:
     """Open an ordinary file without waiting and return its descriptor; raises OSError for anything else."""
-    descriptor = os.open(path, flags, mode)
+    descriptor = os.open(path, _OPEN)
     try:
         kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
         if kind != stat.S_IFREG:

@@ -13,9 +13,9 @@ from analysis.challenge.rows import SCHEMA, judged_of
 from analysis.challenge.score import Score, score_of
 from sim_backend.documents import json_of, read_text
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.small_files import TABLE_BYTES
 
 _AND = " and "
-_MOST_BYTES = 1_000_000_000
 
 
 def pool(paths: Sequence[Path]) -> Score:
@@ -44,7 +44,7 @@ def pool(paths: Sequence[Path]) -> Score:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    text = read_text(path, "score", most_bytes=_MOST_BYTES, error=DataError)
+    text = read_text(path, "score", most_bytes=TABLE_BYTES, error=DataError)
     document = json_of(text, str(path), error=DataError, fix="give what `mccd challenge score` has written")
     form = document.get("schema") if isinstance(document, dict) else None
     if form != SCHEMA:

@@ -62,6 +62,7 @@ def fork_python(work: Callable[[], None]) -> subprocess.Popen[bytes]:
             os.closerange(3, resource.getrlimit(resource.RLIMIT_NOFILE)[0])  # among them what Popen waits for
             sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)
             work()
+            sys.stdout.flush()
             status = 0
         finally:
             os._exit(status)

@@ -146,7 +146,7 @@ class Run:
     ) -> Iterator[tuple[int, dict[str, Array]]]:
         """Yield (first row, {name: values}) over rows `start` to `stop`, at most `rows` at a time.
 
-        Without `rows`, as many as keep the memory of a block whatever the number of channels. Raises as `read`.
+        Without `rows`, as many as keep the memory of a block whatever the number of channels. Raises as `stored`.
         """
         chosen = tuple(self.channels if names is None else names)
         rows = self._block_rows(len(chosen)) if rows is None else rows
