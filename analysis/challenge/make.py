@@ -48,6 +48,8 @@ def plans_of(counts: Counts, families: Sequence[str], rng: np.random.Generator, 
 
     Pairs and families left out of the search are of those without a twin. Raises ConfigError when no pair can be had.
     """
+    # at least so many: which families have no twin takes most of a minute to tell
+    require_countable(counts.none + counts.two + counts.outside + (counts.one + counts.faint) * len(families))
     alone = separable(families, rng) if counts.outside or counts.two else ()
     strata: list[tuple[Stratum, int, Sequence[str]]] = [
         ("one", counts.one, families),

@@ -90,3 +90,12 @@ def test_a_challenge_of_too_many_cases_is_refused() -> None:
         plans_of(Counts(one=10**9), ("backlash",), None)  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="the limit is 100000"):
         second.plans_of(second.Counts(none=10**9), (), None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("asked", [{"two": 10**9}, {"outside": 10**9}])
+def test_a_challenge_without_end_is_refused_before_anything_is_computed(
+    monkeypatch: pytest.MonkeyPatch, asked: dict[str, int]
+) -> None:
+    monkeypatch.setattr("analysis.challenge.make.separable", lambda *_: pytest.fail("it was computed"))
+    with pytest.raises(ConfigError, match="the limit is 100000"):
+        plans_of(Counts(none=0, one=0, **asked), ("delay",), None)  # type: ignore[arg-type]
