@@ -12,11 +12,20 @@ from analysis.identification.determined import SIGNIFICANT, determinedness
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.identification.whitening import holds_inputs
-from analysis.identification.whole_delay import IntArray, beginning, freed
+from analysis.identification.whole_delay import LATEST, IntArray, beginning, freed
 from sim_backend.linear import Array, ModalModel
 
 _CLEARLY = 2.0 * float(np.log(99.0))
 """By how much the criterion (twice a logarithm of evidence) must fall: a hundred to one."""
+
+_IMITATING = 2
+"""Modes more than there are, with which a fit without a delay may do what a delay does: each turns the phase by 180°."""
+
+_EARLIER = 2
+"""Samples by which a regression may have called a delay too long: what a slow mode does at first is below the noise."""
+
+_PATIENCE = 2
+"""Modes given up in succession that may not pay: an imitation may stand between two modes."""
 
 Search = Callable[[Sequence[Array], Sequence[Array]], TimeFit]
 
@@ -32,21 +41,22 @@ def fit_whole_delay(
     """Return the fit of `search` to records, freed of whole samples of delay where that explains them clearly better.
 
     Shapes: every record's input (n, n_u) and output (n, n_y). Modes imitate a delay one by one, so that it has to be
-    known before they are counted. It is proposed by a regression, held against none by fits of as few modes as that
-    needs, and decided by fits of as many as there are.
+    known before they are counted. It is proposed by a regression; then a search among modes freed of it is held against
+    fits without it that have as many modes, and up to `_IMITATING` more.
     """
     proposed = beginning(inputs, outputs)
     if not np.any(proposed.whole):
         return search(inputs, outputs)
-    unknown, few = int(proposed.whole.max()), int(np.clip(proposed.order // 2, orders[0], orders[-1]))
-    records = [freed(inputs, outputs, late, unknown) for late in (proposed.whole, 0 * proposed.whole)]
-    late, plain = (fit_records(*some, rate_hz, few, structure=structure, rigid_bodies=None) for some in records)
-    if late.criterion + _CLEARLY >= plain.criterion:
-        return search(inputs, outputs)
-    # a delay may have stood for what fewer modes than there are cannot do
-    late, plain = (search(*some) for some in records)
-    if late.criterion + _CLEARLY >= plain.criterion:
-        return search(inputs, outputs)
+    unknown = int(proposed.whole.max())
+    late = search(*freed(inputs, outputs, proposed.whole, unknown))
+    plain = freed(inputs, outputs, 0 * proposed.whole, unknown)
+    fewest = late.model.n_blocks
+    for n in range(fewest, min(fewest + _IMITATING, max(orders[-1], fewest)) + 1):
+        if (
+            late.criterion + _CLEARLY
+            >= fit_records(*plain, rate_hz, n, structure=structure, rigid_bodies=None).criterion
+        ):
+            return search(inputs, outputs)
     return _later(late, proposed.whole, rate_hz)
 
 
@@ -57,40 +67,79 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     what they cannot would be found later as a delay that the bench has and the model lacks.
 
     What acts a part of a sample late on held steps is exactly what acts at the next whole sample and has a direct path.
-    A free delay stands for fewer numbers, and is exact at low frequencies. Either is tried with all modes and without
-    the fastest, which may have been the imitation. Where no mode is as fast as a sample, and the inputs explain nothing
-    of what `fit` leaves, there is nothing that a delay could be told from.
+    A free delay stands for fewer numbers, and is exact at low frequencies. Either is tried with all modes, and a free
+    one with ever fewer: the fastest may have been imitations of it.
     """
-    if np.abs(fit.model.poles_1_s()).max(initial=0.0) < rate_hz and not _holds_inputs(fit, inputs, outputs):
-        return fit
     known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
     proposed = beginning(inputs, outputs).whole
     bases = [known] if np.array_equal(known, proposed) else [known, proposed]
-    unknown = int(max(base.max() for base in bases)) + 1
+    # more rows are left out than these need: a free delay may turn out longer, and what was played before is not known
+    unknown = max(*(int(base.max()) + 1 for base in bases), min(LATEST, min(y.shape[0] for y in outputs) // 20))
     bare = fit.model.with_(delay_s=np.zeros(known.size))
+    if bare.n_blocks == 1 and np.abs(bare.poles_1_s()).max() < rate_hz and not _holds_inputs(fit, inputs, outputs):
+        return fit  # there is nothing that a delay could be told from
     reference = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, bare)
-    starts = [bare]
-    if bare.n_blocks > 1:
-        starts.append(bare.only(np.arange(bare.n_blocks) != int(np.argmax(np.abs(bare.poles_1_s()).max(axis=1)))))
-    free = replace(fit.structure, delay=True)
     found = []
     for base in bases:
-        own, next_one = (freed(inputs, outputs, whole, unknown) for whole in (base, base + 1))
-        for start in starts:
-            late = _again(own, rate_hz, free, start.with_(delay_s=np.full(known.size, 0.5 / rate_hz)))
-            found += [_later(late, base, rate_hz)] if np.all(_known(late)) else []
-            if fit.structure.feedthrough:
-                found.append(_later(_again(next_one, rate_hz, fit.structure, start), base + 1, rate_hz))
+        found += _free_delays(bare, base, inputs, outputs, rate_hz, fit.structure, unknown)
+        if fit.structure.feedthrough:
+            next_one = freed(inputs, outputs, base + 1, unknown)
+            starts = [bare] if bare.n_blocks == 1 else [bare, _slower(bare)]
+            found += [_later(_again(next_one, rate_hz, fit.structure, one), base + 1, rate_hz) for one in starts]
     # a mode that nobody knows is no price for a delay
     found = [one for one in found if _doubtful(one) <= _doubtful(reference)]
     best = min(found, key=lambda one: one.criterion, default=reference)
     if best.model.n_blocks < bare.n_blocks:
-        # it may be the mode given up that pays, and not the delay
-        plain = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, starts[-1])
+        # it may be the modes given up that pay, and not the delay
+        fewer = bare
+        while fewer.n_blocks > best.model.n_blocks:
+            fewer = _slower(fewer)
+        plain = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, fewer)
         if plain.criterion < reference.criterion and _doubtful(plain) <= _doubtful(reference):
             fit, reference = _later(plain, known, rate_hz), plain
     paths = fit.model.n_inputs * fit.model.n_outputs
     return best if best.criterion + paths * _CLEARLY < reference.criterion else fit
+
+
+def _free_delays(
+    bare: ModalModel,
+    base: IntArray,
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate_hz: float,
+    structure: Structure,
+    unknown: int,
+) -> list[TimeFit]:
+    """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer of the fast.
+
+    Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found are moved
+    into the records, and it is fitted again: else the first rows lack what was played before them.
+    """
+    free = replace(structure, delay=True)
+    earlier = np.maximum(base - _EARLIER, 0)
+    start = bare.with_(delay_s=(base - earlier + 0.5) / rate_hz)
+    found, least, worse = [], np.inf, 0
+    while True:
+        late = _again(freed(inputs, outputs, earlier, unknown), rate_hz, free, start)
+        whole = np.minimum(np.floor(late.model.delay_s * rate_hz).astype(np.intp), unknown - 1 - earlier)
+        if np.any(whole > 0):
+            earlier = earlier + whole
+            start = late.model.with_(delay_s=late.model.delay_s - whole / rate_hz)
+            late = _again(freed(inputs, outputs, earlier, unknown), rate_hz, free, start)
+        late = _later(late, earlier, rate_hz)
+        worse = 0 if late.criterion < least else worse + 1
+        least = min(late.criterion, least)
+        if np.all(_known(late)):
+            found.append(late)
+        if start.n_blocks == 1 or worse == _PATIENCE:
+            return found
+        start = _slower(late.model.with_(delay_s=late.model.delay_s - earlier / rate_hz))
+
+
+def _slower(model: ModalModel) -> ModalModel:
+    """Return a model without its fastest block."""
+    fastest = int(np.argmax(np.abs(model.poles_1_s()).max(axis=1)))
+    return model.only(np.arange(model.n_blocks) != fastest)
 
 
 def _again(

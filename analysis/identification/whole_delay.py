@@ -23,7 +23,7 @@ IntArray = NDArray[np.intp]
 _ORDERS = (2, 4, 8, 16)
 """Lags of each signal: a regression of few may stop at what noise is, one of many at what it costs."""
 
-_LATEST = 64
+LATEST = 64
 """Samples: more is no delay of a drive's electronics; and columns of inputs that are solved at once."""
 
 BEGINNING_ROWS = 20_000
@@ -57,7 +57,7 @@ def beginning(inputs: Sequence[Array], outputs: Sequence[Array]) -> Beginning:
     u, y = inputs[longest][:BEGINNING_ROWS], outputs[longest][:BEGINNING_ROWS]
     n, n_u, n_y = u.shape[0], u.shape[1], y.shape[1]
     orders = tuple(p for p in _ORDERS if 8 * p * (n_u + n_y) < n)
-    latest = min(_LATEST // n_u, n // 8)
+    latest = min(LATEST // n_u, n // 8)
     if not orders or latest < 2:
         return Beginning(np.ones(n_u, dtype=np.intp), _ORDERS[0])
     lags = _Lags(u, y, orders[-1], latest)

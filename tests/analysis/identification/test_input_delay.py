@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import chirp, cont2discrete, lfilter
 
-from analysis.identification.input_delay import with_delay
+from analysis.identification.input_delay import fit_whole_delay, with_delay
+from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.linear.simulate import simulate_linear
 from sim_backend.linear import ModalModel, discretise
@@ -57,3 +58,48 @@ def test_what_a_late_input_leaves_is_noise(late_samples: float) -> None:
     assert late.model.omega_rad_s[0] / (2.0 * np.pi) == pytest.approx(
         21.0, abs=4.0 * late.omega_std_rad_s[0] / (2.0 * np.pi)
     )
+
+
+ORDERS = (1, 2, 3, 4)
+
+
+def identified(u: np.ndarray, y: np.ndarray, rate_hz: float) -> TimeFit:
+    """Return the fit of as many modes as records of one input and one output (n, 1) show, with its delay."""
+
+    def search(inputs, outputs):
+        return fit_records(inputs, outputs, rate_hz, ORDERS, rigid_bodies=None)
+
+    fit = fit_whole_delay(search, [u], [y], rate_hz, ORDERS, Structure())
+    return with_delay(fit, [u], [y], rate_hz)
+
+
+def drives(rng: np.random.Generator, rate_hz: float, rows: int) -> dict[str, np.ndarray]:
+    """Return one input (rows,) of every kind: two that follow from their past, and one that does not."""
+    t = np.arange(rows) / rate_hz
+    lines = np.arange(1, 250)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (lines.size, 1))
+    period = np.sum(np.cos(2.0 * np.pi * lines[:, None] * t[:1000] + phase), axis=0) / np.sqrt(lines.size)
+    return {
+        "chirp": chirp(t, 1.0, t[-1], 300.0),
+        "multisine": np.tile(period, rows // 1000),
+        "white": rng.standard_normal(rows),
+    }
+
+
+@pytest.mark.parametrize(
+    ("drive", "modes", "late"),
+    [("chirp", ((70.0, 0.02),), 5), ("multisine", ((40.0, 0.01), (180.0, 0.02)), 3), ("white", ((90.0, 0.05),), 2)],
+)
+def test_modes_that_imitate_a_delay_give_way_to_it(drive: str, modes, late: int) -> None:
+    """Whatever moves the bench: as many modes as there are, and their delay of whole samples to a fifth of one."""
+    rate_hz, rng = 1000.0, np.random.default_rng(7)
+    u = drives(rng, rate_hz, 6000)[drive]
+    y = np.zeros(u.size)
+    for frequency_hz, ratio in modes:
+        omega = 2.0 * np.pi * frequency_hz
+        b, a, _ = cont2discrete(([omega**2], [1.0, 2.0 * ratio * omega, omega**2]), 1.0 / rate_hz, method="zoh")
+        y += lfilter(b[0], a, np.concatenate([np.zeros(late), u[:-late]]))
+    y += 3e-3 * y.std() * rng.standard_normal(u.size)
+    found = identified(u[:, None], y[:, None], rate_hz)
+    assert found.model.delay_s[0] * rate_hz == pytest.approx(late, abs=0.2)
+    assert np.sort(found.model.omega_rad_s) / (2.0 * np.pi) == pytest.approx([f for f, _ in modes], rel=1e-3)
