@@ -167,7 +167,7 @@ class Roots:
     @classmethod
     def printed(cls) -> Roots:
         """Return the θx polynomial of Table 6.2, digit for digit."""
-        table = paper_tables()["6.2"]
+        table = paper_tables()["6.2-coefficients"]
         numerator = [table.value(f"theta_x a{power}") for power in range(4, -1, -1)]
         poles = scaled_roots([table.value(f"theta_x b{power}") for power in range(8, -1, -1)])
         upper = poles[poles.imag > 0.0]
