@@ -96,4 +96,4 @@ def test_evidence_and_figure_show_the_search():
     assert set(numbers.panel) == {"overshoot", "settling", "other norms"}
     at = numbers[(numbers.panel == "overshoot") & (numbers.series == "30+500 Hz")].set_index("x").y
     # at 5 ms at most; 57 samples come near again
-    assert abs(at[46]) < 10.0 < abs(at[:50].drop(46)).min()
+    assert abs(at[46]) < 10.0 < abs(at.loc[:50].drop(46)).min()
