@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.pages.canvas import COLOURS, PAPER, Canvas
+from analysis.pages.canvas import COLOURS, DASHES, PAPER, Canvas
 from analysis.paper.measured import Measured
 from analysis.paper.move_length import (
     CALIBRATED_ON,
@@ -15,8 +15,6 @@ from analysis.paper.move_length import (
     deviations,
     norm_deviations,
 )
-
-DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
 
 def figure_a1(measured: Measured) -> Canvas:

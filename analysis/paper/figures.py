@@ -22,6 +22,7 @@ from analysis.paper.figure_6_16 import figure_6_16
 from analysis.paper.figure_6_17 import figure_6_17
 from analysis.paper.figure_6_18 import figure_6_18
 from analysis.paper.figure_a1 import figure_a1
+from analysis.paper.figure_a2 import figure_a2
 from analysis.paper.measured import Measured
 
 FIGURES: dict[str, Callable[[Measured], Canvas | None]] = {
@@ -39,6 +40,7 @@ FIGURES: dict[str, Callable[[Measured], Canvas | None]] = {
     "6.17": figure_6_17,
     "6.18": figure_6_18,
     "A1": figure_a1,
+    "A2": figure_a2,
 }
 
 
