@@ -18,7 +18,7 @@ OWN = "this project"
 THEIRS = "paper's controllers here"
 """Heads of a table that compares; elsewhere the second is called ours."""
 
-KEPT = "bound kept"
+KEPT = "kept"
 """Mark of a row that lies within a bound, which is no agreement."""
 
 _MARKS = {True: "yes", False: "no", None: NONE}
