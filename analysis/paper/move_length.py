@@ -148,9 +148,6 @@ def move_length() -> Evidence:
         ("power at that radius (W)", shown(six.value("power")))
         + tuple(f"{power_w(FEEDFORWARD, n, fitted[n]):.4f}" for n in SHOWN),
     ]
-    chosen = calibrated_samples()
-    others = "; ".join(f"{norm}: {100 * off:.0f} % at {n}" for norm in NORMS for n, off in (best_of(norm),))
-    cut = worst_overshoot(rows_under(cut_move(chosen)))
     return Evidence(
         "How long the feed-forward of Table 6.4 lasted",
         "The text uses the full 5 ms, 50 samples. The 30+500 Hz row then comes out at a seventh of the printed "
@@ -158,15 +155,25 @@ def move_length() -> Evidence:
         "(Fig. A1):",
         ("row", "paper", *(str(n) for n in SHOWN)),
         tuple(rows),
+        _conclusion(),
+    )
+
+
+def _conclusion() -> str:
+    chosen, longer = calibrated_samples(), SHOWN[-1]
+    found, far = rows_at(chosen), rows_at(longer)
+    others = "; ".join(f"{norm}: {100 * off:.0f} % at {n}" for norm in NORMS for n, off in (best_of(norm),))
+    cut = worst_overshoot(rows_under(cut_move(chosen)))
+    return (
         f"{chosen} samples are calibrated on one number, the overshoot of that row; the others are predictions. "
-        f"{SHOWN[-1]} samples would fit the four overshoots as well ({100 * worst_overshoot(rows_at(SHOWN[-1])):.0f} % "
-        f"off at worst, against {100 * worst_overshoot(rows_at(chosen)):.0f} %), but exceed the text's 5 ms and settle "
-        f"the 2nd-order plant after {1e3 * rows_at(SHOWN[-1])['2'][1]:.1f} ms. With {chosen} it settles after "
-        f"{1e3 * rows_at(chosen)['2'][1]:.1f} ms, where the paper prints 4.9: nothing that was tried explains that. A "
-        f"delay of four samples would give 4.9 ms, and {1e3 * rows_at(chosen)['30+500'][1] + 0.4:.1f} and "
-        f"{1e3 * rows_at(chosen)['30+1500'][1] + 0.4:.1f} ms, farther from 72 and 80 but within their tolerance: an "
-        "idea, no proof. Least distance from the four overshoots under other norms and the length where it is "
-        f"reached: {others}. Breaking the move of 50 samples off after {chosen} multiplies them by {cut:.0f}. The "
-        "bench keeps 50 samples for its chop and a radius that follows from them: other lengths change every force on "
-        "it, and no printed number but these depends on them.",
+        f"{longer} samples would fit the four overshoots as well ({100 * worst_overshoot(far):.0f} % off at worst, "
+        f"against {100 * worst_overshoot(found):.0f} %), but exceed the text's 5 ms, settle the 2nd-order plant after "
+        f"{1e3 * far['2'][1]:.1f} ms and the 30+1500 Hz one after {1e3 * far['30+1500'][1]:.1f}. With {chosen} the "
+        f"2nd-order plant settles after {1e3 * found['2'][1]:.1f} ms, where the paper prints 4.9: nothing that was "
+        "tried explains that. A delay of four samples would give 4.9 ms, and "
+        f"{1e3 * found['30+500'][1] + 0.4:.1f} and {1e3 * found['30+1500'][1] + 0.4:.1f} ms, farther from 72 and 80 "
+        "but within their tolerance: an idea, no proof. Least distance from the four overshoots under other norms and "
+        f"the length where it is reached: {others}. Breaking the move of 50 samples off after {chosen} leaves up to "
+        f"{cut:.0f} times the printed overshoot. The bench keeps the text's 50 samples for its chop and the radius "
+        "that follows from them: another length would change every force on it."
     )

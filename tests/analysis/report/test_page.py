@@ -97,7 +97,7 @@ def test_a_bound_is_marked_as_kept_and_counted_apart():
     rows = (
         number("a", label="bound", upper=True),
         number("b", label="bound", upper=True),
-        number("c", label="calibrated", target="the knob", chosen="2026-11-26", seen="5 and 7 give more"),
+        number("c", label="calibrated", target="a parameter", chosen="2026-11-26", seen="5 and 7 give more"),
     )
     paper = PaperTable(title="Performance", note="", rows=rows)
     table = build_table("6.6", paper, {"a": Ours(1e-3), "b": Ours(9e-3), "c": Ours(5.6e-3)})
@@ -108,7 +108,7 @@ def test_a_bound_is_marked_as_kept_and_counted_apart():
     assert [row.number.key for row in found.failures["6.6"]] == ["b"]
     page = " ".join(render_page([], {"6.6": table}, {}, []).split())
     assert "<strong>1 of 2</strong>bounds are kept: no agreement" in page
-    assert "row c: the knob, 2026-11-26; 5 and 7 give more" in page
+    assert "row c: a parameter, 2026-11-26; 5 and 7 give more" in page
 
 
 def test_a_folded_table_stands_under_a_summary_and_not_in_the_contents():
