@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 INK = "#1b1b1f"
 QUIET = "#6b7280"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+"""A dash for each of the colours, so that curves differ without them."""
+
 PAPER = "#d55e00"
 """Whatever comes from the paper has this colour in every figure."""
 
@@ -103,6 +106,14 @@ class Canvas:
         from matplotlib.patches import Circle
 
         self.axes[i].add_patch(Circle((0.0, 0.0), radius, fill=False, color=PAPER, linewidth=1.4, label=label))
+
+    def second_scale(self, i: int, label: str, factor: float) -> None:
+        """Label the top of panel `i` with its abscissa times `factor`."""
+        with self._styled():
+            top = self.axes[i].secondary_xaxis(
+                "top", functions=(lambda x: np.asarray(x) * factor, lambda x: np.asarray(x) / factor)
+            )
+            top.set_xlabel(label, parse_math=False)
 
     def legend(self, i: int, **where: Any) -> None:
         """Show the legend of panel `i`."""

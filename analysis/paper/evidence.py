@@ -9,17 +9,18 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.measurements.loop_fit import magnetisation
+from analysis.paper.chop_drive import power_w
 from analysis.paper.high_mode import high_mode
 from analysis.paper.measured import RATE_HZ
+from analysis.paper.move_length import FEEDFORWARD, move_length
 from analysis.paper.numbers import paper_tables
 from analysis.paper.pieces import Evidence, shown
-from analysis.paper.table_6_4 import MOVE_SAMPLES
 from analysis.recorded.loop_fit import HELD
+from campaigns.calibration import MOVE_SAMPLES
 from campaigns.strategies.design import Design
 from sim_backend.control.blocks import DiscreteFilter, filter_from_tf
 from sim_backend.control.feedback import closed_loop_poles, theta_controller
 from sim_backend.control.repetitive import learning_filter
-from sim_backend.kinematics import dof_from_points
 from sim_backend.linear import discretise
 from sim_backend.model import load_model, number
 
@@ -167,18 +168,12 @@ def forces_and_radii() -> Evidence:
 
 def _radius_from_power() -> float:
     """Radius at which the ideal feed-forward of the 5 Hz chop of 8.5 mrad dissipates the printed power."""
-    chop = Design.load("design-4th-order", RATE_HZ).unit_step("theta_x", MOVE_SAMPLES).scaled(8.5e-3)
-    dwell = round(0.1 * RATE_HZ)
-    up = np.concatenate([chop.drive[:, 0], np.full(dwell - MOVE_SAMPLES, chop.holding[0])])
-    torque = np.concatenate([up, chop.holding[0] - up])
-    bench = load_model("as-built")
-    assert bench.hardware is not None
-    force = torque[:, None] * dof_from_points(1.0)[0]
-    watts = float(np.mean(np.sum((force / number(bench.hardware.actuator_steepness_n_sqrt_w)) ** 2, axis=1)))
+    watts = power_w(FEEDFORWARD, MOVE_SAMPLES, 1.0)
     return float(np.sqrt(watts / paper_tables()["6.6"].value("power")))
 
 
 EVIDENCE: tuple[Callable[[], Evidence], ...] = (
+    move_length,
     high_mode,
     learning_filter_order,
     rounded_controller,

@@ -42,6 +42,7 @@ def figure_6_10(measured: Measured) -> Canvas:
     for axes in canvas.axes:
         axes.set_xscale("log")
     canvas.axes[0].set_ylim(-70, 12)
+    canvas.second_scale(0, "frequency (rad/s), as in the paper", 2.0 * np.pi)
     canvas.legend(0, loc="lower right", ncols=2)
     return canvas
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.measurements.settling import BAND_RAD
-from analysis.pages.canvas import COLOURS, Canvas
+from analysis.pages.canvas import COLOURS, DASHES, Canvas
 from analysis.paper.measured import Measured
 
 STRATEGIES = {"hybrid": "hybrid", "repetitive": "repetitive", "mbff": "MbFF", "designed": "this project"}
 SHOWN_S = 0.06
+REACH_URAD = 10.0
+"""Shown about the position: the band of 1.7 µrad is a sixth of it."""
 
 
 def figure_6_15(measured: Measured) -> Canvas | None:
@@ -34,9 +36,9 @@ def figure_6_15(measured: Measured) -> Canvas | None:
             t = np.arange(error.size)[shown] / phase.rate_hz * 1e3
             settled = phase.settling(axis).time_s[1] * 1e3
             reached = f"{label}: {settled:.1f} ms" if np.isfinite(settled) else f"{label}: not in its dwell"
-            canvas.line(i, reached, t, error[shown] * 1e6, color=COLOURS[k], linewidth=1.1)
+            canvas.line(i, reached, t, error[shown] * 1e6, color=COLOURS[k], linestyle=DASHES[k], linewidth=1.2)
             drawn += 1
         canvas.band(i, -BAND_RAD * 1e6, BAND_RAD * 1e6, "±1.7 µrad")
-        axes.set_ylim(-40.0, 40.0)
+        axes.set_ylim(-REACH_URAD, REACH_URAD)
         canvas.legend(i, loc="upper right", ncols=2)
     return canvas if drawn else None

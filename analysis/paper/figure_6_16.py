@@ -23,7 +23,7 @@ def figure_6_16(measured: Measured) -> Canvas | None:
         share_x=True,
         share_y=True,
     )
-    offset = (test.mean_rad - test.mean_rad.mean(axis=1, keepdims=True)) * 1e6
+    offset = test.offset_rad * 1e6
     for position in range(2):
         for axis, name in enumerate(("θx", "θy")):
             i = 2 * position + axis

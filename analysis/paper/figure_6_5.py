@@ -9,6 +9,8 @@ from analysis.paper.measured import Measured
 from analysis.paper.numbers import paper_tables
 from sim_backend.model import load_model
 
+TICKS_HZ = (5, 10, 20, 50, 100, 200, 500, 1000, 2000)
+
 
 def figure_6_5(measured: Measured) -> Canvas | None:
     """Return the sweep, the fitted 8th-order model, the printed polynomial, and the resonances of Table 6.1."""
@@ -29,10 +31,27 @@ def figure_6_5(measured: Measured) -> Canvas | None:
     canvas.line(0, "fitted 8th-order model", f, _db(fitted), color="#1b1b1f", linewidth=0.9)
     canvas.points(0, "sweep", sweep.frequency_hz, _db(sweep.response), color=OURS, markersize=2.6)
     axes.set_xscale("log")
-    axes.set_xlim(4.5, 2200.0)
+    axes.set_xlim(4.5, 2700.0)
+    axes.margins(y=0.12)
     table = paper_tables()["6.1"]
     for key in ("measured 1", "measured 2", "measured 3"):
-        axes.axvline(table.value(key), ymin=0.97, ymax=1.0, color=PAPER, linewidth=1.4)
+        hz = table.value(key)
+        axes.axvline(hz, ymin=0.97, ymax=1.0, color=PAPER, linewidth=1.4)
+        # the pair is close: one label to the left of it, one to the right
+        side, gap = ("right", -3) if key == "measured 2" else ("left", 3)
+        axes.annotate(
+            f"{hz:.1f} Hz",
+            (hz, 1.0),
+            (gap, -8),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha=side,
+            va="top",
+            fontsize=7,
+            color=PAPER,
+        )
+    axes.set_xticks(TICKS_HZ, [f"{hz:g}" for hz in TICKS_HZ])
+    axes.set_xticks([], minor=True)
     canvas.legend(0, loc="lower left")
     return canvas
 

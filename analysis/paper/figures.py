@@ -1,4 +1,7 @@
-"""Every figure of the report. FIGURES is the only list: a figure is one file and one line here."""
+"""Every figure of the report. FIGURES is the only list: a figure is one file and one line here.
+
+Those with A show what the paper prints no figure of.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,8 @@ from analysis.paper.figure_6_15 import figure_6_15
 from analysis.paper.figure_6_16 import figure_6_16
 from analysis.paper.figure_6_17 import figure_6_17
 from analysis.paper.figure_6_18 import figure_6_18
+from analysis.paper.figure_a1 import figure_a1
+from analysis.paper.figure_a2 import figure_a2
 from analysis.paper.measured import Measured
 
 FIGURES: dict[str, Callable[[Measured], Canvas | None]] = {
@@ -34,6 +39,8 @@ FIGURES: dict[str, Callable[[Measured], Canvas | None]] = {
     "6.16": figure_6_16,
     "6.17": figure_6_17,
     "6.18": figure_6_18,
+    "A1": figure_a1,
+    "A2": figure_a2,
 }
 
 

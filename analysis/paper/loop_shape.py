@@ -20,6 +20,6 @@ def open_loop(plant: ModalModel, frequency_hz: Array, hold_rate_hz: float | None
     return np.asarray(response * theta_controller().frequency_response(frequency_hz))
 
 
-def loop_margins_of(plant: ModalModel, hold_rate_hz: float | None = None) -> Margins:
-    """Return the margins of the loop, without the hold as the paper's printed gain margin was, or with it."""
-    return loop_margins(lambda f: open_loop(plant, f, hold_rate_hz), LOW_HZ, HIGH_HZ, points=4000)
+def loop_margins_of(plant: ModalModel, hold_rate_hz: float | None = None, factor: float = 1.0) -> Margins:
+    """Return the margins of the loop times `factor`, without the hold as the printed gain margin was, or with it."""
+    return loop_margins(lambda f: factor * open_loop(plant, f, hold_rate_hz), LOW_HZ, HIGH_HZ, points=4000)

@@ -16,6 +16,7 @@ from analysis.identification.rational import fit_rational
 from analysis.identification.response_fit import RationalFit
 from analysis.measurements.loop_fit import LoopFit
 from analysis.measurements.loops import Loop
+from analysis.paper.nonlinear_model import simulated_steps
 from analysis.recorded.chop import ChopPhase, chop_phase
 from analysis.recorded.drift import DriftTest, drift_of
 from analysis.recorded.hysteresis import OffsetStep, loops_of, steps_of
@@ -177,6 +178,14 @@ class Measured:
     def steps(self, axis: str = "theta_x") -> list[OffsetStep] | None:
         """Return the fed-forward steps at offsets."""
         return self._once(("steps", axis), self.find("hysteresis", axis=axis), steps_of)
+
+    def model_steps(self, axis: str = "theta_x") -> list[OffsetStep] | None:
+        """Return the same steps as the model fitted to the loops takes them."""
+        fit = self.loop_fit(axis)
+        if fit is None:
+            return None
+        run = self.find("hysteresis", axis=axis)
+        return self._once(("model steps", axis), run, lambda found: simulated_steps(found, fit.parameters))
 
     def chop(self, alpha_deg: float, from_rad: float, to_rad: float, strategy: str = "hybrid") -> ChopPhase | None:
         """Return a slow chop under a strategy."""

@@ -9,10 +9,12 @@ from typing import Literal
 
 import msgspec
 
+from analysis.paper.tolerances import RULES, WIDEST, Case, tolerance_of, why_of
 from sim_backend.documents import toml_of
 from sim_backend.errors import ConfigError
 
-Label = Literal["input", "calibrated", "predicted"]
+Label = Literal["predicted", "calibrated", "input", "bound"]
+"""What a row's agreement is worth; see the head of `numbers.toml`."""
 
 UNIT_SI: dict[str, float] = {
     "": 1.0,
@@ -36,26 +38,35 @@ UNIT_SI: dict[str, float] = {
     "N m/mrad^3": 1e9,
     "N m/mrad^4": 1e12,
     "N m/mrad^5": 1e15,
+    "mrad/N m": 1e-3,
+    "mm/N": 1e-3,
 }
 """SI value of one of each unit that stands in the tables (dB is a level and counts as itself)."""
 
 
 class PaperNumber(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One printed number and how ours is to be held against it; see the head of `numbers.toml`."""
+    """One printed number and how ours is to be held against it; see the head of `numbers.toml`.
+
+    `tolerance` (in `unit`) and its reason `why` follow from the `rule`.
+    """
 
     key: str
     row: str
     unit: str
     label: Label
-    tolerance: float
-    why: str
+    tolerance: float = math.nan
+    why: str = ""
+    rule: str = ""
+    given: dict[str, float | str] = {}
     value: float | None = None
-    bound: bool = False
+    upper: bool = False
     printed: str = ""
     requirement: float | None = None
     at_least: bool = False
     place: str = ""
     target: str = ""
+    chosen: str = ""
+    seen: str = ""
 
 
 class PaperTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -64,6 +75,7 @@ class PaperTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     title: str
     note: str
     rows: tuple[PaperNumber, ...]
+    folded: bool = False
 
     def number(self, key: str) -> PaperNumber:
         """Return the number with this key; raises ConfigError when there is none."""
@@ -91,27 +103,62 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def parse_numbers(text: str, where: str) -> dict[str, PaperTable]:
     """Return the tables in TOML text; `where` names it in errors.
 
-    Raises ConfigError for broken TOML, unknown fields, a key used twice, an unknown unit, or a tolerance that is
-    negative, not finite or without a reason.
+    Raises ConfigError for broken TOML, unknown fields, a key used twice, an unknown unit or rule, a calibrated row
+    without its history, and a predicted row that could hardly fail.
     """
     try:
         tables = msgspec.convert(toml_of(text, where), _File).table
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see its head for what a row holds") from None
-    for key, table in tables.items():
-        keys = [n.key for n in table.rows]
-        for number in table.rows:
-            if keys.count(number.key) > 1 or number.unit not in UNIT_SI:
-                raise ConfigError(
-                    f"{where}: table {key}, row '{number.key}' in '{number.unit}': use each key once, and a unit of "
-                    f"{', '.join(filter(None, UNIT_SI))}"
-                )
-            if not (0.0 <= number.tolerance < math.inf and number.why):
-                raise ConfigError(
-                    f"{where}: table {key}, row '{number.key}' has tolerance {number.tolerance}; state one of zero or "
-                    "more, and why"
-                )
-    return tables
+    return {
+        key: msgspec.structs.replace(
+            table, rows=tuple(_complete(n, table, f"{where}: table {key}") for n in table.rows)
+        )
+        for key, table in tables.items()
+    }
+
+
+def _complete(number: PaperNumber, table: PaperTable, where: str) -> PaperNumber:
+    """Return a row with its tolerance and the reason; raises ConfigError as `parse_numbers`."""
+    here = f"{where}, row '{number.key}'"
+    if sum(n.key == number.key for n in table.rows) > 1 or number.unit not in UNIT_SI:
+        raise ConfigError(
+            f"{here} in '{number.unit}': use each key once, and a unit of {', '.join(filter(None, UNIT_SI))}"
+        )
+    complete = _with_tolerance(number, table, here)
+    if number.label == "calibrated" and not (number.target and number.chosen and number.seen):
+        raise ConfigError(
+            f"{here} is calibrated; state its target, the day it was chosen and the alternatives that were seen"
+        )
+    if number.label == "predicted" and not _could_fail(complete):
+        above = " above an upper bound" if number.upper else ""
+        raise ConfigError(
+            f"{here} is predicted with tolerance {complete.tolerance:g}{above}; "
+            f"a prediction is no upper bound and has at most {WIDEST:g} of its value: label it 'bound'"
+        )
+    return complete
+
+
+def _with_tolerance(number: PaperNumber, table: PaperTable, here: str) -> PaperNumber:
+    if number.rule not in RULES or number.why:
+        raise ConfigError(f"{here} has rule '{number.rule}'; name one of {', '.join(RULES)}, which gives the reason")
+    values = {n.key: n.value for n in table.rows if n.value is not None}
+    case = Case(number.value or 0.0, number.printed or f"{number.value or 0.0:.10g}", number.given, values)
+    try:
+        made, why = tolerance_of(number.rule, case), why_of(number.rule, number.given)
+    except KeyError as error:
+        raise ConfigError(f"{here}: rule '{number.rule}' needs {error} in 'given'") from None
+    stored = not math.isnan(number.tolerance)
+    if (made is None) != stored or (stored and not 0.0 <= number.tolerance < math.inf):
+        raise ConfigError(
+            f"{here} has tolerance {number.tolerance:g} by rule '{number.rule}'; state one, of zero or more, only for "
+            "a rule that stores it"
+        )
+    return msgspec.structs.replace(number, tolerance=number.tolerance if made is None else made, why=why)
+
+
+def _could_fail(number: PaperNumber) -> bool:
+    return not number.upper and number.tolerance <= WIDEST * abs(number.value or 0.0)
 
 
 @functools.cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from analysis.paper.numbers import UNIT_SI, Label, PaperNumber, PaperTable
 
@@ -44,13 +44,18 @@ class Row:
 
     @property
     def ok(self) -> bool | None:
-        """Whether ours agrees within the tolerance (below the bound, where the paper prints one); None if unknown."""
+        """Whether ours agrees within the tolerance; None if unknown, or a bound that is kept: that is no agreement."""
+        return None if self.inside and self.number.label == "bound" else self.inside
+
+    @property
+    def inside(self) -> bool | None:
+        """Whether ours lies within the tolerance (below it, where the paper prints an upper bound); None if unknown."""
         deviation = self.deviation
         if deviation is None or math.isnan(deviation):
             return None
         # one part in 1e9 of the value is rounding of the conversion between units, no disagreement
         slack = self.number.tolerance + 1e-9 * abs(self.number.value or 0.0)
-        return deviation <= slack if self.number.bound else abs(deviation) <= slack
+        return deviation <= slack if self.number.upper else abs(deviation) <= slack
 
     @property
     def met(self) -> bool | None:
@@ -70,8 +75,8 @@ class Row:
 
     @property
     def failed(self) -> bool:
-        """Whether this is a prediction that lies outside its tolerance."""
-        return self.number.label == "predicted" and self.ok is False
+        """Whether this is a prediction or a bound that lies outside its tolerance."""
+        return self.number.label in ("predicted", "bound") and self.ok is False
 
 
 @dataclass(frozen=True)
@@ -123,13 +128,16 @@ class Table:
             "tolerance": [r.number.tolerance for r in self.rows],
             "ok": [r.ok for r in self.rows],
             "why": [r.number.why for r in self.rows],
+            "chosen": [r.number.chosen for r in self.rows],
+            "seen": [r.number.seen for r in self.rows],
             "note": [r.note for r in self.rows],
         }
         if self.compared:
             columns["this_project"] = [r.own for r in self.rows]
             columns["this_project_std"] = [r.own_std for r in self.rows]
-        if all(value is None for value in columns["requirement"]):
-            del columns["requirement"]
+        for name in ("requirement", "chosen", "seen"):
+            if not any(columns[name]):
+                del columns[name]
         return pd.DataFrame(columns)
 
 
@@ -168,11 +176,14 @@ def _in_unit(number: PaperNumber, ours: Ours | float | None) -> tuple[float | No
 
 
 def label_counts(tables: list[Table]) -> dict[Label, tuple[int, int, int]]:
-    """Return for every label how many rows agree, how many do not, and how many are unknown."""
+    """Return for every label how many rows lie within their tolerance, how many do not, and how many are unknown.
+
+    A folded table holds the numbers of another one and is not counted again.
+    """
     counts: dict[Label, tuple[int, int, int]] = {}
-    for label in ("input", "calibrated", "predicted"):
-        oks = [r.ok for t in tables for r in t.rows if r.number.label == label]
-        counts[label] = (oks.count(True), oks.count(False), oks.count(None))
+    for label in get_args(Label):
+        found = [r.inside for t in tables if not t.paper.folded for r in t.rows if r.number.label == label]
+        counts[label] = (found.count(True), found.count(False), found.count(None))
     return counts
 
 

@@ -8,7 +8,7 @@ from analysis.paper.measured import Measured
 from analysis.paper.numbers import paper_tables
 from analysis.paper.rows import Ours, Table, build_table
 from analysis.paper.table_6_1 import table_6_1
-from analysis.paper.table_6_2 import table_6_2
+from analysis.paper.table_6_2 import table_6_2, table_6_2_coefficients
 from analysis.paper.table_6_3 import table_6_3
 from analysis.paper.table_6_4 import table_6_4
 from analysis.paper.table_6_5 import table_6_5
@@ -19,6 +19,7 @@ from analysis.paper.table_text import table_text
 TABLES: dict[str, Callable[[Measured], Mapping[str, Ours]]] = {
     "6.1": table_6_1,
     "6.2": table_6_2,
+    "6.2-coefficients": table_6_2_coefficients,
     "6.3": table_6_3,
     "6.4": table_6_4,
     "6.5": table_6_5,

@@ -26,6 +26,11 @@ class DriftTest:
     drift: tuple[Drift, Drift]
     warming_k: float | None
 
+    @property
+    def offset_rad(self) -> Array:
+        """Mean of every integration period (2, n, 2) less the mean of all at its position; Fig. 6.16."""
+        return np.asarray(self.mean_rad - self.mean_rad.mean(axis=1, keepdims=True))
+
 
 def drift_of(run: Run) -> DriftTest:
     """Return the drift of a long chop; Fig. 6.16. Raises DataError for a log without a chop."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,10 @@ BEFORE_S = 0.01
 
 @dataclass(frozen=True)
 class OffsetStep:
-    """One step from `offset_rad` by `step_rad`: `time_s` (n,) from the start of the move, `moved_rad` (n,) since then.
+    """The step from `offset_rad` by `step_rad`: `time_s` (n,) from the start of the move, `moved_rad` (n,) since then.
 
-    `command_nm` (n,) is what was played; `start_rad` where the mechanism stood before.
+    `command_nm` (n,) is what was played; `start_rad` where the mechanism stood before. Both angles are means over
+    `repeats` steps.
     """
 
     offset_rad: float
@@ -30,6 +31,7 @@ class OffsetStep:
     time_s: Array
     moved_rad: Array
     command_nm: Array
+    repeats: int = 1
 
 
 def axis_of(run: Run) -> str:
@@ -59,8 +61,11 @@ def loops_of(run: Run, lag_s: float = 0.0) -> dict[float, Loop]:
 
 
 def steps_of(run: Run) -> list[OffsetStep]:
-    """Return the steps in the order of the run; Fig. 6.9. Raises DataError for another log."""
-    axis, steps = axis_of(run), []
+    """Return the steps by their offset, in the order of the run, repeated ones averaged; Fig. 6.9.
+
+    Raises DataError for another log.
+    """
+    axis, steps = axis_of(run), list[OffsetStep]()
     before = round(BEFORE_S * run.sample_rate_hz)
     for segment in run.segments:
         if segment.settings.get("phase") == "step":
@@ -77,7 +82,23 @@ def steps_of(run: Run) -> list[OffsetStep]:
                     run.read(command_of(run, axis), first, segment.stop),
                 )
             )
-    return steps
+    return averaged_steps(steps)
+
+
+def averaged_steps(steps: list[OffsetStep]) -> list[OffsetStep]:
+    """Return one step per offset, the mean of those from it."""
+    groups: dict[float, list[OffsetStep]] = {}
+    for step in steps:
+        groups.setdefault(step.offset_rad, []).append(step)
+    return [
+        replace(
+            group[0],
+            start_rad=float(np.mean([step.start_rad for step in group])),
+            moved_rad=np.mean([step.moved_rad for step in group], axis=0),
+            repeats=len(group),
+        )
+        for group in groups.values()
+    ]
 
 
 def command_of(run: Run, axis: str) -> str:

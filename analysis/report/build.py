@@ -46,7 +46,7 @@ class Report:
         return {"tables": {key: table.as_json() for key, table in self.tables.items()}, "figures": figures}
 
     def failures(self) -> list[tuple[str, Row]]:
-        """Return every prediction outside its stated tolerance, with its table's number."""
+        """Return every prediction outside its tolerance and every bound exceeded, with its table's number."""
         return [(key, row) for key, table in self.tables.items() for row in table.rows if row.failed]
 
     def unmeasured(self) -> list[tuple[str, Row]]:

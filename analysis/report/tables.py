@@ -18,6 +18,9 @@ OWN = "this project"
 THEIRS = "paper's controllers here"
 """Heads of a table that compares; elsewhere the second is called ours."""
 
+KEPT = "kept"
+"""Mark of a row that lies within a bound, which is no agreement."""
+
 _MARKS = {True: "yes", False: "no", None: NONE}
 
 
@@ -33,10 +36,10 @@ def display_frame(table: Table) -> pd.DataFrame:
     if table.compared:
         columns[OWN] = [shown(r.own, like=r.number.value, std=r.own_std) for r in table.rows]
     columns["deviation"] = [_deviation(r) for r in table.rows]
-    columns["tolerance"] = [f"{'+' if r.number.bound else '±'}{exact(r.number.tolerance)}" for r in table.rows]
+    columns["tolerance"] = [f"{'+' if r.number.upper else '±'}{exact(r.number.tolerance)}" for r in table.rows]
     columns["unit"] = [_unit(r.number.unit) for r in table.rows]
     columns["label"] = [r.number.label for r in table.rows]
-    columns["agrees"] = [_MARKS[r.ok] for r in table.rows]
+    columns["agrees"] = [KEPT if r.inside and r.ok is None else _MARKS[r.ok] for r in table.rows]
     return pd.DataFrame(columns)
 
 
@@ -47,7 +50,7 @@ def _required(row: Row) -> str:
 
 def _paper(row: Row) -> str:
     text = row.number.printed or exact(row.number.value)
-    return f"≤ {text}" if row.number.bound else text
+    return f"≤ {text}" if row.number.upper else text
 
 
 def _deviation(row: Row) -> str:

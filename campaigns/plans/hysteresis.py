@@ -32,6 +32,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
     The frequency is so low that the phase lag of the damping (0.03 % of a turn of the loop at 0.2 Hz) stays far
     below the remanence sought. A step is the least-norm feed-forward of `move_s` designed on the linear `model`; its
     offset is approached along half a cosine in `ramp_s`, with `settle_s` to come to rest before and after the step.
+    All offsets are stepped from `repeats` times, one after the other.
     """
 
     name: ClassVar[str] = "hysteresis"
@@ -43,13 +44,14 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
     cycles: int = 2
     step_rad: float = 1e-3
     offsets_rad: tuple[float, ...] = (0.0, 3.5e-3, 5.3e-3)
+    repeats: int = 1
     move_s: float = 0.005
     ramp_s: float = 0.5
     settle_s: float = 1.0
     model: str = "design-4th-order"
 
     def __post_init__(self) -> None:
-        self.require_positive("frequency_hz", "cycles", "move_s", "ramp_s", "settle_s")
+        self.require_positive("frequency_hz", "cycles", "repeats", "move_s", "ramp_s", "settle_s")
         self.require(all(0.0 < t < math.inf for t in self.torques_nm), "torques_nm", "finite torques above zero")
         self.require(all(math.isfinite(o) for o in self.offsets_rad), "offsets_rad", "finite angles")
         self.require(math.isfinite(self.step_rad), "step_rad", "a finite angle")
@@ -98,7 +100,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
 
         unit = Design.load(self.model, rate_hz).unit_step(self.axis, samples_of(self.move_s, rate_hz))
         ramp, settle = samples_of(self.ramp_s, rate_hz), samples_of(self.settle_s, rate_hz)
-        for i, offset_rad in enumerate(self.offsets_rad):
+        for i, offset_rad in enumerate(self.offsets_rad * self.repeats):
             holding = float(unit.holding[0]) * offset_rad
             end = holding + float(unit.holding[0]) * self.step_rad
             there = self._moved(0.0, holding, ramp, settle)

@@ -36,7 +36,9 @@ OWN_LOGS: Final = "310 MB"
     show_default=True,
     help="Also design a controller from the campaign's logs, play it, and set its results beside the others.",
 )
-@click.option("--check", is_flag=True, help="Exit with 1 if a predicted number leaves its stated tolerance.")
+@click.option(
+    "--check", is_flag=True, help="Exit with 1 if a predicted number leaves its tolerance or ours exceeds a bound."
+)
 @common_options()
 def report(
     bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, campaign: str, own: bool, check: bool
@@ -44,7 +46,8 @@ def report(
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
-    controller to OUT/designed. With --check, each predicted number outside its tolerance is named.
+    controller to OUT/designed. With --check, each predicted number outside its tolerance and each bound exceeded is
+    named.
 
     \b
     Examples:
@@ -106,17 +109,19 @@ def _text(built: Report) -> str:
     rows = []
     for key, one in built.tables.items():
         oks = [row.ok for row in one.rows]
-        rows.append((key, str(oks.count(True)), str(oks.count(False)), str(oks.count(None)), one.paper.title))
-    return f"{table(rows, heads=('table', 'agree', 'differ', 'unknown', ''))}\n\n{built.page}"
+        kept = sum(row.ok is None and row.inside is True for row in one.rows)
+        counts = oks.count(True), oks.count(False), kept, oks.count(None) - kept
+        rows.append((key, *map(str, counts), one.paper.title))
+    return f"{table(rows, heads=('table', 'agree', 'differ', 'bound kept', 'unknown', ''))}\n\n{built.page}"
 
 
 def _checked(built: Report) -> int:
-    """Name every prediction outside its tolerance; 1 if there is one."""
+    """Name every prediction outside its tolerance and every bound that is exceeded; 1 if there is one."""
     failures = built.failures()
     for key, row in failures:
         number = row.number
         ours = "never" if row.ours == float("inf") else f"{row.ours:.6g} {number.unit}".rstrip()
-        allowed = f"at most {number.tolerance:g} above" if number.bound else f"within {number.tolerance:g} of"
+        allowed = f"at most {number.tolerance:g} above" if number.upper else f"within {number.tolerance:g} of"
         where = "text" if key == "text" else f"table {key}"
         say(f"mccd: check: {where}, {number.row}: {ours}, not {allowed} {number.value:g} {number.unit}".rstrip())
     for key, row in built.unmeasured():

@@ -1,8 +1,9 @@
 """Table 6.4 recomputed: a feed-forward designed on the 29.6 Hz mode alone, played to plants with more modes.
 
 Paper (overshoot in µrad, settling in ms): 2nd order 0 and 4.9; with 125 Hz 29 and 320; with 500 Hz 11 and 72;
-with 1500 Hz 23 and 80; complete 61 and 320. Ours, at 10 kHz with 50 samples, stand in `ROWS`; the row with
-500 Hz does not come out, and the tests at the end say why it is so sensitive and what was tried.
+with 1500 Hz 23 and 80; complete 61 and 320. Ours, at 10 kHz with 50 samples (5 ms, as the text says) and with 46, stand
+in `ROWS`. With 50 the row with 500 Hz does not come out, with 46 every overshoot and settling of a row with a second
+mode does; the tests at the end say why that row is so sensitive and what was tried.
 """
 
 import numpy as np
@@ -31,15 +32,15 @@ def _with_high_mode(frequency_hz, sigma_1_s):
     return product(poles, np.empty(0))
 
 
-# name: plant, our overshoot (µrad), our settling (ms)
+# name: plant, our overshoot (µrad) and settling (ms) with 50 samples and with 46
 ROWS = {
-    "2nd order": (DESIGN, 0.0, 4.9),
-    "125 Hz": (theta_x_part(123.25), 29.9, 327.2),
-    "500 Hz": (theta_x_part(485.0), 1.5, 4.9),
-    "1440 Hz": (_with_high_mode(1440.0, 34.0), 33.0, 93.5),
-    "2000 Hz as printed": (_with_high_mode(1999.9, 47.32), 22.5, 59.5),
-    "complete, 1440 Hz": (theta_x(), 60.6, 327.2),
-    "complete, as printed": (theta_x_printed(), 47.9, 327.2),
+    "2nd order": (DESIGN, (0.0, 4.9), (0.0, 4.5)),
+    "125 Hz": (theta_x_part(123.25), (29.9, 327.2), (31.8, 335.0)),
+    "500 Hz": (theta_x_part(485.0), (1.5, 4.9), (11.6, 72.8)),
+    "1440 Hz": (_with_high_mode(1440.0, 34.0), (33.0, 93.5), (22.4, 80.4)),
+    "2000 Hz as printed": (_with_high_mode(1999.9, 47.32), (22.5, 59.5), (18.5, 57.8)),
+    "complete, 1440 Hz": (theta_x(), (60.6, 327.2), (56.4, 335.1)),
+    "complete, as printed": (theta_x_printed(), (47.9, 327.2), (51.6, 335.0)),
 }
 
 
@@ -51,10 +52,11 @@ def _settled(plant, samples=50):
 
 @pytest.mark.parametrize("row", ROWS)
 def test_our_rows_of_table_6_4(row):
-    plant, overshoot_urad, settling_ms = ROWS[row]
-    result = _settled(plant)
-    assert np.isclose(1e6 * result.overshoot[0], overshoot_urad, atol=0.06)
-    assert np.isclose(1e3 * result.time_s[0], settling_ms, atol=0.06)
+    plant, *ours = ROWS[row]
+    for samples, (overshoot_urad, settling_ms) in zip((50, 46), ours, strict=True):
+        result = _settled(plant, samples)
+        assert np.isclose(1e6 * result.overshoot[0], overshoot_urad, atol=0.06)
+        assert np.isclose(1e3 * result.time_s[0], settling_ms, atol=0.06)
 
 
 def _arrival_amplitude(plant, mode, samples=50):
@@ -112,23 +114,23 @@ def test_500_hz_lies_in_a_gap_of_the_inputs_spectrum():
     assert np.isclose(rings[453.0], 11.0, atol=1.0)
 
 
-def test_no_number_of_samples_brings_all_rows():
-    """Over 45 to 60 samples no move meets the four overshoots within the 5 % that their rounding allows.
+def test_of_all_lengths_up_to_5_ms_only_46_samples_bring_all_rows():
+    """Over 40 to 60 samples two moves meet the four overshoots within a tenth: 46 and 57 samples.
 
-    The nearest is 46 samples (31.8, 11.5, 22.1 and 56.9 µrad): all within 10 %, the 500 Hz row among them,
-    but it settles in 4.5 ms where the paper says 4.9, which is our 50 samples. With 50 the 500 Hz row is off
-    by 87 %.
+    57 exceed the 5 ms of the text, and the 2nd-order plant then settles in 5.6 ms. With 46 it settles in 4.5 ms where
+    the paper says 4.9, which is our 50 samples; with 50 the 500 Hz row is off by 87 %.
     """
     paper = {"125 Hz": 29.0, "500 Hz": 11.0, "1440 Hz": 23.0, "complete, 1440 Hz": 61.0}
     worst = {}
-    for samples in range(45, 61):
+    for samples in range(40, 61):
         ours = {row: 1e6 * _settled(ROWS[row][0], samples).overshoot[0] for row in paper}
         worst[samples] = max(abs(ours[row] / paper[row] - 1) for row in paper)
-    assert min(worst.values()) > 0.05
-    assert min(worst, key=worst.__getitem__) == 46
-    assert np.isclose(worst[46], 0.10, atol=0.01)
+    assert [samples for samples, off in worst.items() if off < 0.1] == [46, 57]
+    # the next best lengths are off by more than a third
+    assert min(off for samples, off in worst.items() if samples <= 50 and samples != 46) > 0.33
     assert np.isclose(worst[50], 0.87, atol=0.01)
-    assert np.isclose(1e3 * _settled(DESIGN, 46).time_s[0], 4.5, atol=1e-9)
+    for samples, settling_ms in ((46, 4.5), (57, 5.6)):
+        assert np.isclose(1e3 * _settled(DESIGN, samples).time_s[0], settling_ms, atol=1e-9)
 
 
 @pytest.mark.parametrize(("samples", "peak_nm"), [(49, 5.07), (50, 4.69)])

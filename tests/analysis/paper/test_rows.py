@@ -37,9 +37,17 @@ def table(*numbers, **ours):
     ],
 )
 def test_agreement_is_within_the_tolerance_or_below_the_bound(ours, bound, ok):
-    row = table(number(bound=bound), a=Ours(ours)).rows[0]
-    assert row.ok is ok
+    row = table(number(upper=bound), a=Ours(ours)).rows[0]
+    assert row.ok is row.inside is ok
     assert row.failed is (ok is False)
+
+
+def test_a_bound_that_is_kept_is_no_agreement_and_one_exceeded_fails():
+    kept, above = table(
+        number("a", label="bound", upper=True), number("b", label="bound"), a=Ours(0.0), b=Ours(9e-6)
+    ).rows
+    assert (kept.inside, kept.ok, kept.failed) == (True, None, False)
+    assert (above.inside, above.ok, above.failed) == (False, False, True)
 
 
 def test_numbers_come_in_the_papers_unit():
@@ -59,11 +67,18 @@ def test_what_was_not_measured_stays_visible_and_fails_nothing():
     assert [row["ours"] for row in made.as_json()] == [None, pytest.approx(1.0)]
 
 
-def test_only_predictions_can_fail():
+def test_inputs_and_calibrations_cannot_fail():
     made = table(number("a", label="input"), number("b", label="calibrated"), a=Ours(9e-6), b=Ours(9e-6))
     assert [row.ok for row in made.rows] == [False, False]
     assert not any(row.failed for row in made.rows)
-    assert label_counts([made]) == {"input": (0, 1, 0), "calibrated": (0, 1, 0), "predicted": (0, 0, 0)}
+    assert label_counts([made]) == {
+        "predicted": (0, 0, 0),
+        "calibrated": (0, 1, 0),
+        "input": (0, 1, 0),
+        "bound": (0, 0, 0),
+    }
+    folded = PaperTable(title="T", note="", rows=(number(),), folded=True)
+    assert label_counts([build_table("x", folded, {"a": Ours(2e-6)})])["predicted"] == (0, 0, 0)
 
 
 def test_requirements_are_upper_or_lower_limits():

@@ -60,6 +60,24 @@ def test_steps_start_where_the_mechanism_stood(write_log):
     assert found.command_nm[0] == 0.04
 
 
+def test_repeated_steps_are_averaged(write_log):
+    def part(kind, angle, torque):
+        settings = {"phase": kind, "axis": "theta_x", "offset_rad": 0.0, "step_rad": 1e-3}
+        return (kind, settings, {"torque_x": np.full(angle.size, torque), "theta_x": angle})
+
+    # the second repeat starts and ends elsewhere
+    parts = [
+        part("approach", np.full(200, 1e-4), 0.0),
+        part("step", np.full(300, 1.2e-3), 0.01),
+        part("approach", np.full(200, 3e-4), 0.0),
+        part("step", np.full(300, 1.2e-3), 0.01),
+    ]
+    parts = [(f"{label} {i}", *rest) for i, (label, *rest) in enumerate(parts)]
+    (found,) = steps_of(write_log("hysteresis", CHANNELS, parts))
+    assert (found.repeats, found.start_rad) == (2, pytest.approx(2e-4))
+    assert found.moved_rad[-1] == pytest.approx((1.1e-3 + 0.9e-3) / 2)
+
+
 def test_other_logs_are_refused(write_log):
     run = write_log("chop", CHANNELS, [("chop", {}, {"torque_x": np.zeros(9), "theta_x": np.zeros(9)})])
     for read in (loops_of, steps_of, loop_fit_of):

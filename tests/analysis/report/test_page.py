@@ -91,3 +91,27 @@ def test_one_frame_gives_csv_latex_and_html(tmp_path: Path):
     for column in ("paper", "ours", "deviation", "tolerance"):
         assert all(cell in html and cell.replace("%", r"\%") in tex for cell in frame[column])
     assert "half a period" in html
+
+
+def test_a_bound_is_marked_as_kept_and_counted_apart():
+    rows = (
+        number("a", label="bound", upper=True),
+        number("b", label="bound", upper=True),
+        number("c", label="calibrated", target="a parameter", chosen="2026-11-26", seen="5 and 7 give more"),
+    )
+    paper = PaperTable(title="Performance", note="", rows=rows)
+    table = build_table("6.6", paper, {"a": Ours(1e-3), "b": Ours(9e-3), "c": Ours(5.6e-3)})
+    assert display_frame(table)["agrees"].tolist() == ["kept", "no", "yes"]
+    assert display_frame(table)["paper"].tolist()[:2] == ["≤ 5.6", "≤ 5.6"]
+    found = verdict_of({"6.6": table})
+    assert (found.agreeing, found.predictions) == (0, 0)
+    assert [row.number.key for row in found.failures["6.6"]] == ["b"]
+    page = " ".join(render_page([], {"6.6": table}, {}, []).split())
+    assert "<strong>1 of 2</strong>bounds are kept: no agreement" in page
+    assert "row c: a parameter, 2026-11-26; 5 and 7 give more" in page
+
+
+def test_a_folded_table_stands_under_a_summary_and_not_in_the_contents():
+    paper = PaperTable(title="Coefficients", note="", rows=(number("a", requirement=None),), folded=True)
+    page = render_page([], {"6.2-coefficients": build_table("6.2-coefficients", paper, {})}, {}, [])
+    assert "<summary>Coefficients</summary>" in page and 'href="#table-6.2-coefficients"' not in page

@@ -45,6 +45,13 @@ def test_fed_forward_steps_arrive_at_every_offset_of_a_linear_plant(design_path)
     np.testing.assert_allclose(angle[-1], 0.0, atol=1e-11)
 
 
+def test_steps_are_repeated_offset_by_offset(bench, design_path):
+    settings = {"model": design_path, "torques_nm": [], "offsets_rad": [0.0, 1e-3], "repeats": 3}
+    steps = [s for s in checked_segments(make_plan("hysteresis", settings), bench) if s.settings["phase"] == "step"]
+    assert [s.settings["offset_rad"] for s in steps] == [0.0, 1e-3] * 3
+    assert len({s.label for s in steps}) == 6
+
+
 def test_loops_are_slow_sines_of_their_amplitude(bench, design_path):
     plan = make_plan("hysteresis", {"model": design_path, "offsets_rad": [], "frequency_hz": 0.5, "cycles": 3})
     for segment, torque_nm in zip(checked_segments(plan, bench), (0.05, 0.08, 0.095), strict=True):
