@@ -19,7 +19,7 @@ _CLEARLY = 2.0 * float(np.log(99.0))
 """By how much the criterion (twice a logarithm of evidence) must fall: a hundred to one."""
 
 _IMITATING = 2
-"""Modes more than there are, with which a fit without a delay may do what a delay does: each turns the phase by 180°."""
+"""Modes more than there are with which a fit may do what a delay does: each turns the phase by 180°."""
 
 _EARLIER = 2
 """Samples by which a regression may have called a delay too long: what a slow mode does at first is below the noise."""
@@ -112,12 +112,12 @@ def _free_delays(
 ) -> list[TimeFit]:
     """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer of the fast.
 
-    Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found are moved
-    into the records, and it is fitted again: else the first rows lack what was played before them.
+    Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found
+    are moved into the records, and it is fitted again: else the first rows lack what was played before them.
     """
     free = replace(structure, delay=True)
     earlier = np.maximum(base - _EARLIER, 0)
-    start = bare.with_(delay_s=(base - earlier + 0.5) / rate_hz)
+    start = bare.with_(delay_s=np.asarray((base - earlier + 0.5) / rate_hz))
     found, least, worse = [], np.inf, 0
     while True:
         late = _again(freed(inputs, outputs, earlier, unknown), rate_hz, free, start)
