@@ -17,6 +17,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 import traceback
 from collections import Counter
@@ -38,6 +40,9 @@ PEAK_BYTES = 2**30
 
 LIMIT_S = 30
 """Processor time of a case; four times as long by the clock."""
+
+SERVED_S = 5.0
+"""After which a bench that is served without a mistake is told to stop: nothing else ends it."""
 
 STUDY = """schema = "mccd-study/1"
 name = "tiny"
@@ -131,16 +136,18 @@ def make_kit(folder: Path) -> None:
     (folder / "unreadable").touch(mode=0)
 
 
-def in_child(do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None = None) -> tuple[int, str]:
+def in_child(
+    do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None = None, stop_s: float | None = None
+) -> tuple[int, str]:
     """Do something in a fork of this process, in a folder; return its exit code, negative for a signal, and its words.
 
-    What it opens for writing outside of `watched` is said in a line that begins with "outside:", a peak of memory above
-    the limit in one that begins with "memory:".
+    It is told to stop (SIGTERM) after `stop_s`. What it opens for writing outside of `watched` is said in a line that
+    begins with "outside:", a peak of memory above the limit in one that begins with "memory:".
     """
     with open(folder.parent / "said", "w+b") as said:
         pid = os.fork()
         if pid == 0:
-            _child(do, folder, limit_s, watched, said.fileno())
+            _child(do, folder, limit_s, watched, stop_s, said.fileno())
         _, status, used = os.wait4(pid, 0)
         said.seek(0)
         words = said.read(1_000_000).decode("utf-8", "replace")
@@ -148,7 +155,9 @@ def in_child(do: Callable[[], object], folder: Path, limit_s: int, watched: Path
         return os.waitstatus_to_exitcode(status), words + (f"\nmemory: {peak} bytes" if peak > PEAK_BYTES else "")
 
 
-def _child(do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None, said: int) -> None:
+def _child(
+    do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None, stop_s: float | None, said: int
+) -> None:
     code = 99
     try:
         os.setsid()
@@ -162,6 +171,11 @@ def _child(do: Callable[[], object], folder: Path, limit_s: int, watched: Path |
         os.environ |= {"HOME": str(folder.parent / "home"), "TMPDIR": str(folder.parent / "tmp")}
         for name in [name for name in os.environ if name.startswith("XDG_")]:
             del os.environ[name]
+        tempfile.tempdir = None  # of this process, which may have asked for it before
+        if stop_s is not None:
+            stop = threading.Timer(stop_s, os.kill, (os.getpid(), signal.SIGTERM))
+            stop.daemon = True
+            stop.start()
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
@@ -231,7 +245,8 @@ def case(seed: int, kit: Path, box: Path) -> tuple[str, int, str | None, str]:
     finally:
         os.chdir(here)
     began = time.monotonic()
-    code, said = in_child(lambda: mccd(arguments), work, LIMIT_S, watched=box)
+    stop_s = SERVED_S if arguments[:2] == ["bench", "serve"] else None
+    code, said = in_child(lambda: mccd(arguments), work, LIMIT_S, watched=box, stop_s=stop_s)
     name = " ".join(BASES[seed % len(BASES)][:2])
     shown = (
         f"seed {seed}: mccd {' '.join(a[:60] for a in arguments)!r} ({told[:300]}; {time.monotonic() - began:.1f} s)"
