@@ -11,6 +11,10 @@ MOST = 1e60
 """Beyond any reading, and such that the fifth powers and squares of squares that are formed stay finite."""
 
 
+LEAST = 1e-60
+"""Below any quantity that is not zero, for the same reason."""
+
+
 def first_absurd(values: Array) -> tuple[int, ...] | None:
     """Return the place of the first entry that no sensor reads, None where there is none."""
     if (

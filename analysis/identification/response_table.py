@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from campaigns.importing.sources import Source, open_source
 from campaigns.log.units import is_unit, unit_named
 from sim_backend.errors import DataError
+from sim_backend.readings import LEAST, MOST
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -72,6 +73,7 @@ def read_table(path: Path) -> Table:
     response, unit = _response(path, names, values, units)
     over, under, factor = _units(unit, path)
     response = response * factor
+    _require_computable(path, {"frequency": f, "response": np.abs(response), "level": values.get("level", f)})
     keep, remarks = _usable(path, f, response, values)
     order = np.flatnonzero(keep)[np.lexsort((f[keep], values.get("level", np.zeros(f.size))[keep]))]
     std, coherence = _spread(path, values, factor, units, keep)
@@ -126,6 +128,18 @@ def _response(
     order = np.lexsort((values["frequency"], values.get("level", np.zeros(phase.size))))
     _require_possible(path, values["phase"][order], phase[order], size[order])
     return size * np.exp(1j * phase), unit
+
+
+def _require_computable(path: Path, columns: dict[str, Array]) -> None:
+    """Raise DataError for a number (n,) that no bench has and whose square may be none; what is not finite is left."""
+    for name, values in columns.items():
+        size = np.abs(values)
+        wrong = np.flatnonzero(np.isfinite(size) & ((size > MOST) | ((size > 0.0) & (size < LEAST))))
+        if wrong.size:
+            raise DataError(
+                f"{path}: row {wrong[0] + 1} has a {name} of {values[wrong[0]]:.3g} in SI units; no bench has more "
+                f"than {MOST:g} or, but for zero, less than {LEAST:g}: correct the number or its unit"
+            )
 
 
 def _require_possible(path: Path, written: Array, phase_rad: Array, size: Array) -> None:

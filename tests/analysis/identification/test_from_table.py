@@ -99,3 +99,12 @@ def test_rad_per_s_and_khz_are_frequencies(tmp_path):
         np.testing.assert_allclose(read_table(path).frequency_hz, F, rtol=1e-6)
     with pytest.raises(ConfigError, match="rate is 20 Hz"):
         identify_table(path, rate_hz=20.0)
+
+
+@pytest.mark.parametrize(("column", "value"), [(0, 1e70), (1, 1e200), (1, 1e-200)])
+def test_a_number_whose_square_is_none_is_refused(tmp_path, column, value):
+    columns = [F.copy(), np.ones(F.size), np.linspace(0.0, -3.0, F.size)]
+    columns[column][4] = value
+    path = written(tmp_path / "h.csv", ["f (Hz)", "mag", "phase (rad)"], columns)
+    with pytest.raises(DataError, match=f"row 5 has a .* of {value:.3g} in SI units".replace("+", r"\+")):
+        read_table(path)
