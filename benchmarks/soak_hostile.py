@@ -224,7 +224,7 @@ def _tell_of_writes(watched: Path) -> None:
             if not isinstance(name, str | bytes | os.PathLike):
                 continue
             path = os.path.abspath(os.fsdecode(name))
-            if not path.startswith(kept) and os.path.isdir(os.path.dirname(path)):
+            if not f"{path}/".startswith(kept) and os.path.isdir(os.path.dirname(path)):
                 os.write(2, f"\noutside: {event} {path!r}\n".encode("utf-8", "backslashreplace"))
 
     sys.addaudithook(hook)
