@@ -50,13 +50,14 @@ def fit_whole_delay(
     unknown = int(proposed.whole.max())
     late = search(*freed(inputs, outputs, proposed.whole, unknown))
     plain = freed(inputs, outputs, 0 * proposed.whole, unknown)
-    fewest = late.model.n_blocks
+    fewest, values = late.model.n_blocks, sum(y.size for y in plain[1])
     for n in range(fewest, min(fewest + _IMITATING, max(orders[-1], fewest)) + 1):
-        if (
-            late.criterion + _CLEARLY
-            >= fit_records(*plain, rate_hz, n, structure=structure, rigid_bodies=None).criterion
-        ):
+        other = fit_records(*plain, rate_hz, n, structure=structure, rigid_bodies=None)
+        if late.criterion + _CLEARLY >= other.criterion:
             return search(inputs, outputs)
+        # no more modes can explain more than what the noise leaves
+        if 2.0 * values * float(np.mean(np.log(other.noise_std / late.noise_std))) < np.log(values):
+            break
     return _later(late, proposed.whole, rate_hz)
 
 
