@@ -7,12 +7,15 @@ draws long after it could have refused its options.
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from analysis.pages.formats import readable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,11 +26,28 @@ Array = NDArray[np.float64]
 
 INK = "#1b1b1f"
 QUIET = "#6b7280"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7b4fb0")
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (6, 2)),
+    (0, (1.5, 1.5)),
+    (0, (7, 2, 1.5, 2)),
+    (0, (3, 1.5)),
+    (0, (7, 2, 1.5, 2, 1.5, 2)),
+    (0, (12, 3)),
+)
+MARKS = ("o", "s", "^", "D", "v", "P", "X")
+"""Each colour has a dash and a mark of its own: curves are told apart in print and by readers who see few colours."""
+
 PAPER = "#d55e00"
 """Whatever comes from the paper has this colour in every figure."""
 
 OURS = "#0072b2"
+LEGIBLE_IN = 5.0
+"""Widest figure, in inches, whose letters are read when it is as wide as a telephone; those of a wider one grow."""
+
+_LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
+
 MAX_POINTS = 4000
 """Longest curve that is drawn in full; longer ones show the smallest and largest sample of every stretch."""
 
@@ -57,6 +77,8 @@ class Canvas:
         path = resources.files("analysis.pages") / "mccd.mplstyle"
         with resources.as_file(path) as file:
             self._style = mpl.rc_params_from_file(str(file), use_default_template=False)
+        for name in _LETTERS:
+            self._style[name] = float(self._style[name]) * max(1.0, self.size[0] / LEGIBLE_IN)
         with self._styled():
             self.figure = Figure(figsize=self.size)
             grid = self.figure.subplots(
@@ -74,18 +96,22 @@ class Canvas:
         return axes
 
     def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw a curve on panel `i`, thinned where it is long, and keep what was drawn."""
+        """Draw a curve on panel `i`, thinned where it is long, in the dash of its colour, and keep what was drawn."""
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].plot(xs, ys, label=series, **style)
+            (drawn,) = self.axes[i].plot(xs, ys, label=series, **style)
+        if "linestyle" not in style:
+            drawn.set_linestyle(_own(DASHES, drawn.get_color()))
 
     def points(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw single points on panel `i`, all of them, and keep them."""
+        """Draw single points on panel `i`, all of them, with the mark of their colour, and keep them."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+            (drawn,) = self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+        if "marker" not in style:
+            drawn.set_marker(_own(MARKS, drawn.get_color()))
 
     def bars(self, i: int, series: str, centre: ArrayLike, height: ArrayLike, width: float, **style: Any) -> None:
         """Draw bars on panel `i` and keep them."""
@@ -126,8 +152,11 @@ class Canvas:
         self._finished = True
         buffer = io.BytesIO()
         with self._styled():
+            for axes in self.axes:
+                _plain_ticks(axes)
             if stamp:
-                self.figure.supxlabel(stamp, x=0.005, ha="left", fontsize=6, color=QUIET, parse_math=False)
+                at_foot = {"x": 0.005, "ha": "left", "fontsize": 6, "color": QUIET}
+                self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
             self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "mccd"})
         return buffer.getvalue().decode("utf-8")
 
@@ -153,6 +182,27 @@ class Canvas:
                 }
             )
         )
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Let the numbers along logarithmic axes be text of one size: superscripts of formulas are too small to read."""
+    from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log" or not isinstance(axis.get_major_formatter(), LogFormatter):
+            continue
+        low, high = axis.get_view_interval()
+        axis.set_major_formatter(FuncFormatter(_power_of_ten))
+        axis.set_minor_formatter(NullFormatter() if high >= 10.0 * low else FuncFormatter(_power_of_ten))
+
+
+def _power_of_ten(value: float, _at: int | None = None) -> str:
+    return re.sub(r"^1·(?=10)", "", readable(value, 2))
+
+
+def _own(looks: tuple[Any, ...], colour: Any) -> Any:
+    """Return which of the `looks` goes with a colour; the first where it is none of `COLOURS`."""
+    return looks[COLOURS.index(colour)] if colour in COLOURS else looks[0]
 
 
 def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> tuple[Array, Array]:

@@ -1,7 +1,9 @@
+import re
+
 import numpy as np
 import pytest
 
-from analysis.pages.canvas import MAX_POINTS, Canvas, thinned
+from analysis.pages.canvas import COLOURS, MAX_POINTS, Canvas, thinned
 
 
 def test_what_is_drawn_is_what_stands_in_the_numbers():
@@ -72,3 +74,23 @@ def test_a_figure_is_laid_out_once():
 def test_a_panel_that_is_not_there_is_an_error(i):
     with pytest.raises(IndexError):
         figure().line(i, "s", [0.0], [0.0])
+
+
+def test_no_two_of_seven_curves_have_the_same_colour_or_dash_and_no_two_of_seven_points_the_same_mark():
+    canvas = Canvas("T", "C", columns=2)
+    for k in range(7):
+        canvas.line(0, f"curve {k}", [0.0, 1.0], [0.0, k])
+        canvas.points(1, f"dots {k}", [0.0, 1.0], [0.0, k], color=COLOURS[k])
+    assert len({line.get_marker() for line in canvas.axes[1].lines}) == 7
+    svg = canvas.svg()
+    # the curves alone are in a colour and not filled
+    styles = [style for style in re.findall(r'style="(fill: none;[^"]*)"', svg) if re.search("|".join(COLOURS), style)]
+    assert len(styles) == 7
+    assert len({re.sub(r".*stroke-dasharray: ([^;]*);.*|.*", r"\1", style) for style in styles}) == 7
+
+
+def test_a_dash_or_mark_that_is_asked_for_stays():
+    canvas = Canvas("T", "C")
+    canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0], color=COLOURS[1], linestyle=":")
+    canvas.points(0, "dots", [0.0, 1.0], [0.0, 1.0], color=COLOURS[1], marker=".")
+    assert [canvas.axes[0].lines[0].get_linestyle(), canvas.axes[0].lines[1].get_marker()] == [":", "."]
