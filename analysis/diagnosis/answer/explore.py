@@ -18,7 +18,7 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
-from analysis.pages.quantities import chance, scaled
+from analysis.pages.quantities import LEAST_P, chance, scaled
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
@@ -235,12 +235,14 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
     factor, unit = (1.0, "") if bars else scaled(float(np.max(np.abs(first.axis))), first.unit)
     pairs = [("nominal", first)] + ([("extended", second)] if second is not None else [])
     log_x, log_y = name == "frequency", is_steep(first)
-    series, rows = [], []
+    series: list[Series] = []
+    rows: list[tuple[str, tuple[float | str | None, ...]]] = []
     for label, d in pairs:
         x = np.arange(d.axis.size, dtype=float) if bars else d.axis * factor
         seen = (d.level > 0.0) & ((x > 0.0) | (not log_x))
         series.append(Series.of(label, x[seen], d.level[seen], "bars" if bars else "line"))
-        rows.append((label, (float(np.max(d.level / d.floor)), float(d.p_value))))
+        p = float(d.p_value)
+        rows.append((label, (float(np.max(d.level / d.floor)), "< 10⁻¹²" if p < LEAST_P else p)))
     ends = (
         np.array([-0.5, first.axis.size - 0.5]) if bars else series[0].x[[0, -1]] if series[0].x.size else np.zeros(2)
     )
