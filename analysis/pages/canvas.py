@@ -131,7 +131,9 @@ class Canvas:
         self.axes[i].add_patch(Circle((0.0, 0.0), radius, fill=False, color=PAPER, linewidth=1.4, label=label))
 
     def legend(self, i: int, **where: Any) -> None:
-        """Show the legend of panel `i`."""
+        """Show the legend of panel `i`, its letters no smaller than those of others."""
+        if "fontsize" in where:
+            where["fontsize"] = max(float(where["fontsize"]), self._style["legend.fontsize"])
         with self._styled():
             for text in self.axes[i].legend(**where).get_texts():
                 text.set_parse_math(False)

@@ -19,7 +19,7 @@ from analysis.paper.tables import TABLES, make_table
 from analysis.report.explore import make_explorers
 from analysis.report.page import FigurePart, render_page, render_table
 from analysis.report.stages import measured_stages
-from analysis.report.tables import write_table
+from analysis.report.tables import agrees, write_table
 from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
 from sim_backend.safe_write import folder_within, write_text
@@ -43,7 +43,11 @@ class Report:
             key: path.relative_to(self.folder).as_posix() if relative else str(path.resolve())
             for key, path in self.figures.items()
         }
-        return {"tables": {key: table.as_json() for key, table in self.tables.items()}, "figures": figures}
+        tables = {
+            key: [{**entry, "ok": agrees(row)} for entry, row in zip(table.as_json(), table.rows, strict=True)]
+            for key, table in self.tables.items()
+        }
+        return {"tables": tables, "figures": figures}
 
     def failures(self) -> list[tuple[str, Row]]:
         """Return every prediction outside its stated tolerance, with its table's number."""

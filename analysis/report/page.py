@@ -14,9 +14,10 @@ from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
 from analysis.pages.svg import inlined
+from analysis.paper.numbers import Label
 from analysis.paper.pieces import Evidence
-from analysis.paper.rows import Row, Table, label_counts
-from analysis.report.tables import display_frame
+from analysis.paper.rows import Row, Table
+from analysis.report.tables import agrees, display_frame
 from campaigns.log import Run
 from campaigns.version import tool_commit, tool_version
 
@@ -72,12 +73,12 @@ def verdict_of(tables: dict[str, Table]) -> Verdict:
     required = [row for row in tables["6.6"].rows if row.met is not None] if "6.6" in tables else []
     own = [row for row in tables["6.6"].rows if row.own_met is not None] if "6.6" in tables else []
     rows = [row for table in tables.values() for row in table.rows]
-    known = [row for row in rows if row.number.label == "predicted" and row.ok is not None]
+    known = [row for row in rows if row.number.label == "predicted" and agrees(row) is not None]
     return Verdict(
         met=sum(bool(row.met) for row in required),
         measured=len(required),
         missed=tuple(row.number.row for row in required if not row.met),
-        agreeing=sum(bool(row.ok) for row in known),
+        agreeing=sum(bool(agrees(row)) for row in known),
         predictions=len(known),
         failures={
             key: failed for key, table in tables.items() if (failed := tuple(row for row in table.rows if row.failed))
@@ -88,6 +89,20 @@ def verdict_of(tables: dict[str, Table]) -> Verdict:
     )
 
 
+def counts_of(tables: dict[str, Table]) -> dict[Label, tuple[int, int, int]]:
+    """Return for every label how many numbers agree, how many do not, and how many are not known."""
+    counts: dict[Label, tuple[int, int, int]] = {}
+    for label in ("input", "calibrated", "predicted"):
+        found = [agrees(r) for t in tables.values() for r in t.rows if r.number.label == label]
+        counts[label] = (found.count(True), found.count(False), found.count(None))
+    return counts
+
+
+def folded(table: Table) -> bool:
+    """Tell whether a table holds coefficients, which few read: numbers without a unit, none of them predicted."""
+    return all(r.number.unit == "" and r.number.label != "predicted" for r in table.rows)
+
+
 def exactly(value: float | None) -> str:
     """Return every digit of a number for the page's machine-readable values; empty where JSON has null."""
     return repr(float(value)) if value is not None and math.isfinite(value) else ""
@@ -95,8 +110,8 @@ def exactly(value: float | None) -> str:
 
 def _environment() -> jinja2.Environment:
     environment = page_environment("analysis.report")
-    environment.filters["exactly"] = exactly
-    environment.globals["frame_of"] = display_frame
+    environment.filters |= {"exactly": exactly, "agreement": agrees}
+    environment.globals |= {"frame_of": display_frame, "agrees": agrees, "folded": folded}
     return environment
 
 
@@ -126,7 +141,7 @@ def render_page(
         explorers=explorers,
         stages=(STAGE_HEADS, stage_rows(stages)) if stages else None,
         verdict=verdict_of(tables),
-        counts=label_counts(list(tables.values())),
+        counts=counts_of(tables),
         version=f"{tool_version()} ({tool_commit()})",
     )
     return str(page)
