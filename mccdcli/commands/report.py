@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from mccdcli.options import common_options
-from mccdcli.output import emit, say, table
+from mccdcli.output import BAD, GOOD, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign
 
@@ -75,7 +75,7 @@ def report(
             return code
         with progress("report") as advance:
             built = report_of(measured, folder, advance)
-    emit(built.content(), as_json=as_json, text=_text(built))
+    emit(built.content(), as_json=as_json, text=_text(built), colours={"met": GOOD, "missed": BAD})
     return _checked(built) if check else 0
 
 
@@ -103,11 +103,17 @@ def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int
 
 
 def _text(built: Report) -> str:
+    from analysis.report.page import verdict_of
+    from analysis.report.tables import agrees
+
     rows = []
     for key, one in built.tables.items():
-        oks = [row.ok for row in one.rows]
+        oks = [agrees(row) for row in one.rows]
         rows.append((key, str(oks.count(True)), str(oks.count(False)), str(oks.count(None)), one.paper.title))
-    return f"{table(rows, heads=('table', 'agree', 'differ', 'unknown', ''))}\n\n{built.page}"
+    found = verdict_of(built.tables)
+    missed = f"; missed: {', '.join(found.missed)}" if found.missed else ""
+    met = f"\n\nrequirements met: {found.met} of {found.measured}{missed}" if found.measured else ""
+    return f"{table(rows, heads=('table', 'agree', 'differ', 'unknown', ''))}{met}\n\n{built.page}"
 
 
 def _checked(built: Report) -> int:
