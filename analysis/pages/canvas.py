@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -46,6 +47,10 @@ OURS = "#0072b2"
 LEGIBLE_IN = 5.0
 """Widest figure, in inches, whose letters are read when it is as wide as a telephone; those of a wider one grow."""
 
+_OF_CELL, _LETTER_EM = 0.8, 0.62
+"""Part of its cell in the grid that is left to a panel's axes; mean width of a letter in units of its size."""
+
+_KEPT = "\N{NO-BREAK SPACE}"
 _LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 
 MAX_POINTS = 4000
@@ -69,6 +74,7 @@ class Canvas:
     _parts: list[pd.DataFrame] = field(init=False, default_factory=list)
     _style: Any = field(init=False)
     _finished: bool = field(init=False, default=False)
+    _titles: dict[int, str] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         import matplotlib as mpl
@@ -87,13 +93,24 @@ class Canvas:
         self.axes = list(grid.reshape(-1))
 
     def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
-        """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas."""
-        axes = self.axes[i]
+        """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas.
+
+        One that is longer than its axes is broken into lines.
+        """
+        axes, (width_in, height_in) = self.axes[i], self.size
+        self._titles[i] = title
         with self._styled():
-            axes.set_title(title, parse_math=False)
-            axes.set_xlabel(x_label, parse_math=False)
-            axes.set_ylabel(y_label, parse_math=False)
+            axes.set_title(self._broken(title, width_in / self.columns, "axes.titlesize"), parse_math=False)
+            axes.set_xlabel(self._broken(x_label, width_in / self.columns, "font.size"), parse_math=False)
+            axes.set_ylabel(self._broken(y_label, height_in / self.rows, "font.size"), parse_math=False)
         return axes
+
+    def _broken(self, text: str, beside_in: float, letters: str) -> str:
+        """Return a text in lines that are no longer than axes which take `_OF_CELL` of their cell in the grid."""
+        most = int(_OF_CELL * beside_in * 72.0 / (_LETTER_EM * float(self._style[letters])))
+        whole = re.sub(r"\(.*?\)", lambda unit: unit[0].replace(" ", _KEPT), text)  # no unit is broken
+        lines = textwrap.wrap(whole, max(most, 8), break_long_words=False)
+        return "\n".join(lines).replace(_KEPT, " ") or text
 
     def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
         """Draw a curve on panel `i`, thinned where it is long, in the dash of its colour, and keep what was drawn."""
@@ -171,7 +188,7 @@ class Canvas:
         import pandas as pd
 
         axes = self.axes[i]
-        name = axes.get_title(loc="left") or f"panel {i + 1}"
+        name = self._titles.get(i) or axes.get_title(loc="left") or f"panel {i + 1}"
         self._parts.append(
             pd.DataFrame(
                 {
@@ -179,8 +196,8 @@ class Canvas:
                     "series": series,
                     "x": x,
                     "y": y,
-                    "x_quantity": axes.get_xlabel(),
-                    "y_quantity": axes.get_ylabel(),
+                    "x_quantity": axes.get_xlabel().replace("\n", " "),
+                    "y_quantity": axes.get_ylabel().replace("\n", " "),
                 }
             )
         )

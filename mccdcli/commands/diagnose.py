@@ -199,6 +199,8 @@ def _face(bench: str, seed: int) -> Face:
 
 
 def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
+    from analysis.pages.formats import without_exponents
+
     parts = [found["sentence"]]
     causes = [
         (
@@ -212,7 +214,7 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
     if causes:
         parts.append(table(causes, heads=("cause", "where", "probability", "parameters")))
     parts += ["tied: " + " or ".join(tied) for tied in found["ambiguous"]]
-    parts += found["notes"]
+    parts += map(without_exponents, found["notes"])
     parts.append(", ".join(str(files[name]) for name in ("index.html", "diagnosis.json", "extended.toml")))
     return "\n\n".join(parts)
 

@@ -26,7 +26,7 @@ MOST_ROWS = 16384
 WEAKEST = 1e-6
 """Part of the strongest line's power below which an input says nothing of the response there."""
 
-KNOWN = 0.3
+KNOWN = 0.1
 """Largest standard deviation of a point that is drawn, relative to the response."""
 
 LEAST_POINTS = 12

@@ -18,6 +18,7 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
+from analysis.pages.formats import without_exponents
 from analysis.pages.quantities import LEAST_P, chance, scaled
 from sim_backend.model import Model, Port
 
@@ -255,7 +256,7 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
         log_y=log_y,
         names=categories(name, first, model) if bars else None,
     )
-    where = f"{first.where} ({chance(first.p_value)})."
+    where = without_exponents(f"{first.where} ({chance(first.p_value)}).")
     return View((panel,), Facts(("model", "highest ÷ noise", "p-value"), tuple(rows)), where)
 
 

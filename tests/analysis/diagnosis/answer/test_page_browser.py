@@ -60,7 +60,7 @@ def found(verdict: str) -> Diagnosis:
         after.append(noise)
     axis = np.array([1e-3, 2e-3, 3e-3])
     weak = Domain("uid-0", "x", axis, "rad", np.array([1.0, 1.1, 0.9]), np.ones(3), 0.4, "x nowhere")
-    strong = Domain("uid-1", EVIL, axis, "rad", np.array([1.0, 5.125, 2.0]), np.ones(3), 1e-9, f"{EVIL} at the middle")
+    strong = Domain("uid-1", EVIL, axis, "rad", np.array([1.0, 5.125, 2.0]), np.ones(3), 1e-9, f"{EVIL}: 5.2e+03 times")
     way = Domain("uid-1", EVIL, np.array([-1.0, 1.0]), "sign", np.array([2.0, 3.0]), np.ones(2), 1e-3, "up")
     linear = two_axes().linear()
     named = verdict == "named"
