@@ -269,6 +269,6 @@ def _thinning(rows: int, most: int) -> str:
 def _remark(shown: int, of: int) -> str:
     which = "" if shown == of else f" The {shown} of {of} segments are listed where it misses most."
     return (
-        "“Nominal” is the given model with its own numbers re-tuned; the segment where it misses most comes first."
+        "“Nominal” is the given model with its own numbers adjusted; the segment where it misses most comes first."
         f"{which} Shaded: the noise, ±2σ."
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.figures import AFTER, BEFORE, Drawn
+from analysis.diagnosis.answer.sentence import SIGNIFICANT
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Diagnosis
 from analysis.diagnosis.verdict.outstanding import least_by_chance
@@ -81,7 +82,7 @@ def opening_figure(
     unseen = ", which no fit has seen" if place.window.held_out else ""
     caption = (
         f"{port.dof} in segment “{place.window.label}”{unseen}: the stretch where the nominal model misses most, its "
-        "own numbers re-tuned."
+        "own numbers adjusted."
     )
     return Drawn("measured-and-simulated", canvas.title, caption, canvas)
 
@@ -144,7 +145,14 @@ def _how(diagnosis: Diagnosis) -> list[str]:
         p, name, curve = least
         said.append(f"That the model is wrong: by {name}, {curve.where} ({chance(p)}).")
     if diagnosis.verdict == "consistent" and least is not None:
-        said.append(f"What stands out most, by {least[1]}, chance does as well: {chance(least[0])}.")
+        p, name, curve = least
+        if p >= SIGNIFICANT:
+            said.append(f"The residual stands out most by {name}, no more than by chance ({chance(p)}).")
+        else:
+            said.append(
+                f"The residual stands out most by {name}: {curve.where} ({chance(p)}). No effect of the library "
+                "explains more than noise may."
+            )
     return said
 
 

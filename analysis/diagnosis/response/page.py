@@ -49,7 +49,7 @@ def bode_figures(drawn: Responses, model: Model) -> list[Drawn]:
         canvas.panel(2, "", "frequency (Hz)", "error ÷ response")
         _draw(canvas, drawn, rows)
         caption = (
-            f"The measured response {title}, the nominal model with its own numbers re-tuned, and the extended model. "
+            f"The measured response {title}, the nominal model with its own numbers adjusted, and the extended model. "
             "Below: what each leaves over the size of the response, and the standard deviation of the noise (grey)."
         )
         levels = np.unique(lines.level[rows])
