@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,13 +18,35 @@ import click
 
 from sim_backend.errors import MccdWarning
 
+GOOD, BAD = "green", "red"
 
-def emit(result: object, *, as_json: bool, text: str) -> None:
-    """Print the result on standard output: `result` as one JSON document, or `text` for a person to read."""
+VERDICTS = {"The simulation is consistent": GOOD, "The simulation lacks": BAD, "The simulation is wrong": BAD}
+"""How the sentence of a diagnosis begins, by colour."""
+
+
+def emit(result: object, *, as_json: bool, text: str, colours: Mapping[str, str] | None = None) -> None:
+    """Print the result on standard output: `result` as one JSON document, or `text` for a person to read.
+
+    On a terminal each of the words or phrases in `colours` has its colour, unless NO_COLOR is set.
+    """
     if as_json:
         click.echo(json.dumps(plain(result), indent=2, allow_nan=False))
     else:
-        click.echo(visible(text))
+        click.echo(painted(visible(text), colours or {}) if in_colour(sys.stdout) else visible(text))
+
+
+def in_colour(stream: TextIO) -> bool:
+    """Tell whether what is written to `stream` may have colours."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb" and not os.environ.get("NO_COLOR")
+
+
+def painted(text: str, colours: Mapping[str, str]) -> str:
+    """Return `text` with each whole word or phrase of `colours` in its colour."""
+    if not colours:
+        return text
+    longest_first = sorted(colours, key=len, reverse=True)
+    phrase = re.compile(rf"(?<!\w)({'|'.join(map(re.escape, longest_first))})(?!\w)")
+    return phrase.sub(lambda found: click.style(found[0], fg=colours[found[0]], bold=True), text)
 
 
 def say(remark: str) -> None:

@@ -9,19 +9,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from mccdcli.output import say
+from mccdcli.timeleft import TimeLeft
 
 # report(done, total, what): how much of the work is done, in any unit, and what is being done now
 Report = Callable[[float, float, str], None]
 
 LINE_PERIOD_S = 5.0  # often enough to see that it lives, seldom enough for the log of a night's run
 
-KNOWN_SHARE = 0.05
-"""Share of the work before which nobody knows how long it takes: no time left is shown."""
-
 
 @contextmanager
 def progress(title: str) -> Iterator[Report]:
-    """Show the progress of one piece of work, with the time left; call what this yields as the work advances.
+    """Show the progress of one piece of work, with the time left where known; call what this yields as it advances.
 
     Library code takes the callable as a plain argument, so it need not know of terminals. Nothing is written
     to standard output, and nothing at all for work that ends before its first line is due.
@@ -37,16 +35,31 @@ def progress(title: str) -> Iterator[Report]:
 def _bar(title: str) -> Iterator[Report]:
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TextColumn
+    from rich.text import Text
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    left = TimeLeft(time.monotonic())
+
+    class Left(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(_left(left.left_s(time.monotonic())), style="progress.remaining")
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Left())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:  # rich honours NO_COLOR
         task = bars.add_task(escape(title), total=None)
 
         def report(done: float, total: float, what: str = "") -> None:
+            left.seen(done / total, time.monotonic())
             bars.update(task, completed=done, total=total, description=escape(f"{title} {what}".rstrip()))
 
         yield _forward(report)
+
+
+def _left(left_s: float | None) -> str:
+    """Return a time left as text, empty where it is not known."""
+    if left_s is None:
+        return ""
+    return f"{left_s:.0f} s left" if left_s < 120.0 else f"{left_s / 60.0:.0f} min left"
 
 
 def _forward(report: Report) -> Report:
@@ -62,17 +75,19 @@ def _forward(report: Report) -> Report:
 
 
 def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
-    started_s = clock()
-    due_s = started_s + LINE_PERIOD_S
+    left = TimeLeft(clock())
+    due_s = clock() + LINE_PERIOD_S
 
     def report(done: float, total: float, what: str = "") -> None:
         nonlocal due_s
         now_s = clock()
-        if now_s < due_s or total <= 0:
+        if total <= 0:
+            return
+        left.seen(done / total, now_s)
+        if now_s < due_s:
             return
         due_s = now_s + LINE_PERIOD_S
-        share = done / total
-        left = f", {(now_s - started_s) * (1.0 - share) / share:.0f} s left" if share >= KNOWN_SHARE else ""
-        say(f"{title}: {100 * share:.0f} %{left} {what}".rstrip())
+        told = ", ".join(filter(None, (f"{100 * done / total:.0f} %", _left(left.left_s(now_s)))))
+        say(f"{title}: {told} {what}".rstrip())
 
     return report

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.output import emit, plain, say, table
+from mccdcli.output import BAD, GOOD, emit, plain, say, table
 from mccdcli.progress import progress
 from sim_backend.documents import SyntaxFault, toml_of
 
@@ -219,21 +219,29 @@ def conclude(
     text = "\n\n".join(
         [
             table(rows, heads=(test, "result", "limit", "")),
-            f"{'passed' if ok else 'FAILED'}; log: {', '.join(map(str, logs))}",
+            f"{_outcome(checks)}; log: {', '.join(map(str, logs))}",
         ]
     )
     emit(
         {"test": test, "passed": ok, "logs": list(logs), **results, "checks": described},
         as_json=as_json,
         text=text,
+        colours={"ok": GOOD, "passed": GOOD, "FAILED": BAD},
     )
     return 0 if ok else 1
 
 
+def _outcome(checks: Sequence[Check]) -> str:
+    """Return the outcome of a test in words: it has passed only where there was a limit to pass."""
+    if not all(check.ok for check in checks):
+        return "FAILED"
+    return "passed" if any(check.limit is not None for check in checks) else "measured, no limit"
+
+
 def _verdict(check: Check) -> str:
-    if check.limit is None:
-        return ""
-    return "ok" if check.ok else "FAILED"
+    if not check.ok:
+        return "FAILED"
+    return "no limit" if check.limit is None else "ok"
 
 
 def quantity(value: float, unit: str) -> str:

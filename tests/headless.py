@@ -140,6 +140,34 @@ class Tab:
         return found
 
 
+def cut_off(tab: Tab) -> list[str]:
+    """Return what of the page stands out to the right or left of the window and cannot be scrolled to, as text.
+
+    Tables and code may scroll by themselves; figures, texts and controls have to fit.
+    """
+    script = """
+      const shown = e => e.checkVisibility() && e.getBoundingClientRect().width > 0;
+      const scrolls = e => e.closest('.scroll') !== null;
+      [...document.querySelectorAll('body *')]
+        .filter(e => shown(e) && !scrolls(e) && !e.closest('.skip') && !(e.closest('svg') && e.tagName !== 'svg'))
+        .filter(e => { const r = e.getBoundingClientRect(); return r.right > innerWidth + 1 || r.left < -1; })
+        .map(e => `${e.tagName} ${e.id} ${e.className.baseVal ?? e.className}: ${e.textContent.trim().slice(0, 40)}`)
+    """
+    found: list[str] = tab.run(script)
+    return found
+
+
+def small_print(tab: Tab) -> float:
+    """Return the smallest size in CSS pixels in which a text of a figure on the page is seen."""
+    script = """
+      const seen = e => e.getBoundingClientRect().width > 0 && e.textContent.trim();
+      [...document.querySelectorAll('figure svg text')].filter(seen).map(e => {
+        const svg = e.closest('svg'), scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
+        return scale * parseFloat(getComputedStyle(e).fontSize); }).reduce((x, y) => Math.min(x, y), 99)
+    """
+    return float(tab.run(script))
+
+
 def nameless(tab: Tab) -> int:
     """Return how many controls and drawings of the page have no name for somebody who hears it."""
     found = tab.run(

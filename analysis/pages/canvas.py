@@ -7,12 +7,16 @@ draws long after it could have refused its options.
 from __future__ import annotations
 
 import io
+import re
+import textwrap
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from analysis.pages.formats import readable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,14 +27,32 @@ Array = NDArray[np.float64]
 
 INK = "#1b1b1f"
 QUIET = "#6b7280"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
-"""A dash for each of the colours, so that curves differ without them."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7b4fb0")
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (6, 2)),
+    (0, (1.5, 1.5)),
+    (0, (7, 2, 1.5, 2)),
+    (0, (3, 1.5)),
+    (0, (7, 2, 1.5, 2, 1.5, 2)),
+    (0, (12, 3)),
+)
+MARKS = ("o", "s", "^", "D", "v", "P", "X")
+"""Each colour has a dash and a mark of its own: curves are told apart in print and by readers who see few colours."""
 
 PAPER = "#d55e00"
 """Whatever comes from the paper has this colour in every figure."""
 
 OURS = "#0072b2"
+LEGIBLE_IN = 5.0
+"""Widest figure, in inches, whose letters are read when it is as wide as a telephone; those of a wider one grow."""
+
+_OF_CELL, _LETTER_EM = 0.8, 0.62
+"""Part of its cell in the grid that is left to a panel's axes; mean width of a letter in units of its size."""
+
+_KEPT = "\N{NO-BREAK SPACE}"
+_LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
+
 MAX_POINTS = 4000
 """Longest curve that is drawn in full; longer ones show the smallest and largest sample of every stretch."""
 
@@ -52,6 +74,7 @@ class Canvas:
     _parts: list[pd.DataFrame] = field(init=False, default_factory=list)
     _style: Any = field(init=False)
     _finished: bool = field(init=False, default=False)
+    _titles: dict[int, str] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         import matplotlib as mpl
@@ -60,6 +83,8 @@ class Canvas:
         path = resources.files("analysis.pages") / "mccd.mplstyle"
         with resources.as_file(path) as file:
             self._style = mpl.rc_params_from_file(str(file), use_default_template=False)
+        for name in _LETTERS:
+            self._style[name] = float(self._style[name]) * max(1.0, self.size[0] / LEGIBLE_IN)
         with self._styled():
             self.figure = Figure(figsize=self.size)
             grid = self.figure.subplots(
@@ -68,27 +93,42 @@ class Canvas:
         self.axes = list(grid.reshape(-1))
 
     def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
-        """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas."""
-        axes = self.axes[i]
+        """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas.
+
+        One that is longer than its axes is broken into lines.
+        """
+        axes, (width_in, height_in) = self.axes[i], self.size
+        self._titles[i] = title
         with self._styled():
-            axes.set_title(title, parse_math=False)
-            axes.set_xlabel(x_label, parse_math=False)
-            axes.set_ylabel(y_label, parse_math=False)
+            axes.set_title(self._broken(title, width_in / self.columns, "axes.titlesize"), parse_math=False)
+            axes.set_xlabel(self._broken(x_label, width_in / self.columns, "font.size"), parse_math=False)
+            axes.set_ylabel(self._broken(y_label, height_in / self.rows, "font.size"), parse_math=False)
         return axes
 
+    def _broken(self, text: str, beside_in: float, letters: str) -> str:
+        """Return a text in lines that are no longer than axes which take `_OF_CELL` of their cell in the grid."""
+        most = int(_OF_CELL * beside_in * 72.0 / (_LETTER_EM * float(self._style[letters])))
+        whole = re.sub(r"\(.*?\)", lambda unit: unit[0].replace(" ", _KEPT), text)  # no unit is broken
+        lines = textwrap.wrap(whole, max(most, 8), break_long_words=False)
+        return "\n".join(lines).replace(_KEPT, " ") or text
+
     def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw a curve on panel `i`, thinned where it is long, and keep what was drawn."""
+        """Draw a curve on panel `i`, thinned where it is long, in the dash of its colour, and keep what was drawn."""
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].plot(xs, ys, label=series, **style)
+            (drawn,) = self.axes[i].plot(xs, ys, label=series, **style)
+        if "linestyle" not in style:
+            drawn.set_linestyle(_own(DASHES, drawn.get_color()))
 
     def points(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw single points on panel `i`, all of them, and keep them."""
+        """Draw single points on panel `i`, all of them, with the mark of their colour, and keep them."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+            (drawn,) = self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+        if "marker" not in style:
+            drawn.set_marker(_own(MARKS, drawn.get_color()))
 
     def bars(self, i: int, series: str, centre: ArrayLike, height: ArrayLike, width: float, **style: Any) -> None:
         """Draw bars on panel `i` and keep them."""
@@ -116,7 +156,9 @@ class Canvas:
             top.set_xlabel(label, parse_math=False)
 
     def legend(self, i: int, **where: Any) -> None:
-        """Show the legend of panel `i`."""
+        """Show the legend of panel `i`, its letters no smaller than those of others."""
+        if "fontsize" in where:
+            where["fontsize"] = max(float(where["fontsize"]), self._style["legend.fontsize"])
         with self._styled():
             for text in self.axes[i].legend(**where).get_texts():
                 text.set_parse_math(False)
@@ -137,8 +179,11 @@ class Canvas:
         self._finished = True
         buffer = io.BytesIO()
         with self._styled():
+            for axes in self.axes:
+                _plain_ticks(axes)
             if stamp:
-                self.figure.supxlabel(stamp, x=0.005, ha="left", fontsize=6, color=QUIET, parse_math=False)
+                at_foot = {"x": 0.005, "ha": "left", "fontsize": 6, "color": QUIET}
+                self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
             self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "mccd"})
         return buffer.getvalue().decode("utf-8")
 
@@ -151,7 +196,7 @@ class Canvas:
         import pandas as pd
 
         axes = self.axes[i]
-        name = axes.get_title(loc="left") or f"panel {i + 1}"
+        name = self._titles.get(i) or axes.get_title(loc="left") or f"panel {i + 1}"
         self._parts.append(
             pd.DataFrame(
                 {
@@ -159,11 +204,32 @@ class Canvas:
                     "series": series,
                     "x": x,
                     "y": y,
-                    "x_quantity": axes.get_xlabel(),
-                    "y_quantity": axes.get_ylabel(),
+                    "x_quantity": axes.get_xlabel().replace("\n", " "),
+                    "y_quantity": axes.get_ylabel().replace("\n", " "),
                 }
             )
         )
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Let the numbers along logarithmic axes be text of one size: superscripts of formulas are too small to read."""
+    from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log" or not isinstance(axis.get_major_formatter(), LogFormatter):
+            continue
+        low, high = axis.get_view_interval()
+        axis.set_major_formatter(FuncFormatter(_power_of_ten))
+        axis.set_minor_formatter(NullFormatter() if high >= 10.0 * low else FuncFormatter(_power_of_ten))
+
+
+def _power_of_ten(value: float, _at: int | None = None) -> str:
+    return re.sub(r"^1·(?=10)", "", readable(value, 2))
+
+
+def _own(looks: tuple[Any, ...], colour: Any) -> Any:
+    """Return which of the `looks` goes with a colour; the first where it is none of `COLOURS`."""
+    return looks[COLOURS.index(colour)] if colour in COLOURS else looks[0]
 
 
 def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> tuple[Array, Array]:

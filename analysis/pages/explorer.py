@@ -75,10 +75,13 @@ class Panel:
 
 @dataclass(frozen=True)
 class Facts:
-    """A small table of the numbers behind a view: what they are, and rows of a name and numbers (None: unknown)."""
+    """A small table of the numbers behind a view: what they are, and rows of a name and numbers (None: unknown).
+
+    A bound is a text.
+    """
 
     heads: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[float | None, ...]], ...]
+    rows: tuple[tuple[str, tuple[float | str | None, ...]], ...]
 
     def as_json(self) -> dict[str, Any]:
         """Return {"heads": …, "rows": [[name, number …] …]}; what never ends or is unknown is null."""
@@ -130,5 +133,7 @@ def _rounded(values: Array) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def _finite(value: float | None) -> float | None:
+def _finite(value: float | str | None) -> float | str | None:
+    if isinstance(value, str):
+        return value
     return None if value is None or not np.isfinite(value) else float(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 NONE = "—"
 """What stands where there is no number."""
@@ -43,6 +44,41 @@ def rounded(value: float, last: int) -> str:
     if -4 <= size < 5:
         return _signed(f"{round(value, -last):.{max(-last, 0)}f}")
     return _power(f"{value:.{max(size - last, 0)}e}", value)
+
+
+def readable(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits, never as 3.3e+04: 33,000, 3.3·10⁷ or 2.1·10⁻⁵."""
+    text = f"{value:.{digits}g}"
+    if "e" not in text:
+        return text
+    return f"{float(text):,.0f}" if 0 < int(text.partition("e")[2]) < 6 else _power(text, value)
+
+
+def fit_percent(error: float) -> str:
+    """Return a relative error (rms ÷ rms) as the fit that it leaves, in percent to two digits of what is missing."""
+    missing = abs(100.0 * error)
+    if not math.isfinite(missing):
+        return NONE
+    digits = 1 if missing == 0.0 else min(max(1 - math.floor(math.log10(missing)), 1), 6)
+    return _signed(f"{100.0 * (1.0 - error):.{digits}f} %")
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is printed: N m/rad³ for N m/rad^3, nothing for 1."""
+    return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda found: "".join(_SUPER[c] for c in found[1]), unit)
+
+
+_EXPONENT = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?e[+-]?\d+(?!\w|\.\w)")
+
+
+def without_exponents(text: str) -> str:
+    """Return a text whose numbers like 3.3e+04 read 33,000, with the digits that they have."""
+
+    def written(found: re.Match[str]) -> str:
+        digits = len(found[0].partition("e")[0].replace("-", "").replace(".", ""))
+        return readable(float(found[0]), digits)
+
+    return _EXPONENT.sub(written, text)
 
 
 def _power(text: str, value: float) -> str:

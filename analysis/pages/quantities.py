@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import math
 
+from analysis.pages.formats import readable, unit_text
+
 PREFIXED = ("rad", "m", "N m", "N", "V", "A", "rad/s", "m/s", "s")
 """Units that carry a prefix."""
+
+LEAST_P = 1e-12
+"""Smallest p-value that is told: so far out no distribution's tail is known."""
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
@@ -21,9 +26,9 @@ def scaled(largest: float, unit: str) -> tuple[float, str]:
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a number with three digits and its unit."""
+    """Return a number with three digits and its unit as it is printed."""
     factor, shown = scaled(value, unit)
-    return f"{value * factor:.3g} {shown}".strip()
+    return f"{readable(value * factor)} {unit_text(shown)}".strip()
 
 
 def share(part: float) -> str:
@@ -44,5 +49,5 @@ def span(low: float, high: float, unit: str) -> str:
 
 
 def chance(p: float) -> str:
-    """Return a p-value in words."""
-    return "p < 1e-12" if p < 1e-12 else f"p = {p:.2g}"
+    """Return a p-value in words; one that is too small for its approximation to hold, as a bound."""
+    return "p < 10⁻¹²" if p < LEAST_P else f"p = {readable(p, 2)}"

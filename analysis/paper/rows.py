@@ -51,11 +51,21 @@ class Row:
     def inside(self) -> bool | None:
         """Whether ours lies within the tolerance (below it, where the paper prints an upper bound); None if unknown."""
         deviation = self.deviation
-        if deviation is None or math.isnan(deviation):
+        if deviation is None or math.isnan(deviation) or not self.determined:
             return None
         # one part in 1e9 of the value is rounding of the conversion between units, no disagreement
         slack = self.number.tolerance + 1e-9 * abs(self.number.value or 0.0)
         return deviation <= slack if self.number.upper else abs(deviation) <= slack
+
+    @property
+    def determined(self) -> bool:
+        """Whether ours can be held against the paper's: known better than its own size, or than the tolerance.
+
+        An upper bound is met or not however small ours is.
+        """
+        if self.ours is None or self.std is None or self.number.upper:
+            return True
+        return self.std < abs(self.ours) or self.std <= self.number.tolerance
 
     @property
     def met(self) -> bool | None:

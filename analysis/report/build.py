@@ -43,7 +43,8 @@ class Report:
             key: path.relative_to(self.folder).as_posix() if relative else str(path.resolve())
             for key, path in self.figures.items()
         }
-        return {"tables": {key: table.as_json() for key, table in self.tables.items()}, "figures": figures}
+        tables = {key: table.as_json() for key, table in self.tables.items()}
+        return {"tables": tables, "figures": figures}
 
     def failures(self) -> list[tuple[str, Row]]:
         """Return every prediction outside its tolerance and every bound exceeded, with its table's number."""

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.pages.formats import NONE, exact, shown
+from analysis.pages.formats import NONE, exact, shown, unit_text
 from analysis.paper.rows import Row, Table
 from campaigns.spreadsheet import inert_frame
 from sim_backend.safe_write import write_text
@@ -23,6 +23,16 @@ KEPT = "kept"
 
 _MARKS = {True: "yes", False: "no", None: NONE}
 
+UNDETERMINED = "not determined"
+"""What stands where ours is more uncertain than it is large."""
+
+
+def agreement_text(row: Row) -> str:
+    """Return in a word whether ours agrees; a bound is kept, which is no agreement."""
+    if not row.determined:
+        return UNDETERMINED
+    return KEPT if row.inside and row.ok is None else _MARKS[row.ok]
+
 
 def display_frame(table: Table) -> pd.DataFrame:
     """Return the table as text: rounded numbers, the deviation, the tolerance, and whether ours agrees."""
@@ -37,9 +47,9 @@ def display_frame(table: Table) -> pd.DataFrame:
         columns[OWN] = [shown(r.own, like=r.number.value, std=r.own_std) for r in table.rows]
     columns["deviation"] = [_deviation(r) for r in table.rows]
     columns["tolerance"] = [f"{'+' if r.number.upper else '±'}{exact(r.number.tolerance)}" for r in table.rows]
-    columns["unit"] = [_unit(r.number.unit) for r in table.rows]
+    columns["unit"] = [unit_text(r.number.unit) for r in table.rows]
     columns["label"] = [r.number.label for r in table.rows]
-    columns["agrees"] = [KEPT if r.inside and r.ok is None else _MARKS[r.ok] for r in table.rows]
+    columns["agrees"] = [agreement_text(r) for r in table.rows]
     return pd.DataFrame(columns)
 
 
@@ -55,19 +65,13 @@ def _paper(row: Row) -> str:
 
 def _deviation(row: Row) -> str:
     deviation, paper = row.deviation, row.number.value
-    if deviation is None or paper is None:
+    if deviation is None or paper is None or math.isnan(deviation):
         return NONE
     if abs(deviation) <= 1e-9 * abs(paper):  # the rounding of floating-point numbers
         return "0"
     digits = f"{deviation:.2g}" if row.std is None and abs(deviation) < math.inf else None
     text = shown(deviation, std=row.std) if digits is None else shown(float(digits), like=float(digits) or 1.0)
     return text if text.startswith("−") or math.isinf(deviation) else f"+{text}"
-
-
-def _unit(unit: str) -> str:
-    for power in "2345":
-        unit = unit.replace(f"^{power}", "²³⁴⁵"[int(power) - 2])
-    return unit
 
 
 def _ours(row: Row) -> str:

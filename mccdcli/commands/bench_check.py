@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from mccdcli.options import common_options
-from mccdcli.output import emit, table
+from mccdcli.output import BAD, GOOD, emit, table
 from mccdcli.progress import progress
 from sim_backend.errors import ConfigError
 
@@ -41,5 +41,10 @@ def check(bench: str, seed: int, as_json: bool) -> int:
             results = check_bench(transport_at(kind, address), report)
     ok = all(result.ok for result in results)
     rows = [("ok" if r.ok else "FAILED", r.name, r.detail) for r in results]
-    emit({"ok": ok, "bench": bench, "checks": results}, as_json=as_json, text=table(rows))
+    emit(
+        {"ok": ok, "bench": bench, "checks": results},
+        as_json=as_json,
+        text=table(rows),
+        colours={"ok": GOOD, "FAILED": BAD},
+    )
     return 0 if ok else 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mccdcli.options import BenchAddress, Real, RealRange, WholeRange, common_options
-from mccdcli.output import emit, table
+from mccdcli.output import VERDICTS, emit, table
 from mccdcli.progress import progress
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def _of_logs(
         files = write_page(found, model, loaded.sources, folder, chops)
         files |= write_files(found, model, loaded.sources, folder, chops)
     content = document(found, loaded.sources, chops)
-    emit(content, as_json=as_json, text=_text(content, files))
+    emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
     return 0 if found.verdict == "consistent" else 1
 
 
@@ -173,7 +173,7 @@ def _of_table(
         )
     files = write_response_page(found, drawn, model, sources, folder) | write_files(found, model, sources, folder)
     content = document(found, sources)
-    emit(content, as_json=as_json, text=_text(content, files))
+    emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
     return 0 if found.verdict == "consistent" else 1
 
 
@@ -199,6 +199,8 @@ def _face(bench: str, seed: int) -> Face:
 
 
 def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
+    from analysis.pages.formats import without_exponents
+
     parts = [found["sentence"]]
     causes = [
         (
@@ -212,12 +214,14 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
     if causes:
         parts.append(table(causes, heads=("cause", "where", "probability", "parameters")))
     parts += ["tied: " + " or ".join(tied) for tied in found["ambiguous"]]
-    parts += found["notes"]
+    parts += map(without_exponents, found["notes"])
     parts.append(", ".join(str(files[name]) for name in ("index.html", "diagnosis.json", "extended.toml")))
     return "\n\n".join(parts)
 
 
 def _parameter(name: str, estimate: dict[str, Any]) -> str:
+    from analysis.pages.formats import readable
+
     unit = "" if estimate["unit"] == "1" else f" {estimate['unit']}"
-    spread = "" if estimate["std"] is None else f" ± {estimate['std']:.2g}"
-    return f"{name} {estimate['value']:.5g}{spread}{unit}"
+    spread = "" if estimate["std"] is None else f" ± {readable(estimate['std'], 2)}"
+    return f"{name} {readable(estimate['value'], 5)}{spread}{unit}"

@@ -9,7 +9,7 @@ import click
 
 from mccdcli.failures import INTERRUPTED
 from mccdcli.options import POSITIVE, RealRange, WholeRange, common_options
-from mccdcli.output import emit, say, table
+from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count, settings_option
 
@@ -93,7 +93,7 @@ def investigate(
     quest = Quest(bench, model, seed, rounds, budget_s, plan, options)
     with progress("investigating") as report:
         found = inquire(quest, out or Path("investigation"), resume=resume, report=report, remark=say)
-    emit(found, as_json=as_json, text=_text(found))
+    emit(found, as_json=as_json, text=_text(found), colours=VERDICTS)
     if found.paused:
         return INTERRUPTED
     return 0 if found.verdict == "consistent" else 1

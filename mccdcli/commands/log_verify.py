@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from mccdcli.options import common_options, existing_file
-from mccdcli.output import emit, plain, table
+from mccdcli.output import BAD, GOOD, emit, plain, table
 from mccdcli.progress import progress
 
 
@@ -43,5 +43,6 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
         {"ok": ok, "runs": [{**plain(report), "ok": report.ok} for report in reports]},
         as_json=as_json,
         text=table(rows),
+        colours={"ok": GOOD, "FAILED": BAD},
     )
     return 0 if ok else 1

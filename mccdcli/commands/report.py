@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from mccdcli.options import common_options
-from mccdcli.output import emit, say, table
+from mccdcli.output import BAD, GOOD, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign
 
@@ -78,7 +78,7 @@ def report(
             return code
         with progress("report") as advance:
             built = report_of(measured, folder, advance)
-    emit(built.content(), as_json=as_json, text=_text(built))
+    emit(built.content(), as_json=as_json, text=_text(built), colours={"met": GOOD, "missed": BAD})
     return _checked(built) if check else 0
 
 
@@ -106,13 +106,18 @@ def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int
 
 
 def _text(built: Report) -> str:
+    from analysis.report.page import verdict_of
+
     rows = []
     for key, one in built.tables.items():
         oks = [row.ok for row in one.rows]
         kept = sum(row.ok is None and row.inside is True for row in one.rows)
         counts = oks.count(True), oks.count(False), kept, oks.count(None) - kept
         rows.append((key, *map(str, counts), one.paper.title))
-    return f"{table(rows, heads=('table', 'agree', 'differ', 'bound kept', 'unknown', ''))}\n\n{built.page}"
+    found = verdict_of(built.tables)
+    missed = f"; missed: {', '.join(found.missed)}" if found.missed else ""
+    met = f"\n\nrequirements met: {found.met} of {found.measured}{missed}" if found.measured else ""
+    return f"{table(rows, heads=('table', 'agree', 'differ', 'bound kept', 'unknown', ''))}{met}\n\n{built.page}"
 
 
 def _checked(built: Report) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from analysis.pages.quantities import share
+from analysis.pages.formats import fit_percent
 from mccdcli.schema import schema_of
 from tests import headless
 from tests.docs.held_spring import relative_error
@@ -49,6 +49,8 @@ def check_page(path: Path, found: dict[str, Any]) -> None:
             assert tab.run("document.documentElement.scrollWidth") <= width
         assert tab.run("document.querySelector('.lead').textContent") == found["sentence"]
         assert tab.run("document.querySelector('.verdict').textContent") == found["verdict"]
-        tiles = tab.run("[...document.querySelectorAll('.tiles strong')].map(e => e.textContent)")
+        tiles = tab.run("[...document.querySelectorAll('.tiles data')].map(e => [Number(e.value), e.textContent])")
         gain = found["gain"]
-        assert tiles[:2] == [share(gain[name]) for name in ("rms_before", "rms_after")]
+        assert tiles == [[gain[name], fit_percent(gain[name])] for name in ("rms_before", "rms_after")]
+        for figure in ("measured-and-simulated", "bode", "mechanism"):
+            assert tab.run(f"document.querySelector('#{figure} svg') !== null"), figure

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
+import subprocess
+import sys
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,3 +95,31 @@ def test_columns_are_as_wide_as_their_widest_cell() -> None:
     assert table(rows, heads=("channel", "unit")) == "channel  unit\nangle    rad\nx        m"
     assert table(rows) == "angle  rad\nx      m"
     assert table([]) == ""
+
+
+COLOURED = """
+from mccdcli.output import BAD, GOOD, emit
+emit({"ok": True}, as_json=False, text="stability  ok\\nbooks  FAILED", colours={"ok": GOOD, "FAILED": BAD})
+"""
+
+
+@pytest.mark.parametrize(
+    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
+)
+def test_a_terminal_gets_colours_unless_it_wants_none(environment: dict[str, str], coloured: bool) -> None:
+    ours, theirs = pty.openpty()
+    clean = {name: value for name, value in os.environ.items() if name != "NO_COLOR"}
+    command = [sys.executable, "-c", COLOURED]
+    done = subprocess.Popen(command, stdout=theirs, env=clean | {"TERM": "xterm"} | environment)
+    assert done.wait(timeout=60) == 0
+    shown = os.read(ours, 65536).decode().replace("\r\n", "\n")
+    os.close(theirs)
+    os.close(ours)
+    green, red, end = "\x1b[32m\x1b[1m", "\x1b[31m\x1b[1m", "\x1b[0m"
+    expected = f"stability  {green}ok{end}\nbooks  {red}FAILED{end}\n"
+    assert shown == (expected if coloured else "stability  ok\nbooks  FAILED\n")
+
+
+def test_a_pipe_gets_no_colours() -> None:
+    done = subprocess.run([sys.executable, "-c", COLOURED], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "stability  ok\nbooks  FAILED\n"

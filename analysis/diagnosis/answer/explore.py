@@ -18,7 +18,8 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
-from analysis.pages.quantities import chance, scaled
+from analysis.pages.formats import without_exponents
+from analysis.pages.quantities import LEAST_P, chance, scaled
 from sim_backend.model import Model, Port
 
 Array = NDArray[np.float64]
@@ -235,12 +236,14 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
     factor, unit = (1.0, "") if bars else scaled(float(np.max(np.abs(first.axis))), first.unit)
     pairs = [("nominal", first)] + ([("extended", second)] if second is not None else [])
     log_x, log_y = name == "frequency", is_steep(first)
-    series, rows = [], []
+    series: list[Series] = []
+    rows: list[tuple[str, tuple[float | str | None, ...]]] = []
     for label, d in pairs:
         x = np.arange(d.axis.size, dtype=float) if bars else d.axis * factor
         seen = (d.level > 0.0) & ((x > 0.0) | (not log_x))
         series.append(Series.of(label, x[seen], d.level[seen], "bars" if bars else "line"))
-        rows.append((label, (float(np.max(d.level / d.floor)), float(d.p_value))))
+        p = float(d.p_value)
+        rows.append((label, (float(np.max(d.level / d.floor)), "< 10⁻¹²" if p < LEAST_P else p)))
     ends = (
         np.array([-0.5, first.axis.size - 0.5]) if bars else series[0].x[[0, -1]] if series[0].x.size else np.zeros(2)
     )
@@ -253,7 +256,7 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
         log_y=log_y,
         names=categories(name, first, model) if bars else None,
     )
-    where = f"{first.where} ({chance(first.p_value)})."
+    where = without_exponents(f"{first.where} ({chance(first.p_value)}).")
     return View((panel,), Facts(("model", "highest ÷ noise", "p-value"), tuple(rows)), where)
 
 
@@ -266,6 +269,6 @@ def _thinning(rows: int, most: int) -> str:
 def _remark(shown: int, of: int) -> str:
     which = "" if shown == of else f" The {shown} of {of} segments are listed where it misses most."
     return (
-        "“Nominal” is the given model with its own numbers re-tuned; the segment where it misses most comes first."
+        "“Nominal” is the given model with its own numbers adjusted; the segment where it misses most comes first."
         f"{which} Shaded: the noise, ±2σ."
     )

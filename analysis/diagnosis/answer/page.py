@@ -10,19 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup, escape
 
+from analysis.diagnosis.answer.bode import bode_figure
 from analysis.diagnosis.answer.difference import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.answer.figures import Drawn, evidence_figures, residual_figures
+from analysis.diagnosis.answer.mechanism import mechanism_figure
+from analysis.diagnosis.answer.opening import opening_figure, surety, worst_output
 from analysis.diagnosis.answer.output import DOMAINS, extended_model
 from analysis.diagnosis.answer.sentence import SIGNIFICANT
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.loading import Source
-from analysis.diagnosis.result import Diagnosis, Domain
+from analysis.diagnosis.result import Diagnosis, Domain, Visible
+from analysis.diagnosis.verdict.barely import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
-from analysis.pages.formats import shown
+from analysis.pages.formats import fit_percent, readable, shown, unit_text, without_exponents
 from analysis.pages.quantities import chance, quantity, share
 from analysis.pages.svg import inlined
 from campaigns.spreadsheet import inert_frame
@@ -64,10 +68,25 @@ class OverviewRow:
 
 
 @dataclass(frozen=True)
-class Drawings:
-    """What is drawn on the page: figures of the residual and the evidence, their SVG by name, and interactive plots."""
+class Figures:
+    """What is drawn, in the order of the page: measured and simulated, frequency response, the cause, and the rest."""
 
-    figures: tuple[list[Drawn], list[Drawn]]
+    opening: tuple[Drawn, ...] = ()
+    response: tuple[Drawn, ...] = ()
+    mechanism: tuple[Drawn, ...] = ()
+    evidence: tuple[Drawn, ...] = ()
+    residual: tuple[Drawn, ...] = ()
+
+    def all(self) -> tuple[Drawn, ...]:
+        """Return every figure."""
+        return (*self.opening, *self.response, *self.mechanism, *self.evidence, *self.residual)
+
+
+@dataclass(frozen=True)
+class Drawings:
+    """What is drawn on the page: its figures, their SVG by name, and interactive plots by key."""
+
+    figures: Figures
     svg: dict[str, Markup]
     explorers: dict[str, Explorer]
 
@@ -86,17 +105,17 @@ def write_drawn(
     model: Model,
     sources: Sequence[Source],
     out: Path,
-    figures: tuple[list[Drawn], list[Drawn]],
+    figures: Figures,
     explorers: Mapping[str, Explorer] | None = None,
     chops: Sequence[ChopGain] = (),
 ) -> dict[str, Path]:
-    """Write `index.html` with figures of the residual and of the evidence; return the paths of all files by name."""
+    """Write `index.html` with its figures; return the paths of all files by name."""
     folder = folder_within(out, "figures")
     runs = ", ".join(s.run_uid[:8] for s in sources[:2]) + (" …" if len(sources) > 2 else "")
     stamp = f"mccd {tool_version()} ({tool_commit()}) · run {runs}"
     paths: dict[str, Path] = {}
     drawings = {}
-    for figure in (*figures[0], *figures[1]):
+    for figure in figures.all():
         svg = figure.canvas.svg(stamp)
         paths[f"figures/{figure.name}.svg"] = write_text(folder / f"{figure.name}.svg", svg)
         write_text(folder / f"{figure.name}.csv", inert_frame(figure.canvas.numbers()).to_csv(index=False))
@@ -121,9 +140,12 @@ def render(
             sources=sources,
             domains=domains,
             overview=_overview(diagnosis.evidence, domains, files),
-            residuals=drawn.figures[0],
-            evidence=drawn.figures[1],
+            figures=drawn.figures,
             drawings=drawn.svg,
+            surety=surety(diagnosis),
+            above_noise=ABOVE_NOISE,
+            causes_heading="Cause" if len(diagnosis.causes) == 1 else "Causes",
+            visible=_by_effect(diagnosis.sensitivity),
             explorers=drawn.explorers,
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
             symptoms={e.reported(): e.symptom for e in reversed(NAMED)},
@@ -138,29 +160,47 @@ def _environment() -> jinja2.Environment:
     environment = page_environment("analysis.diagnosis.answer")
     environment.filters["quantity"] = quantity
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
+    environment.filters["unit"] = unit_text
+    environment.filters["readable"] = readable
+    environment.filters["fit"] = fit_percent
+    environment.filters["plainly"] = without_exponents
     environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
     environment.filters["share"] = share
     environment.filters["chance"] = chance
     return environment
 
 
-def _drawings(
-    diagnosis: Diagnosis, model: Model, files: dict[str, str]
-) -> tuple[tuple[list[Drawn], list[Drawn]], dict[str, Explorer]]:
+def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tuple[Figures, dict[str, Explorer]]:
     data, before = diagnosis.data, diagnosis.before
     whitener = whitener_from(data, list(diagnosis.after))
     longest = max(r.n for r in data.records)
     noise_rms = model_rms(whitener, longest)
     after = evidence(data, diagnosis.after, whitener, model)
-    figures = (
-        residual_figures(data, before, diagnosis.after, noise_rms, model),
-        evidence_figures(diagnosis.evidence, after, model),
+    output = worst_output(data, before, noise_rms)
+    figures = Figures(
+        opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
+        response=_those(bode_figure(diagnosis, model, output)),
+        mechanism=_those(mechanism_figure(diagnosis, model, whitener)),
+        evidence=tuple(evidence_figures(diagnosis.evidence, after, model)),
+        residual=tuple(residual_figures(data, before, diagnosis.after, noise_rms, model)),
     )
     explorers = (
         residual_explorer(data, before, diagnosis.after, whitener, noise_rms, model, files),
         evidence_explorer(diagnosis.evidence, after, model, files),
     )
     return figures, {one.key: one for one in explorers if one is not None}
+
+
+def _those(*figures: Drawn | None) -> tuple[Drawn, ...]:
+    return tuple(figure for figure in figures if figure is not None)
+
+
+def _by_effect(seen: Sequence[Visible]) -> dict[str, list[Visible]]:
+    """Return the visible sizes by effect and the parameter that measures it."""
+    out: dict[str, list[Visible]] = {}
+    for one in seen:
+        out.setdefault(f"{one.effect}: {one.parameter}", []).append(one)
+    return out
 
 
 def _overview(found: dict[str, tuple[Domain, ...]], domains: Sequence[str], files: dict[str, str]) -> list[OverviewRow]:

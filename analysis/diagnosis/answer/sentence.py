@@ -8,6 +8,7 @@ from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Remainder, Ve
 from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
+from analysis.pages.formats import readable, without_exponents
 from analysis.pages.quantities import chance, share
 
 SIGNIFICANT = 1e-3
@@ -30,7 +31,8 @@ def sentence(
 
     `evidence` is told of an unknown verdict: where what is not understood lives.
     """
-    return " ".join(filter(None, (_verdict(verdict, causes, tied, gain, evidence), _left(remainder), _next(choice))))
+    parts = _verdict(verdict, causes, tied, gain, evidence), _left(remainder), _next(choice)
+    return without_exponents(" ".join(filter(None, parts)))
 
 
 def _left(remainder: Remainder | None) -> str:
@@ -49,8 +51,8 @@ def _next(choice: Choice | None) -> str:
         return f"{choice.reason[0].upper()}{choice.reason[1:]}."
     plan = choice.experiment
     return (
-        f"The plan {plan.test} would tell {' from '.join(plan.separates)}: after {plan.duration_s:.3g} s they would "
-        f"differ by {plan.expected_sigma:.2g} sigma."
+        f"The plan {plan.test} would tell {' from '.join(plan.separates)}: after {readable(plan.duration_s)} s they "
+        f"would differ by {readable(plan.expected_sigma, 2)} sigma."
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.diagnosis.answer.figures import AFTER, BEFORE, Drawn, evidence_figures, file_names
-from analysis.diagnosis.answer.page import write_drawn
+from analysis.diagnosis.answer.page import Figures, write_drawn
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.response.diagnose import Responses
 from analysis.diagnosis.response.evidence import by_frequency
@@ -26,7 +26,9 @@ def write_response_page(
     """Write `index.html` and its figures (SVG and CSV) into the folder `out` and return the paths by name."""
     record = next((curve.record for curve in diagnosis.evidence["frequency"]), "")
     after = {"frequency": by_frequency(drawn.lines, drawn.noise, drawn.extended, model, record)}
-    figures = bode_figures(drawn, model), evidence_figures(diagnosis.evidence, after, model)
+    first, *others = bode_figures(drawn, model)
+    shown = evidence_figures(diagnosis.evidence, after, model)
+    figures = Figures(opening=(first,), response=tuple(others), evidence=tuple(shown))
     return write_drawn(diagnosis, model, sources, out, figures)
 
 
@@ -47,7 +49,7 @@ def bode_figures(drawn: Responses, model: Model) -> list[Drawn]:
         canvas.panel(2, "", "frequency (Hz)", "error ÷ response")
         _draw(canvas, drawn, rows)
         caption = (
-            f"The measured response {title}, the nominal model with its own numbers re-tuned, and the extended model. "
+            f"The measured response {title}, the nominal model with its own numbers adjusted, and the extended model. "
             "Below: what each leaves over the size of the response, and the standard deviation of the noise (grey)."
         )
         levels = np.unique(lines.level[rows])

@@ -74,9 +74,9 @@ class Plot {
         this.list();
       });
       const swatch = make(label, "svg:svg", { width: 28, height: 10, "aria-hidden": "true" });
-      if (this.view.panels.some((p) => p.series.some((s) => s.name === name && s.kind === "points"))) make(swatch, "svg:circle", { cx: 14, cy: 5, r: 3, fill: this.colour(i) });
+      if (this.view.panels.some((p) => p.series.some((s) => s.name === name && s.kind === "points"))) dot(swatch, i, 14, 5, 3, this.colour(i));
       else make(swatch, "svg:line", { x1: 0, x2: 28, y1: 5, y2: 5, stroke: this.colour(i), "stroke-width": 2,
-        "stroke-dasharray": DASHES[i % DASHES.length] });
+        "stroke-dasharray": dash(i) });
       make(label, "span", {}, name);
     });
   }
@@ -98,7 +98,7 @@ class Plot {
     }
   }
 
-  colour(i) { return `var(--curve-${1 + (i % 6)})`; }
+  colour(i) { return `var(--curve-${1 + (i % COLOURS)})`; }
   shown(panel) { return panel.series.filter((s) => !this.hidden.has(s.name)); }
   scale(panel) { return panel.log ? Math.log10 : (v) => v; }
   rise(panel) { return panel.log_y ? Math.log10 : (v) => v; }
@@ -195,8 +195,7 @@ class Plot {
   curve(parent, series, panel, px, py) {
     const i = this.names.indexOf(series.name), colour = this.colour(i);
     if (series.kind === "points") {
-      series.x.forEach((v, k) => make(parent, "svg:circle", { cx: px(v).toFixed(2), cy: py(series.y[k]).toFixed(2),
-        r: 2.2, fill: colour }));
+      series.x.forEach((v, k) => dot(parent, i, px(v).toFixed(2), py(series.y[k]).toFixed(2), 2.2, colour));
       return;
     }
     if (series.kind === "bars") {
@@ -207,7 +206,7 @@ class Plot {
       return;
     }
     const path = series.x.map((v, k) => `${k ? "L" : "M"}${px(v).toFixed(2)} ${py(series.y[k]).toFixed(2)}`).join("");
-    make(parent, "svg:path", { d: path, stroke: colour, class: "curve", "stroke-dasharray": DASHES[i % DASHES.length] });
+    make(parent, "svg:path", { d: path, stroke: colour, class: "curve", "stroke-dasharray": dash(i) });
   }
 
   pointer(frame, i) {
@@ -368,5 +367,5 @@ for (const section of document.querySelectorAll(".explorer")) {
   });
 }
 // on paper nothing can be unfolded
-addEventListener("beforeprint", () => document.querySelectorAll(".failures details").forEach((d) => { d.open = true; }));
+addEventListener("beforeprint", () => document.querySelectorAll(".failures details, details.folded").forEach((d) => { d.open = true; }));
 document.documentElement.classList.add("live");

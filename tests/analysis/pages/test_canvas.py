@@ -1,7 +1,9 @@
+import re
+
 import numpy as np
 import pytest
 
-from analysis.pages.canvas import MAX_POINTS, Canvas, thinned
+from analysis.pages.canvas import COLOURS, MAX_POINTS, Canvas, thinned
 
 
 def test_what_is_drawn_is_what_stands_in_the_numbers():
@@ -72,3 +74,63 @@ def test_a_figure_is_laid_out_once():
 def test_a_panel_that_is_not_there_is_an_error(i):
     with pytest.raises(IndexError):
         figure().line(i, "s", [0.0], [0.0])
+
+
+def test_no_two_of_seven_curves_have_the_same_colour_or_dash_and_no_two_of_seven_points_the_same_mark():
+    canvas = Canvas("T", "C", columns=2)
+    for k in range(7):
+        canvas.line(0, f"curve {k}", [0.0, 1.0], [0.0, k])
+        canvas.points(1, f"dots {k}", [0.0, 1.0], [0.0, k], color=COLOURS[k])
+    assert len({line.get_marker() for line in canvas.axes[1].lines}) == 7
+    svg = canvas.svg()
+    # the curves alone are in a colour and not filled
+    styles = [style for style in re.findall(r'style="(fill: none;[^"]*)"', svg) if re.search("|".join(COLOURS), style)]
+    assert len(styles) == 7
+    assert len({re.sub(r".*stroke-dasharray: ([^;]*);.*|.*", r"\1", style) for style in styles}) == 7
+
+
+def test_a_dash_or_mark_that_is_asked_for_stays():
+    canvas = Canvas("T", "C")
+    canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0], color=COLOURS[1], linestyle=":")
+    canvas.points(0, "dots", [0.0, 1.0], [0.0, 1.0], color=COLOURS[1], marker=".")
+    assert [canvas.axes[0].lines[0].get_linestyle(), canvas.axes[0].lines[1].get_marker()] == [":", "."]
+
+
+def test_a_name_longer_than_its_axes_is_broken_and_stays_whole_in_the_numbers():
+    name, quantity = "position 1: 0.0 mrad, 98.31 % of all samples inside", "theodolite − sensor (µrad)"
+    canvas = Canvas("T", "C", rows=2, columns=2, size=(7.2, 4.0))
+    canvas.panel(0, name, "x", quantity)
+    canvas.panel(1, "short", "x", "y")
+    canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0])
+    title, label = canvas.axes[0].get_title(loc="left"), canvas.axes[0].get_ylabel()
+    assert "\n" in title and title.replace("\n", " ") == name and "\n" in label
+    assert (canvas.numbers().panel == name).all() and (canvas.numbers().y_quantity == quantity).all()
+    assert canvas.axes[1].get_title(loc="left") == "short"
+    # by the letters as they are drawn: none is outside of its half of the figure
+    canvas.svg()
+    assert canvas.axes[0].title.get_window_extent().width == 0.0  # the centre title is not used
+    width = canvas.axes[0].get_window_extent().width
+    left_title = next(t for t in canvas.axes[0].get_children() if getattr(t, "get_text", str)() == title)
+    assert left_title.get_window_extent().width < 1.1 * width
+
+
+def test_numbers_along_a_logarithmic_axis_are_text_of_one_size():
+    canvas = Canvas("T", "C")
+    canvas.line(0, "curve", [1.0, 1e4], [1e-7, 1.0])
+    canvas.axes[0].set_xscale("log")
+    canvas.axes[0].set_yscale("log")
+    svg = canvas.svg()
+    for text in ("10⁻⁵", "0.001", "1,000"):
+        assert f">{text}</text>" in svg
+    assert "<tspan" not in svg
+
+
+def test_letters_of_a_wide_figure_are_read_at_the_width_of_a_telephone():
+    for width in (4.4, 7.2, 10.0):
+        canvas = Canvas("T", "C", size=(width, 4.0))
+        canvas.panel(0, "p", "x", "y")
+        canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0])
+        canvas.legend(0, fontsize=4)
+        sizes = [float(size) for size in re.findall(r"font-size: ([\d.]+)px", canvas.svg())]
+        # 358 CSS pixels of 390; the view box is in points
+        assert len(sizes) > 5 and min(sizes) * 358.0 / (72.0 * width) >= 7.5

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from analysis.pages.formats import exact, shown
+from analysis.pages.formats import exact, fit_percent, readable, shown, without_exponents
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,40 @@ def test_as_many_digits_as_are_known(value, like, std, text):
 )
 def test_printed_numbers_keep_their_digits(value, text):
     assert exact(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (3.3e4, 2, "33,000"),
+        (123456.0, 3, "123,000"),
+        (3.3e7, 2, "3.3·10⁷"),
+        (-2.1e-5, 2, "−2.1·10⁻⁵"),
+        (0.0, 3, "0"),
+        (12.345, 3, "12.3"),
+        (999.96, 3, "1,000"),
+    ],
+)
+def test_a_number_for_people_has_no_exponent(value, digits, text):
+    assert readable(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (0.127, "87.3 %"),
+        (1.73e-4, "99.983 %"),
+        (0.0, "100.0 %"),
+        (1.34, "−34.0 %"),
+        (0.999, "0.1 %"),
+        (math.nan, "—"),
+    ],
+)
+def test_a_fit_has_two_digits_of_what_is_missing(error, text):
+    assert fit_percent(error) == text
+
+
+def test_a_text_loses_its_exponents_and_a_name_keeps_them():
+    assert without_exponents("off by 3.3e+04 (p = 2e-09), see run-1e-5.h5 and 1e5.csv") == (
+        "off by 33,000 (p = 2·10⁻⁹), see run-1e-5.h5 and 1e5.csv"
+    )

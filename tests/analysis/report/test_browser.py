@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.pages.canvas import Canvas
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.paper.numbers import PaperNumber, PaperTable
-from analysis.paper.rows import Ours, build_table
-from analysis.report.page import render_page
+from analysis.paper.rows import Ours, build_table, label_counts
+from analysis.report.page import FigurePart, render_page
 from tests import headless
 
 pytestmark = pytest.mark.skipif(
@@ -41,16 +42,40 @@ def table():
     rows = (
         PaperNumber(key="a", row="settling", unit="ms", value=5.6, **shared),
         PaperNumber(key="b", row=EVIL, unit="ms", value=None, **shared),
+        PaperNumber(key="c", row="shown only", unit="ms", value=2.0, **{**shared, "requirement": None}),
     )
     return build_table(
-        "6.6", PaperTable(title="Performance", note=EVIL, rows=rows), {"a": Ours(0.1 + 0.2, note=EVIL)}, ("0" * 32,)
+        "6.6",
+        PaperTable(title="Performance", note=EVIL, rows=rows),
+        {"a": Ours(0.1 + 0.2, note=EVIL), "c": Ours(2e-3)},
+        ("0" * 32,),
     )
+
+
+def coefficients(folded=True):
+    shared = {"label": "input", "unit": "", "why": "rounding"}
+    rows = (
+        PaperNumber(key="p1", row="p1", value=1.0, tolerance=0.1, **shared),
+        PaperNumber(key="p2", row="p2", value=2.1e-9, tolerance=2.1e-10, **shared),
+    )
+    ours = {"p1": Ours(1.01, 0.02), "p2": Ours(2.2e-9, 3.0e-9)}
+    return build_table("6.2", PaperTable(title="Coefficients", note="", rows=rows, folded=folded), ours, ("0" * 32,))
+
+
+def settled() -> FigurePart:
+    canvas = Canvas("Settling", "How it settles.", rows=2, size=(7.2, 5.2))
+    for i in range(2):
+        canvas.panel(i, "θx", "time (ms)", "error (µrad)")
+        canvas.line(i, "hybrid: 5.6 ms", np.arange(60.0), np.exp(-np.arange(60.0) / 9.0))
+        canvas.legend(i)
+    return FigurePart("6.15", "Settling", "How it settles.", canvas.svg("stamp"), Path("f.svg"), (), canvas.numbers())
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "index.html"
-    path.write_text(render_page([], {"6.6": table()}, {}, [], [explorer()]), encoding="utf-8")
+    tables = {"6.2": coefficients(), "6.6": table()}
+    path.write_text(render_page([], tables, {"6.15": settled()}, [], [explorer()]), encoding="utf-8")
     return path
 
 
@@ -77,13 +102,14 @@ def button(tab, name: str) -> None:
     tab.run(f"document.querySelector('button[aria-label=\"{name}\"]').click()")
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (1400, "dark"), (390, "light"), (390, "dark")])
 def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, page, width, scheme):
     browser.open(page, width=width, prefers_color_scheme=scheme)
     assert browser.complaints() == []
     assert browser.requests() == [page.resolve().as_uri()]
     # the page itself never scrolls sideways; wide tables do so on their own
     assert browser.run("document.documentElement.scrollWidth") <= width
+    assert headless.cut_off(browser) == []
     ground = browser.run("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, ground[4:-1].split(","))) > 3 * 128) == (scheme == "light")
 
@@ -96,13 +122,68 @@ def test_text_from_data_stays_text(tab):
 
 
 def test_the_numbers_on_the_page_are_those_of_the_json(tab):
-    cells = tab.run("[...document.querySelectorAll('td.ours data')].map(e => e.value)")
+    cells = tab.run("[...document.querySelectorAll('#verdict td.ours data')].map(e => e.value)")
     assert [float(c) if c else None for c in cells] == [row["ours"] for row in table().as_json()]
-    assert tab.run("document.querySelector('td.ours data').textContent") == "300.00"
+    assert tab.run("document.querySelector('#verdict td.ours data').textContent") == "300.00"
     data = tab.run("document.querySelector('.explorer script').textContent")
     assert json.loads(data) == json.loads(json.dumps(explorer().as_json()))
     facts = tab.run("[...document.querySelectorAll('.facts data')].map(e => e.value)")
     assert facts == ["30.125", ""]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_verdict_and_the_settling_picture_are_on_the_first_screen(browser, page, scheme):
+    place = "(() => {{ const r = document.querySelector(`{}`).getBoundingClientRect(); return [r.top, r.bottom] }})()"
+    browser.open(page, width=1400, height=900, prefers_color_scheme=scheme)
+    assert browser.run(place.format("#verdict .lead"))[1] < 900
+    assert browser.run(place.format("[id='figure-6.15'] svg"))[1] < 900
+    assert browser.run("document.querySelectorAll('[id=\"figure-6.15\"]').length") == 1
+    browser.open(page, width=390, height=844, prefers_color_scheme=scheme)
+    assert browser.run(place.format("#verdict .lead"))[1] < 844
+    # 7.5 CSS pixels are 2 mm on a telephone
+    assert headless.small_print(browser) >= 7.5
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_whether_a_requirement_is_met_is_seen_without_scrolling(browser, page, width):
+    browser.open(page, width=width)
+    seen = browser.run(
+        "[...document.querySelectorAll('#verdict .met')].filter(e => e.checkVisibility()).map(e => {"
+        "const r = e.getBoundingClientRect(); return [e.textContent, r.left >= 0 && r.right <= innerWidth]})"
+    )
+    # one row was measured against a limit, one without, one not at all
+    assert seen == [["missed", True], ["measured, no limit", True]]
+
+
+def test_coefficients_are_folded_and_what_is_more_uncertain_than_itself_is_not_determined(tab):
+    assert tab.run("document.querySelector('[id=\"table-6.2\"] details.folded').open") is False
+    assert "2 coefficients, of which 1 agree" in tab.run("document.querySelector('details.folded summary').textContent")
+    marks = tab.run("[...document.querySelectorAll('details.folded td.mark')].map(e => e.textContent)")
+    assert marks == ["✓ yes", "not determined"]
+    assert [row.ok for row in coefficients().rows] == [True, None]
+    assert label_counts([coefficients(folded=False)])["input"] == (1, 0, 1)
+
+
+def test_no_two_of_eight_curves_look_alike(browser, tmp_path):
+    x = np.arange(10.0)
+    series = tuple(Series.of(f"curve {k}", x, x + k) for k in range(8))
+    dots = tuple(Series.of(f"dots {k}", x, x + k, "points") for k in range(8, 15))
+    view = View((Panel("x", "y", series + dots),), Facts(("a",), ()))
+    path = tmp_path / "index.html"
+    path.write_text(render_page([], {}, {}, [], [Explorer("e", "t", "r", {"c": ("one",)}, {("one",): view})]), "utf-8")
+    browser.open(path)
+    assert browser.complaints() == []
+    looks = browser.run(
+        "[...document.querySelectorAll('.panel path.curve')].map(e => [getComputedStyle(e).stroke, "
+        "e.getAttribute('stroke-dasharray')].join(' '))"
+    )
+    assert len(looks) == len(set(looks)) == 8
+    dashes = browser.run(
+        "[...document.querySelectorAll('.panel path.curve')].map(e => e.getAttribute('stroke-dasharray'))"
+    )
+    assert len(set(dashes[:7])) == 7
+    marks = browser.run("[...document.querySelectorAll('.panel path.dot')].map(e => e.getAttribute('d'))")
+    assert len(set(marks)) == 6 and browser.run("document.querySelectorAll('.panel circle').length") == 10
 
 
 def test_choosing_shows_the_other_view(tab):

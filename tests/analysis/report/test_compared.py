@@ -1,5 +1,7 @@
 """A table that compares: this project's numbers beside the paper's controllers, in every form of the table."""
 
+import re
+
 import pandas as pd
 
 from analysis.paper.numbers import PaperNumber, PaperTable
@@ -43,7 +45,9 @@ def test_every_form_of_the_table_shows_both(tmp_path):
     assert frame.this_project.tolist()[:2] == [4.5, 1.8] and frame.this_project.isna().tolist() == [False, False, True]
     shown = display_frame(table)
     assert shown["this project"].tolist() == ["4.50", "1.80", "—"]
-    html = render_table(table)
+    # what is hidden stands beside the name of its row on a telephone
+    html, hidden = re.subn(r"<(small|span)[^>]* hidden>[^<]*</\1>", "", render_table(table))
+    assert hidden == 3 + 2 + 2  # three of theirs, two of ours, each of these named
     assert html.count("this project") == 1 and "paper&#39;s controllers here" in html.replace("'", "&#39;")
     assert html.count(">missed<") == 3 and html.count(">met<") == 2
     assert "this project" in latex(table) and "paper's controllers here" in latex(table)

@@ -171,7 +171,8 @@ def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnos
     page = written["index.html"].read_text(encoding="utf-8")
     assert "The springs harden &amp; &lt;script&gt;alert(1)&lt;/script&gt;." in page
     first = page.index("The springs harden")
-    assert first < page.index('id="residual"') < page.index('id="causes"') < page.index('id="evidence"')
+    places = [page.index(f'id="{name}"') for name in ("surety", "causes", "evidence", "residual", "model")]
+    assert places == sorted(places) and first < places[0]
     for foreign in ("<script>alert", "<b>noise</b>", "<i>top</i>"):
         assert foreign not in page
     # self-contained: nothing is fetched; the name space of SVG is a name, not an address

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from analysis.diagnosis.answer.output import document
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.loading import Source
-from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, NextExperiment
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, NextExperiment, Visible
 from sim_backend.effects import make_effect
 from sim_backend.model import Mode, Model, Port
 from tests import headless
@@ -59,7 +60,7 @@ def found(verdict: str) -> Diagnosis:
         after.append(noise)
     axis = np.array([1e-3, 2e-3, 3e-3])
     weak = Domain("uid-0", "x", axis, "rad", np.array([1.0, 1.1, 0.9]), np.ones(3), 0.4, "x nowhere")
-    strong = Domain("uid-1", EVIL, axis, "rad", np.array([1.0, 5.125, 2.0]), np.ones(3), 1e-9, f"{EVIL} at the middle")
+    strong = Domain("uid-1", EVIL, axis, "rad", np.array([1.0, 5.125, 2.0]), np.ones(3), 1e-9, f"{EVIL}: 5.2e+03 times")
     way = Domain("uid-1", EVIL, np.array([-1.0, 1.0]), "sign", np.array([2.0, 3.0]), np.ones(2), 1e-3, "up")
     linear = two_axes().linear()
     named = verdict == "named"
@@ -81,7 +82,12 @@ def found(verdict: str) -> Diagnosis:
         effects=(make_effect("cubic-stiffness", "x", {"stiffness": 2.5}),) if named else (),
         before=tuple(before),
         after=tuple(after),
-        notes=(EVIL,),
+        notes=(EVIL, "a number like 3.3e+04"),
+        sensitivity=(
+            Visible("backlash", "x", "torque", 3.3e4, "N m"),
+            Visible("backlash", EVIL, "torque", 2e-5, "N m"),
+        ),
+        considered=(("backlash", -12.5),),
     )
 
 
@@ -123,13 +129,14 @@ def seen_x(tab, plot: str) -> list[float]:
 
 @needs_browser
 @pytest.mark.parametrize("verdict", VERDICTS)
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (1400, "dark"), (390, "light"), (390, "dark")])
 def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, pages, verdict, width, scheme):
     page = pages[verdict]
     browser.open(page, width=width, prefers_color_scheme=scheme)
     assert browser.complaints() == []
     assert browser.requests() == [page.resolve().as_uri()]
     assert browser.run("document.documentElement.scrollWidth") <= width
+    assert headless.cut_off(browser) == []
     assert browser.run("document.querySelector('.verdict').textContent") == verdict
     assert browser.run("[...document.querySelectorAll('.canvas')].every(c => c.querySelector('path, rect'))")
 
@@ -152,7 +159,15 @@ def test_links_in_the_folder_are_not_followed(pages, tmp_path):
 def test_text_from_data_stays_text(tab):
     assert tab.run("document.title").startswith("Diagnosis of")
     assert tab.run("document.querySelectorAll('img, script[src]').length") == 0
-    for where in (".lead", "#explore-residual option", "#explore-evidence .note", ".cause h3", "#inputs li", "th"):
+    for where in (
+        ".lead",
+        "#explore-residual option",
+        "#explore-evidence .note",
+        ".cause h3",
+        ".surety li",
+        "#sensitivity td",
+        "th",
+    ):
         assert EVIL in tab.run(f"[...document.querySelectorAll('{where}')].map(e => e.textContent).join(' ')"), where
 
 
@@ -184,6 +199,54 @@ def test_the_evidence_is_that_of_the_json(tab):
     assert tab.run("document.querySelectorAll('#explore-evidence .panel g rect').length") >= 2
     axis = tab.run("[...document.querySelectorAll('#explore-evidence .panel text')].map(t => t.textContent)")
     assert {"down", "up"} <= set(axis)
+
+
+@needs_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_opens_with_measured_and_simulated_and_how_sure_the_answer_is(browser, pages, scheme):
+    place = "(() => {{ const r = document.querySelector('{}').getBoundingClientRect(); return [r.top, r.bottom] }})()"
+    browser.open(pages["named"], width=1400, height=900, prefers_color_scheme=scheme)
+    figure, lead, surety = (
+        browser.run(place.format(one)) for one in ("#measured-and-simulated svg", ".lead", ".surety")
+    )
+    assert figure[1] < 900 and lead[1] < 900 and surety[0] < 900
+    assert lead[0] < figure[1]  # beside each other
+    # reasons are with the answer, not at the foot
+    reasons = browser.run("[...document.querySelectorAll('.surety li')].map(e => e.textContent)")
+    assert any("backlash" in one for one in reasons) and any(EVIL in one for one in reasons)
+    browser.open(pages["named"], width=390, height=844, prefers_color_scheme=scheme)
+    assert browser.run(place.format("#measured-and-simulated svg"))[1] < 844
+    # 7.5 CSS pixels are 2 mm on a telephone
+    assert headless.small_print(browser) >= 7.5
+
+
+@needs_browser
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_no_number_has_an_exponent_no_chance_is_zero_and_names_of_runs_are_short(browser, pages, verdict):
+    browser.open(pages[verdict])
+    browser.run("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    for domain in ("by position", "by direction"):
+        choose(browser, "evidence", "domain", domain)
+        text = browser.run("document.body.innerText")
+        # digests of a version are no numbers
+        assert re.findall(r"(?<![0-9a-f])\d(?:\.\d+)?[eE][+-]?\d+(?![0-9a-f])", text) == []
+        assert "33,000 N m" in text and "20 µN m" in text
+        assert not re.search(r"p = 0(?![.\d])", text)
+    assert facts(browser, "evidence")[0][2] != "0"
+    runs = browser.run("[...document.querySelectorAll('#inputs td:nth-child(2)')].map(e => e.textContent)")
+    assert runs and all(len(one) <= 8 for one in runs)
+
+
+@needs_browser
+def test_the_tiles_are_those_of_the_json_and_do_not_contradict_each_other(tab):
+    gain = document(found("named"), SOURCES)["gain"]
+    tiles = tab.run("[...document.querySelectorAll('.tiles data')].map(e => [Number(e.value), e.textContent])")
+    assert tiles == [[gain["rms_before"], "50.0 %"], [gain["rms_after"], "90.0 %"]]
+    words = tab.run("[...document.querySelectorAll('.tiles li')].map(e => e.textContent)")
+    # an error of 10 % beside a noise of 9 %: within what counts as noise
+    assert words[-1].startswith("down to the noise")
+    sizes = tab.run("[...document.querySelectorAll('#sensitivity data')].map(e => Number(e.value))")
+    assert sizes == [one["size"] for one in document(found("named"), SOURCES)["sensitivity"]]
 
 
 @needs_browser
@@ -283,7 +346,7 @@ def test_on_paper_every_output_is_shown_and_no_control(browser, pages):
 def test_without_scripts_the_figures_are_there_and_the_controls_are_not(pages):
     page = pages["named"].read_text(encoding="utf-8")
     assert page.count('<section class="explorer"') == page.count(" hidden>\n<h3 id=") == 2
-    assert page.count("<figure ") == 4 and '<label class="colours" hidden>' in page
+    assert page.count("<figure ") == 5 and '<label class="colours" hidden>' in page
 
 
 def test_identical_data_give_identical_bytes(pages, tmp_path):

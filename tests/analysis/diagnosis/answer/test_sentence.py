@@ -30,7 +30,7 @@ def test_unknown_says_where_it_lives_how_sure_and_how_large_it_is() -> None:
     }
     text = sentence("unknown", (), (), GAIN, evidence)
     # the least chance counts, times the curves among which it was chosen
-    assert "by position, x at 3 to 4 mm: 7 times the noise (p = 2e-09)" in text
+    assert "by position, x at 3 to 4 mm: 7 times the noise (p = 2·10⁻⁹)" in text
     assert "misses 25.0 % of the held-out output, of which 1.00 % is noise" in text
 
 
@@ -43,7 +43,7 @@ def test_a_consistent_verdict_tells_of_noise_that_is_not_steady() -> None:
     quiet = {"time": (curve(1e-4, [1.0, 1.2], "x from 0 to 1 s"),)}
     loud = {**quiet, "rate": (curve(1e-9, [1.0, 1.6], "x at rate 3 to 4 mm/s: 1.6 times the noise"),)}
     assert reservation("consistent", quiet) == ""
-    assert "by rate, x at rate 3 to 4 mm/s: 1.6 times the noise (p = 1e-09)" in reservation("consistent", loud)
+    assert "by rate, x at rate 3 to 4 mm/s: 1.6 times the noise (p = 1·10⁻⁹)" in reservation("consistent", loud)
     assert reservation("named", loud) == ""
 
 

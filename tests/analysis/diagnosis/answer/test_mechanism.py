@@ -1,0 +1,215 @@
+"""The pictures of a diagnosis against closed forms: what is drawn is the force, the response and the stretch."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from analysis.diagnosis.answer.bode import bode_figure
+from analysis.diagnosis.answer.mechanism import explained, mechanism_figure
+from analysis.diagnosis.answer.opening import opening_figure, surety, swing_rows
+from analysis.diagnosis.noise.whitener import Whitener
+from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Remainder
+from sim_backend.effects import make_effect
+from sim_backend.model import Mode, Model, Port
+
+RATE_HZ = 1000.0
+HZ, DECAY = 20.0, 12.0
+NOISE_RAD = 1e-5
+FRICTION_NM, SPRING = 0.02, 1.0
+BREAKAWAY = 0.3
+
+
+def axis() -> Model:
+    """One axis at 20 Hz, DC gain 1 rad/N m."""
+    square = (2.0 * np.pi * HZ) ** 2
+    return Model(
+        name="axis",
+        sample_rate_hz=RATE_HZ,
+        inputs=[Port(name="u", unit="N m", dof="x")],
+        outputs=[Port(name="y", unit="rad", dof="x")],
+        modes=[Mode(label="1", frequency_hz=HZ, decay_rate_1_s=DECAY, input={"u": square}, output={"y": 1.0})],
+    )
+
+
+def answer(force: np.ndarray) -> np.ndarray:
+    """What the axis answers to a force held between samples, by the transfer function of scipy."""
+    square = (2.0 * np.pi * HZ) ** 2
+    b, a, _ = cont2discrete(([square], [1.0, 2.0 * DECAY, square]), 1.0 / RATE_HZ)
+    return lfilter(b.ravel(), a, force)
+
+
+def followed(u: np.ndarray, effect: str) -> np.ndarray:
+    """Return the force that follows the motion under a drive, held between samples as the drive is."""
+    square = (2.0 * np.pi * HZ) ** 2
+    a, b = np.array([[0.0, 1.0], [-square, -2.0 * DECAY]]), np.array([[0.0], [square]])
+    a, b, *_ = cont2discrete((a, b, np.eye(2), np.zeros((2, 1))), 1.0 / RATE_HZ)
+    state = np.zeros(2)
+    force = np.zeros(u.size)
+    for k, drive in enumerate(u):
+        law = -FRICTION_NM * np.tanh(state[1] / BREAKAWAY) if "friction" in effect else -SPRING * state[0] ** 3
+        force[k] = law
+        state = a @ state + b[:, 0] * (drive + law)
+    return force
+
+
+def diagnosed(effect: str, verdict: str = "named", rows: int = 20_000) -> tuple[Diagnosis, np.ndarray, np.ndarray]:
+    """Return a diagnosis of a record with a force that follows the motion, that force, and the position."""
+    rng = np.random.default_rng(3)
+    t = np.arange(rows) / RATE_HZ
+    u = 0.2 * np.sin(2.0 * np.pi * 3.0 * t) + lfilter([0.005], [1.0, -0.98], rng.standard_normal(rows))
+    force = followed(u, effect)
+    x = answer(u + force)
+    y = x + NOISE_RAD * rng.standard_normal(rows)
+    half = rows // 2
+    windows = (Window("fitted", 0, half), Window("held-out", half, rows, held_out=True))
+    linear = axis().linear()
+    numbers = {"torque": FRICTION_NM, "breakaway_rate": BREAKAWAY} if "friction" in effect else {"stiffness": SPRING}
+    named = Cause(effect, "x", 0.97, {}, "why")
+    found = Diagnosis(
+        verdict=verdict,  # type: ignore[arg-type]
+        sentence="A sentence.",
+        causes=(named,) if verdict == "named" else (),
+        ambiguous=(),
+        evidence={},
+        gain=Gain(("uid#held-out",), 0.5, 0.1, 0.09, 0.8, (0.78, 0.82)),
+        next_experiment=None,
+        data=Dataset(RATE_HZ, (Record("uid", u[:, None], y[:, None], windows),)),
+        nominal=linear,
+        linear=linear,
+        effects=(make_effect(effect, "x", numbers),),
+        before=((y - answer(u))[:, None],),
+        after=((y - x)[:, None],),
+    )
+    return found, force, x
+
+
+def white() -> Whitener:
+    """The whitener of the record's noise."""
+    return Whitener(np.array([[1.0 / NOISE_RAD]]), True)
+
+
+def drawn(canvas, series: str):
+    numbers = canvas.numbers()
+    part = numbers[numbers.series == series]
+    return part.x.to_numpy(), part.y.to_numpy(), part.x_quantity.iloc[0], part.y_quantity.iloc[0]
+
+
+def test_friction_is_seen_over_the_rate_with_its_torque():
+    found, *_ = diagnosed("coulomb-friction")
+    figure = mechanism_figure(found, axis(), white())
+    for series in ("measured", "extended model"):
+        x, y, over, what = drawn(figure.canvas, series)
+        assert over == "rate of x (rad/s)" and what == "torque that the linear model lacks (mN m)"
+        fast = np.abs(x) > 1.0
+        # the corners of a force that switches are beyond the noise's band: its mean is not
+        assert np.mean(y[fast] * np.sign(x[fast])) == pytest.approx(-1e3 * FRICTION_NM, rel=0.1), series
+
+
+def test_a_spring_is_seen_over_the_position_with_its_cube():
+    found, *_ = diagnosed("cubic-stiffness")
+    figure = mechanism_figure(found, axis(), white())
+    x, y, over, _ = drawn(figure.canvas, "measured")
+    assert over == "position of x (mrad)"
+    cube = float(np.sum(y * x**3) / np.sum(x**6))
+    # force in mN m over the cube of mrad: 1e-3 / 1e-9
+    assert cube * 1e6 == pytest.approx(-SPRING, rel=0.05)
+    assert "explains" in figure.caption
+
+
+def test_without_an_effect_there_is_no_picture_of_one():
+    found, *_ = diagnosed("coulomb-friction", "unknown")
+    assert mechanism_figure(dataclasses.replace(found, effects=()), axis(), white()) is None
+
+
+def test_what_a_quantity_explains_is_all_of_its_own_and_nothing_of_another():
+    rng = np.random.default_rng(0)
+    x, other = rng.standard_normal((2, 30_000))
+    assert explained(x, np.sign(x)) > 0.95
+    # thirty means of chance: 30 / 30,000
+    assert explained(other, np.sign(x)) < 0.005
+    assert explained(np.zeros(100), x[:100]) == 0.0
+
+
+def test_the_response_is_that_of_the_transfer_function():
+    found, *_ = diagnosed("cubic-stiffness")
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(60_000)
+    y = answer(u) + NOISE_RAD * rng.standard_normal(u.size)
+    record = Record("uid", u[:, None], y[:, None], (Window("all", 0, u.size),))
+    found = dataclasses.replace(found, data=Dataset(RATE_HZ, (record,)))
+    canvas = bode_figure(found, axis(), 0).canvas
+    f, size, *_ = drawn(canvas, "measured")
+    f, size = f[: f.size // 2], size[: size.size // 2]  # magnitude first, then phase
+    s = 2j * np.pi * f
+    square = (2.0 * np.pi * HZ) ** 2
+    closed = np.abs(square / (s**2 + 2.0 * DECAY * s + square))
+    low = (f > 1.0) & (f < 0.1 * RATE_HZ)  # where the hold changes the size by less than 2 %
+    assert low.sum() > 50
+    assert np.median(size[low] / closed[low]) == pytest.approx(1.0, rel=0.02)
+    assert size[low] == pytest.approx(closed[low], rel=0.15)
+
+
+def test_an_input_that_never_moves_gives_no_response():
+    found, *_ = diagnosed("cubic-stiffness")
+    record = found.data.records[0]
+    still = dataclasses.replace(record, u=np.zeros_like(record.u))
+    assert bode_figure(dataclasses.replace(found, data=Dataset(RATE_HZ, (still,))), axis(), 0) is None
+
+
+def test_the_opening_shows_held_out_rows_where_the_nominal_model_misses_most():
+    found, *_ = diagnosed("cubic-stiffness")
+    figure = opening_figure(found.data, found.before, found.after, np.array([NOISE_RAD]), axis())
+    t, shown, *_ = drawn(figure.canvas, "measured")
+    y = found.data.records[0].y[10_000:, 0]
+    rows = np.round(t * RATE_HZ).astype(int)
+    assert shown == pytest.approx(1e3 * y[rows])
+    left = found.before[0][10_000:, 0] ** 2
+    length = int(rows[-1] - rows[0]) + 1
+    sums = np.convolve(left, np.ones(length), "valid")
+    assert sums[rows[0]] == pytest.approx(sums.max(), rel=1e-6)
+    simulated = 1e3 * (y - found.before[0][10_000:, 0])
+    numbers = figure.canvas.numbers()
+    above = numbers[(numbers.series == "nominal") & (numbers.panel == "x")]
+    assert above.y.to_numpy() == pytest.approx(simulated[np.round(above.x * RATE_HZ).astype(int)])
+
+
+def test_a_consistent_model_is_drawn_once():
+    found, *_ = diagnosed("cubic-stiffness")
+    figure = opening_figure(found.data, found.after, found.after, np.array([NOISE_RAD]), axis())
+    assert set(figure.canvas.numbers().series) == {"measured", "nominal"}
+
+
+def test_swings_are_those_of_the_motion_and_not_of_the_noise():
+    rng = np.random.default_rng(0)
+    t = np.arange(10_000) / RATE_HZ
+    y = np.sin(2.0 * np.pi * 5.0 * t) + 0.05 * rng.standard_normal(t.size)
+    assert swing_rows(y) == pytest.approx(200, rel=0.05)
+    assert swing_rows(np.zeros(1000)) == 500
+
+
+def test_why_an_answer_is_not_surer_is_told_beside_it():
+    found, *_ = diagnosed("coulomb-friction")
+    curve = Domain("uid", "x", np.zeros(2), "rad", np.ones(2), np.ones(2), 1e-30, "x at 3 mrad")
+    more = dataclasses.replace(
+        found,
+        gain=None,
+        remainder=Remainder(0.06, 1e-9, "grows with position"),
+        notes=("the noise is taken from the residual",),
+        considered=(("backlash", -np.log(50.0)), ("delay", -90.0)),
+        evidence={"rate": (curve,)},
+    )
+    told = surety(more)
+    assert told.how[0] == f"coulomb-friction at x: {100.0 * found.causes[0].probability:.1f} % probable."
+    assert told.why_not[0] == "The next best explanation, backlash, makes the data 50 times less likely."
+    assert "6.00 % of the squared error" in told.why_not[1] and "p = 1·10⁻⁹" in told.why_not[1]
+    assert told.why_not[2].startswith("No segment was held out")
+    assert told.why_not[3] == "the noise is taken from the residual"
+    far = dataclasses.replace(more, considered=(("b", -200.0 * np.log(10.0) - 0.1),))
+    assert "10²⁰⁰ times" in surety(far).why_not[0]
+    unknown = dataclasses.replace(more, verdict="unknown", causes=())
+    assert surety(unknown).how == ("That the model is wrong: by rate, x at 3 mrad (p < 10⁻¹²).",)
