@@ -73,6 +73,7 @@ REFUSED = {
     ],
     "log check": ["nonsense.h5"],
     "log export": ["run.h5", "nonsense.h5 --out a.csv"],
+    "log list": ["", "nonsense", "run.h5", ". --status nonsense", ". --since nonsense"],
     "log plot": ["nonsense.h5"],
     "log recover": ["nonsense.h5"],
     "log show": ["nonsense.h5"],
@@ -180,5 +181,7 @@ def test_a_dry_run_loads_nothing_heavy() -> None:
 
 
 def test_a_look_at_a_log_loads_nothing_heavy() -> None:
-    found = loaded_by(["log show run.h5", "log show run.h5 --json", "log verify run.h5", "log summary run.h5"])
-    assert [(code, loaded) for _, code, loaded, _ in found] == [(0, [])] * 4
+    found = loaded_by(
+        ["log show run.h5", "log show run.h5 --json", "log list .", "log verify run.h5", "log summary run.h5"]
+    )
+    assert [(code, loaded) for _, code, loaded, _ in found] == [(0, [])] * 5
