@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -32,8 +33,12 @@ def free_run(tmp_path, *effects):
 
 def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal):
     run, out = free_run(tmp_path), tmp_path / "out"
-    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json")
+    junit = tmp_path / "diagnosis.xml"
+    checked = ("--expect", "consistent", "--junit", str(junit))
+    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json", *checked)
     assert done.returncode == 0, done.stderr
+    assert "check:" not in done.stderr
+    assert [(c.get("name"), len(c)) for c in cases_of(junit)] == [("consistent with free.h5", 0)]
     found = json.loads(done.stdout)
     assert found == json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "consistent" and found["causes"] == []
@@ -46,14 +51,24 @@ def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal
 def test_a_model_that_is_wrong_ends_with_1_and_an_extended_model_that_runs(mccd, tmp_path, nominal):
     friction = EffectEntry(effect="coulomb-friction", where="theta_x", parameters={"torque": 1e-3})
     run, out = free_run(tmp_path, friction), tmp_path / "out"
-    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out))
+    junit = tmp_path / "diagnosis.xml"
+    checked = ("--expect", "consistent", "--junit", str(junit))
+    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), *checked)
     assert done.returncode == 1, done.stderr
     found = json.loads((out / "diagnosis.json").read_text())
+    (told,) = [line for line in done.stderr.splitlines() if "check:" in line]
+    assert f"is {found['verdict']}, not consistent" in told and found["sentence"] in told
+    (case,) = cases_of(junit)
+    assert case[0].tag == "failure" and found["sentence"] in case[0].get("message")
     assert found["verdict"] != "consistent"
     assert found["gain"]["rms_after"] <= found["gain"]["rms_before"]
     assert done.stdout.startswith(found["sentence"])
     simulated = mccd("simulate", "--model", str(out / "extended.toml"), "--out", str(tmp_path / "again.h5"))
     assert simulated.returncode == 0, simulated.stderr
+
+
+def cases_of(path):
+    return list(ElementTree.parse(path).getroot().iter("testcase"))
 
 
 def other_log(tmp_path, **changed):
