@@ -63,6 +63,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
             "mccdcli.commands.chop:chop",
             "Chop between two positions and measure stability, repeatability and accuracy in both directions.",
         ),
+        "compare": Entry(
+            "mccdcli.commands.compare:compare",
+            "Compare two logs, models or diagnoses: a table, and with --out a page with plots over each other.",
+        ),
         "design": Entry(
             "mccdcli.commands.design:design",
             "Design feed-forward, feedback and learning on an identified model, against the noise of the bench at "

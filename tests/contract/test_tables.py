@@ -24,6 +24,7 @@ from tests import headless
 from tests.kept import ANALYSED, kept
 
 CAMPAIGN = Path(__file__).with_name("campaign_of_tables.toml")
+NOTE = "before the <coil> was changed"
 PAPER_TABLES = {f"6.{i}" for i in range(1, 8)}
 PAPER_FIGURES = {"6.4", "6.5", "6.7", *(f"6.{i}" for i in range(9, 19))}
 ROW_KEYS = {"row", "paper", "ours", "unit", "label", "tolerance", "ok"}
@@ -33,7 +34,7 @@ NEVER_MEASURED = {"output regulation", "lifetime"}
 
 def reported(out):
     """Record the logs of a report by the command line, and make it."""
-    assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(out), "--seed", "3"]) == 0
+    assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(out), "--seed", "3", "--note", NOTE]) == 0
 
 
 @pytest.fixture(scope="module")
@@ -208,6 +209,12 @@ def test_a_campaign_that_lacks_runs_still_reports_what_there_is(home, tmp_path):
     missing = {(one.table, one.row) for one in outcomes(report.tables, {}) if one.state == "not measured"}
     keys = {n.key for table, paper in paper_tables().items() for n in paper.rows if (table, n.row) in missing}
     assert keys >= {"remanence", "power"}
+
+
+def test_the_note_of_every_run_stands_on_the_page_as_text(home):
+    page = (home / "index.html").read_text(encoding="utf-8")
+    runs = page.count('<tr id="run-')
+    assert page.count("before the &lt;coil&gt; was changed") == runs > 0
 
 
 def test_a_folder_without_logs_is_refused(tmp_path):

@@ -27,7 +27,7 @@ def nominal(tmp_path):
 
 def free_run(tmp_path, *effects):
     path = tmp_path / "free.h5"
-    run_plan(make_plan("freerun", SHORT), SimBench(bench_model((*effects, *NOISE)), 5), path, seed=5)
+    run_plan(make_plan("freerun", SHORT), SimBench(bench_model((*effects, *NOISE)), 5), path, seed=5, note="new cable")
     return path
 
 
@@ -43,7 +43,8 @@ def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal
     assert found == json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "consistent" and found["causes"] == []
     assert found["inputs"][0]["file"] == str(run)
-    assert found["sentence"] in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert found["sentence"] in page and "new cable" in page
     assert load_model(out / "extended.toml").effects == []
     assert list((out / "figures").glob("*.svg"))
 
