@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 from mccdcli.output import visible
 from sim_backend.safe_write import write_text
@@ -20,8 +19,16 @@ class Case(NamedTuple):
     skipped: str = ""
 
 
+def remove_earlier(path: Path | None) -> None:
+    """Remove the file of an earlier run, before anything can fail: it would pass for the result of this one."""
+    if path is not None:
+        path.unlink(missing_ok=True)
+
+
 def write_junit(path: Path, suite: str, cases: Sequence[Case]) -> Path:
     """Write the cases of a suite to `path`, replacing what is there, and return the path."""
+    from xml.etree import ElementTree  # few ask for such a file
+
     counts = {
         "tests": len(cases),
         "failures": sum(bool(case.failure) for case in cases),

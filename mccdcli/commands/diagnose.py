@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from mccdcli.junit import Case, remove_earlier, write_junit
 from mccdcli.options import BenchAddress, NewPath, Real, RealRange, WholeRange, common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
@@ -99,6 +100,7 @@ def diagnose(
     from sim_backend.model import load_model
 
     _require_one(runs, table_file, bench, level, held=held)
+    remove_earlier(junit)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
     settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
     if table_file is not None:
@@ -163,8 +165,6 @@ def _concluded(found: dict[str, Any], nominal: str, expect: str | None, junit: P
     if expect and not met:
         say(f"mccd: check: {why}")
     if junit is not None:
-        from mccdcli.junit import Case, write_junit
-
         name = f"{wanted} with {', '.join(Path(one['file']).name for one in found['inputs'])}"
         write_junit(junit, "mccd diagnose", [Case(Path(nominal).stem, name, failure=why)])
     return 0 if met else 1

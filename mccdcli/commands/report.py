@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from mccdcli.junit import Case, remove_earlier, write_junit
 from mccdcli.options import NewPath, common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
@@ -84,6 +85,7 @@ def report(
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
+    remove_earlier(junit)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 
     folder = out or Path("report")
@@ -157,8 +159,6 @@ def _checked(built: Report, known: Known, junit: Path | None) -> int:
         elif one.state == "passes now":
             say(f"mccd: check: {where} passes now; remove it from the known misses")
     if junit is not None:
-        from mccdcli.junit import Case, write_junit
-
         cases = [
             Case(
                 _where(one.table).replace(".", "-"),  # a dot would make groups of it

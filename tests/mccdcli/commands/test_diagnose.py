@@ -112,8 +112,12 @@ def test_a_model_of_other_channels_is_a_matter_of_configuration(mccd, tmp_path, 
 
 def test_dead_and_short_records_are_a_matter_of_data(mccd, tmp_path, one_axis):
     dead = other_log(tmp_path, theta_x=np.zeros(500))
-    done = mccd("diagnose", str(dead), "--model", str(one_axis), "-o", str(tmp_path / "out"))
+    junit = tmp_path / "diagnosis.xml"
+    junit.write_text("that of last night, which passed")
+    more = ("-o", str(tmp_path / "out"), "--junit", str(junit))
+    done = mccd("diagnose", str(dead), "--model", str(one_axis), *more)
     assert_refused(done, 4, "other.h5", "theta_x", "constant at 0")
+    assert not junit.exists()
 
 
 def test_an_unknown_effect_to_leave_out_is_refused(mccd, tmp_path, one_axis):
