@@ -92,6 +92,24 @@ class WholeRange(click.IntRange):
         return number
 
 
+_NOTE: Final = f"{__name__}.note"
+
+
+def _keep_note(ctx: click.Context, _param: click.Parameter, note: str) -> None:
+    """Keep a note for `given_note`, or end with a usage error for one that no log could hold."""
+    if note:
+        from campaigns.log.limits import check_note
+
+        check_note(note)
+        ctx.meta[_NOTE] = note
+
+
+def given_note() -> str:
+    """Return the note that the running command was given, empty where none was."""
+    note: str = click.get_current_context().meta.get(_NOTE, "")
+    return note
+
+
 POSITIVE: Final = RealRange(0.0, min_open=True)
 
 OPTIONS: Final[dict[str, Callable[[F], F]]] = {
@@ -117,6 +135,14 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     "dry_run": click.option(
         "--dry-run", is_flag=True, help="Say what would be done (steps, limits, duration, bytes) and stop."
     ),
+    "note": click.option(
+        "--note",
+        default="",
+        expose_value=False,
+        callback=_keep_note,
+        metavar="TEXT",
+        help="What is to be known of this run: kept in its log, shown in lists and pages.",
+    ),
     "json": click.option(
         "--json",
         "as_json",
@@ -135,7 +161,8 @@ def existing_file(name: str, nargs: int = 1, metavar: str | None = None) -> Call
 def common_options(*names: str) -> Callable[[F], F]:
     """Decorator that adds the options of these names, in the order of OPTIONS; without a name, all of them.
 
-    They reach the command as `bench`: str, `out`: Path | None, `seed`: int, `dry_run`: bool, `as_json`: bool.
+    They reach the command as `bench`: str, `out`: Path | None, `seed`: int, `dry_run`: bool, `as_json`: bool; whatever
+    records a log asks `given_note`.
     """
     unknown = set(names) - set(OPTIONS)
     if unknown:

@@ -21,7 +21,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "challenge": "Hide effects in simulated campaigns, and score how they are named.",
         "bench": "List, serve and check benches.",
         "campaign": "Run, list and show whole campaigns.",
-        "log": "Show, draw, check, summarise, verify, export and recover logs.",
+        "log": "List, show, draw, check, summarise, verify, export and recover logs.",
         "model": "Convert models, and list the effects that they can hold.",
     }
 )
@@ -62,6 +62,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "chop": Entry(
             "mccdcli.commands.chop:chop",
             "Chop between two positions and measure stability, repeatability and accuracy in both directions.",
+        ),
+        "compare": Entry(
+            "mccdcli.commands.compare:compare",
+            "Compare two logs, models or diagnoses: a table, and with --out a page with plots over each other.",
         ),
         "design": Entry(
             "mccdcli.commands.design:design",
@@ -154,6 +158,10 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         "model effects": Entry(
             "mccdcli.commands.model_effects:effects",
             "List the effects that a diagnosis can name and a model can hold, or describe one with its parameters.",
+        ),
+        "log list": Entry(
+            "mccdcli.commands.log_list:list_logs",
+            "List the logs in DIR and below: test, bench, start, status, note.",
         ),
         "log plot": Entry(
             "mccdcli.commands.log_plot:plot",

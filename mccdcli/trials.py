@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import click
 
 from mccdcli.failures import INTERRUPTED
+from mccdcli.options import given_note
 from mccdcli.output import BAD, GOOD, emit, plain, say, table
 from mccdcli.progress import progress
 from sim_backend.documents import SyntaxFault, toml_of
@@ -105,7 +106,7 @@ def play(plan: Plan, bench: str, log: Path, seed: int) -> Played:
         counted = estimate(plan, opened)
         from campaigns.playing.runner import run_plan  # brings the logs: what cannot be played is told before
 
-        outcome = run_plan(plan, opened, log, seed=seed, report=report, counted=counted)
+        outcome = run_plan(plan, opened, log, seed=seed, report=report, counted=counted, note=given_note())
     if outcome.status == "complete":
         return Played(outcome.path, outcome.run_uid, 0)
     say(f"mccd: {outcome.status}: {outcome.reason}; {outcome.path} holds what was recorded")
@@ -139,7 +140,14 @@ def play_campaign(
 
     with progress(campaign.title or campaign.name) as report:
         outcome = run_campaign(
-            campaign, folder, address=bench, seed=seed, resume=resume, report=report, announce=announce
+            campaign,
+            folder,
+            address=bench,
+            seed=seed,
+            resume=resume,
+            report=report,
+            announce=announce,
+            note=given_note(),
         )
     logs = {run.name: run.log for run in outcome.runs}
     if outcome.status == "complete":

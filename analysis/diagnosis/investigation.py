@@ -50,7 +50,7 @@ ENDS = ("consistent", "named")
 class Quest:
     """What is investigated: the bench at `address` against `model`, in at most `rounds` and `budget_s` of bench time.
 
-    `first` is the plan to begin with; by default a multisine as large as the bench allows.
+    `first` is the plan to begin with; by default a multisine as large as the bench allows. `note` stands in each log.
     """
 
     address: str
@@ -60,6 +60,7 @@ class Quest:
     budget_s: float = 600.0
     first: Plan | None = None
     options: Options = field(default_factory=Options)
+    note: str = ""
 
     def fingerprint(self) -> dict[str, str]:
         """Return what a resumed investigation must share with the one it continues, part by part."""
@@ -197,6 +198,7 @@ def _played(quest: Quest, home: Path, entry: Round, plan: Plan, report: Report |
         seed=run_seed(quest.seed, name),
         resume=read_state(home / name) is not None,
         report=report,
+        note=quest.note,
     )
     return outcome.status == "complete"
 

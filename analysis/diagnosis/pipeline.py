@@ -46,7 +46,7 @@ from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, transducers_of
 from sim_backend.bench import Bench
-from sim_backend.effects import EFFECTS, INSIDE, NAMED, make_effect
+from sim_backend.effects import INSIDE, library, make_effect, named
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel
@@ -81,7 +81,7 @@ class Options:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        reported = {e.reported() for e in NAMED} | {e.name for e in NAMED}
+        reported = {name for e in named() for name in (e.reported(), e.name)}
         unknown = sorted(set(self.without) - reported)
         if unknown:
             near = did_you_mean(unknown[0], reported)
@@ -90,9 +90,11 @@ class Options:
             )
 
 
-def searched_effects(options: Options, among: Sequence[type[Effect]] = EFFECTS) -> tuple[type[Effect], ...]:
-    """Return the effects that are not left out."""
-    return tuple(e for e in among if not {e.reported(), e.name} & set(options.without))
+def searched_effects(options: Options, among: Sequence[type[Effect]] | None = None) -> tuple[type[Effect], ...]:
+    """Return the effects that are not left out, `among` these or of the whole library."""
+    return tuple(
+        e for e in (library() if among is None else among) if not {e.reported(), e.name} & set(options.without)
+    )
 
 
 def search_causes(

@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.frequency.frf import frequency_response_periodic
 from analysis.frequency.frf_records import frequency_response_welch
 from analysis.identification.identified import Identification
-from analysis.identification.response_curves import ResponseCurve, curves_of_periods
+from analysis.identification.realisations import realisations_of
+from analysis.identification.response_curves import ResponseCurve, curve_of_sweep, curves_of_periods
+from analysis.recorded.sweep import sweep_of
 from campaigns.facts import measured_segments
-from campaigns.log import Run
+from campaigns.log import ROLES, LogSegment, Run
 from campaigns.log.plot import write_picture
 from sim_backend.errors import DataError
 from sim_backend.intersample import hold_response
+from sim_backend.model import Model
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,15 +32,38 @@ POINTS = 800
 
 def measured_curves(found: Identification, runs: Sequence[Run]) -> tuple[ResponseCurve, ...]:
     """Return what was measured by frequency; of records fitted in time the averaged response of the longest segment."""
-    if found.response:
-        return found.response
-    run, segment = max(
-        ((run, s) for run in runs for s in measured_segments(run) if not s.held_out), key=lambda pair: pair[1].rows
-    )
-    inputs, outputs = run.names("input"), run.names("output")
-    u, y = (
-        np.stack([run.read(name, segment.start, segment.stop) for name in names], axis=1) for names in (inputs, outputs)
-    )
+    return found.response or _averaged([(run, s) for run in runs for s in measured_segments(run) if not s.held_out])
+
+
+def curves_of_run(run: Run) -> tuple[ResponseCurve, ...]:
+    """Return what one run measured by frequency: its sines, its periods, or the average of its longest segment.
+
+    Empty where it holds no excitation; raises DataError as reading it does.
+    """
+    if any("measure_from" in s.settings for s in run.segments):
+        sweep = sweep_of(run)
+        ends = [next(c.name for c in run.channels.values() if (c.role, c.dof) == (r, sweep.axis)) for r in ROLES[:2]]
+        return (curve_of_sweep(sweep, *ends),)
+    parts = [(run, s) for s in measured_segments(run) if not s.held_out]
+    if not parts or not run.names("input") or not run.names("output"):
+        return ()
+    periodic = realisations_of(parts)
+    if periodic is not None:
+        measured = frequency_response_periodic(periodic.inputs, periodic.outputs, periodic.rate_hz)
+        return curves_of_periods(measured, run.names("input"), run.names("output"))
+    return _averaged(parts)
+
+
+def _averaged(parts: Sequence[tuple[Run, LogSegment]]) -> tuple[ResponseCurve, ...]:
+    run, segment = max(parts, key=lambda pair: pair[1].rows)
+    read = {
+        name: run.read(name, segment.start, segment.stop) for role in ("input", "output") for name in run.names(role)
+    }
+    inputs = tuple(name for name in run.names("input") if np.ptp(read[name]) > 0.0)  # one at rest shows nothing
+    outputs = run.names("output")
+    if not inputs:
+        return ()
+    u, y = (np.stack([read[name] for name in names], axis=1) for names in (inputs, outputs))
     piece = 2 * segment.rows // (PIECES * len(inputs) + 1)
     try:
         measured = frequency_response_welch(u - u.mean(axis=0), y - y.mean(axis=0), run.sample_rate_hz, piece)
@@ -54,18 +81,20 @@ def _only(curve: ResponseCurve, keep: np.ndarray) -> ResponseCurve:
     return ResponseCurve(curve.output, curve.input, *(values[keep] for values in arrays))
 
 
-def bode(found: Identification, curves: Sequence[ResponseCurve]) -> Figure:
-    """Return a figure with magnitude and phase of every entry: dots measured, line modelled."""
+def bode(model: Model, curves: Sequence[ResponseCurve]) -> Figure:
+    """Return a figure with magnitude and phase of every entry of a model: dots measured, line modelled."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    model, linear = found.model, found.model.linear()
+    linear = model.linear()
     rate_hz = model.sample_rate_hz
     inputs, outputs = [p.name for p in model.inputs], [p.name for p in model.outputs]
     figure = Figure(figsize=(4.5 * len(inputs) + 0.6, 4.2 * len(outputs)), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(2 * len(outputs), len(inputs), sharex=True, squeeze=False)
-    frequency = np.concatenate([curve.frequency_hz for curve in curves]) if curves else np.array([0.5 * rate_hz])
+    own = [0.1 * omega / (2.0 * np.pi) for omega in linear.omega_rad_s.tolist() if omega > 0.0]
+    alone = np.array([*own, 0.5 * rate_hz])  # of a model by itself, from below its lowest mode
+    frequency = np.concatenate([curve.frequency_hz for curve in curves]) if curves else alone
     low = max(float(frequency[frequency > 0.0].min(initial=np.inf)), 1e-4 * rate_hz)
     f = np.geomspace(min(low, 0.1 * rate_hz), min(max(float(frequency.max()), 2.0 * low), 0.499 * rate_hz), POINTS)
     response = linear.frequency_response(f, rate_hz)
@@ -79,8 +108,9 @@ def bode(found: Identification, curves: Sequence[ResponseCurve]) -> Figure:
                 if (curve.output, curve.input) == (output, input_):
                     size.loglog(curve.frequency_hz, curve.magnitude, ".", markersize=3, color="C0", label="measured")
                     phase.semilogx(curve.frequency_hz, np.degrees(curve.phase_rad), ".", markersize=3, color="C0")
-            size.loglog(f, np.abs(response[:, k, j]), color="C1", linewidth=1.2, label="model")
-            phase.semilogx(f, np.degrees(np.angle(response[:, k, j])), color="C1", linewidth=1.2)
+            if np.any(response[:, k, j]):  # an entry that nothing drives has no magnitude to draw
+                size.loglog(f, np.abs(response[:, k, j]), color="C1", linewidth=1.2, label="model")
+                phase.semilogx(f, np.degrees(np.angle(response[:, k, j])), color="C1", linewidth=1.2)
             size.set_title(f"{input_} → {output}", fontsize=9)
             size.set_ylabel(f"magnitude ({units[output]} per {units[input_]})", fontsize=8)
             phase.set_ylabel("phase (°)", fontsize=8)
@@ -89,10 +119,12 @@ def bode(found: Identification, curves: Sequence[ResponseCurve]) -> Figure:
                 ax.grid(visible=True, which="both", alpha=0.25, linewidth=0.5)
     for ax in grid[-1]:
         ax.set_xlabel("frequency (Hz)")
-    grid[0, 0].legend(fontsize=8)
+    drawn = [axes for axes in grid.reshape(-1) if axes.get_legend_handles_labels()[0]]
+    if drawn:
+        drawn[0].legend(fontsize=8)
     return figure
 
 
 def save_bode(found: Identification, runs: Sequence[Run], path: Path) -> None:
     """Write the Bode picture; `campaigns.log.plot.require_picture` tells beforehand whether it can be."""
-    write_picture(bode(found, measured_curves(found, runs)), path)
+    write_picture(bode(found.model, measured_curves(found, runs)), path)

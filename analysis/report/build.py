@@ -14,7 +14,7 @@ from analysis.paper.evidence import EVIDENCE
 from analysis.paper.figures import FIGURES, make_figure
 from analysis.paper.measured import Measured
 from analysis.paper.pieces import Evidence
-from analysis.paper.rows import Row, Table
+from analysis.paper.rows import Table
 from analysis.paper.tables import TABLES, make_table
 from analysis.report.explore import make_explorers
 from analysis.report.page import FigurePart, render_page, render_table
@@ -45,19 +45,6 @@ class Report:
         }
         tables = {key: table.as_json() for key, table in self.tables.items()}
         return {"tables": tables, "figures": figures}
-
-    def failures(self) -> list[tuple[str, Row]]:
-        """Return every prediction outside its tolerance and every bound exceeded, with its table's number."""
-        return [(key, row) for key, table in self.tables.items() for row in table.rows if row.failed]
-
-    def unmeasured(self) -> list[tuple[str, Row]]:
-        """Return every prediction that the campaign did not measure, with its table's number."""
-        return [
-            (key, row)
-            for key, table in self.tables.items()
-            for row in table.rows
-            if row.number.label == "predicted" and row.ours is None
-        ]
 
 
 def build_report(logs: Path, out: Path, progress: Progress | None = None, designed: Path | None = None) -> Report:

@@ -20,6 +20,7 @@ from campaigns.importing.mapping import ImportMap, PartMap, read_map
 from campaigns.importing.record import check_varies
 from campaigns.log import Channel, LogSegment, LogWriter, Unit, sha256_of, unit_named
 from campaigns.log.guard import one_line
+from campaigns.log.limits import check_note
 from campaigns.log.schema import to_json
 from campaigns.log.write import SETTINGS_BYTES
 from campaigns.names import check_label, check_name
@@ -57,13 +58,15 @@ def import_run(
     report: Report = unheard,
     *,
     allow_outside: bool = False,
+    note: str = "",
 ) -> ImportReport:
     """Import what the map at `map_path` names into a new log at `target`; sources count from the map's folder.
 
-    They must lie in there or below, unless `allow_outside`. All data are held in memory once. Raises ConfigError for
-    the map and an existing target, DataError for the sources; in both cases nothing is written.
+    They must lie in there or below, unless `allow_outside`. `note` stands in the log. All data are held in memory once.
+    Raises ConfigError for the map and an existing target, DataError for the sources; in both cases nothing is written.
     """
     path = Path(map_path)
+    check_note(note)
     found, text = read_map(path)
     if Path(target).exists():
         raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
@@ -97,7 +100,8 @@ def import_run(
         kind = next(kind for kind in (DataError, ConfigError, type(error)) if isinstance(error, kind))
         raise kind(one_line(f"{path}: {error}")) from None
     told = part_of(report, GATHERING, 1.0)
-    run_uid = _write(Path(target), found, _configuration(text, files, facts), channels, columns, segments, told)
+    written = _Written(found, _configuration(text, files, facts), note)
+    run_uid = _write(Path(target), written, channels, columns, segments, told)
     remarks = [remark for part in parts for remark in part.remarks]
     remarks += [fact.told for fact in facts if fact.remark]
     read_as = parts[0].clock.read_as
@@ -183,10 +187,18 @@ def _configuration(text: str, files: Files, facts: Sequence[Fact]) -> str:
     return json.dumps({"map": text, "sources": sources, "facts": told, "asked": list(RELATIONS)}, ensure_ascii=False)
 
 
+@dataclass(frozen=True)
+class _Written:
+    """What the header of an imported log comes from."""
+
+    map: ImportMap
+    configuration: str
+    note: str
+
+
 def _write(
     target: Path,
-    found: ImportMap,
-    configuration: str,
+    written: _Written,
     channels: list[Channel],
     columns: Mapping[str, Array],
     segments: list[LogSegment],
@@ -196,13 +208,14 @@ def _write(
     with LogWriter.create(
         target,
         channels,
-        test=found.log.test,
-        bench={"kind": "imported", "name": found.log.bench[:256]},
-        configuration=configuration,
-        started_utc=found.log.started_utc,
+        test=written.map.log.test,
+        bench={"kind": "imported", "name": written.map.log.bench[:256]},
+        configuration=written.configuration,
+        started_utc=written.map.log.started_utc,
         tool_commit=tool_commit(),
         settings_bytes=max(widest, SETTINGS_BYTES),
         expected_segments=len(segments),
+        note=written.note,
     ) as log:
         done = 0
         for segment in segments:

@@ -25,7 +25,9 @@ import scipy
 from numpy.typing import NDArray
 
 from campaigns.importing.hdf5 import Hdf5Source, as_meant
+from campaigns.importing.kinds import is_packaged
 from campaigns.importing.matlab_objects import Variable, refusal, unpacked_bytes, variables_in
+from campaigns.importing.packaged import PackagedSource, importer_of
 from campaigns.importing.packing import PACKING
 from campaigns.importing.pieces import Pieces, boxes, of_array
 from campaigns.importing.refusals import check_expansion, unreadable
@@ -250,7 +252,7 @@ class MatSource:
             raise unreadable(self.path, error) from None
 
 
-Foreign = Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource
+Foreign = Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource | PackagedSource
 
 
 def child() -> None:
@@ -276,15 +278,23 @@ def child() -> None:
         _say(answer, found)
 
 
+PACKAGED_SHARE = 8
+"""How many times the size of its file the importer of another package may hold, which reads it all at once."""
+
+
 def _held_at_once(path: Path) -> int:
     """Return how much of a file its parser may hold, or map, beside what it hands on."""
     size = path.stat().st_size
     shares = {".nc": 1, ".tdms": 2, ".parquet": 1}  # what is read, and the numbers that are made of it
-    return shares.get(path.suffix.lower(), 0) * size if size <= most_bytes(stored_bytes(path)) else 0
+    share = PACKAGED_SHARE if is_packaged(path) else shares.get(path.suffix.lower(), 0)
+    return share * size if size <= most_bytes(stored_bytes(path)) else 0
 
 
 def _load_parsers(path: Path) -> None:
     """Import what only some files need and takes as long as all else here, before this process's memory is bounded."""
+    if is_packaged(path):
+        with contextlib.suppress(DataError):  # told when the file is asked for
+            importer_of(path)
     if path.suffix.lower() == ".parquet":
         os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others reserve more than a process may have here
         with contextlib.suppress(ImportError):
@@ -333,6 +343,8 @@ def _nanoseconds(dates: AnyArray) -> AnyArray:
 def _source(path: Path, *, bounded: bool = False) -> Foreign:
     """Return the source for a file by its suffix; `bounded` says that the memory of this process is."""
     kind = path.suffix.lower()
+    if is_packaged(path):
+        return PackagedSource(path)
     if kind == ".tdms":
         return TdmsSource(path)
     if kind == ".parquet":

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.importing.isolated import IsolatedSource
+from campaigns.importing.kinds import APART, SUFFIXES, TEXT, is_packaged, packaged
 from campaigns.importing.npz import NpzSource
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.importing.selecting import column_of, parse_selection
@@ -67,11 +68,6 @@ class NpySource:
         return None
 
 
-TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
-APART = (".mat", ".h5", ".hdf5", ".nc", ".tdms", ".parquet")
-SUFFIXES = (*TEXT, ".npy", ".npz", *APART)
-
-
 def open_source(
     path: Path,
     closing: ExitStack,
@@ -83,7 +79,7 @@ def open_source(
 
     `separator`, `decimal` and `header` (whether the first line holds names) are found in the file where they are None.
 
-    Raises DataError when the suffix is none of `SUFFIXES`.
+    Raises DataError when the suffix is none of `SUFFIXES` and no other package reads it (`sim_backend.plugins`).
     """
     if not path.is_file():
         raise DataError(f"source {path} is no file: check the path, which counts from the map's folder")
@@ -94,9 +90,9 @@ def open_source(
         return NpySource(path)
     if kind == ".npz":
         return NpzSource(path)
-    if kind in APART:
+    if kind in APART or is_packaged(path):
         return closing.enter_context(IsolatedSource(path))
-    raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join(SUFFIXES)}")
+    raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join((*SUFFIXES, *packaged()))}")
 
 
 def variable_of(source: Source, text: str) -> str:

@@ -44,7 +44,7 @@ def lay_out(
                 file.attrs["seed"] = np.int64(value)
         elif field.name == "bench":
             file.attrs["bench"] = storable(to_json(value, "bench identity"))
-        else:
+        elif field.name != "note" or value:
             file.attrs[field.name] = storable(value)
     if expected_rows is not None:
         file.attrs[EXPECTED] = np.int64(expected_rows)

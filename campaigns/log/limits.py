@@ -35,6 +35,17 @@ READER_BYTES = 384 * 2**20
 """What the process that looks at a foreign file may take, beside Python and its libraries."""
 
 
+MAX_NOTE_CHARS = 500
+
+
+def check_note(note: str) -> None:
+    """Raise ConfigError for a note that is no single line of up to MAX_NOTE_CHARS characters."""
+    if len(note) > MAX_NOTE_CHARS:
+        raise ConfigError(f"the note has {len(note)} characters of at most {MAX_NOTE_CHARS}: shorten it")
+    if not note.isprintable():
+        raise ConfigError(f"the note {note[:60]!r} holds line breaks or control characters: write it in one line")
+
+
 def check_text(text: str, what: str) -> None:
     """Raise ConfigError for a text of a header that no reader would take."""
     size = len(text.encode("utf-8", "replace"))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from campaigns.log.child import bound_memory, tell_ready
 from campaigns.log.limits import BLOCK_ROWS
-from campaigns.log.opening import has_writer, open_run
+from campaigns.log.opening import has_writer, open_run, read_header
 from campaigns.log.read import NoMemoryError, Run
 from sim_backend.errors import DataError
 
@@ -18,18 +19,28 @@ def child() -> None:
     """Answer questions until standard input ends: each is a path, and whether all of its values are to be read.
 
     An answer is some lines on how far it is and one at the end: `refused`, `memory` (this process has too little) or
-    `damage`, empty where there is none.
+    `damage`, empty where there is none. A question may ask for the `header` instead, which is then the answer.
     """
     bound_memory()
     tell_ready()
     for line in sys.stdin.buffer:
         question = json.loads(line)
         try:
-            _tell(damage=_looked(Path(question["path"]), question["whole"]))
+            path = Path(question["path"])
+            if question["header"]:
+                _tell(header=_listed(path))
+            else:
+                _tell(damage=_looked(path, question["whole"]))
         except (NoMemoryError, MemoryError) as error:
             _tell(memory=str(error))
         except DataError as error:
             _tell(refused=str(error))
+
+
+def _listed(path: Path) -> dict[str, Any]:
+    header = asdict(read_header(path))
+    del header["configuration"]  # of any length, and no list shows it
+    return header
 
 
 def _looked(path: Path, whole: bool) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -38,15 +38,29 @@ from campaigns.log.schema import (
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.small_files import open_regular
 
+T = TypeVar("T")
 _SEGMENTS_AT_ONCE = 1024
 _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
 
 
 def open_run(target: Path) -> Run:
     """Open the log at `target` without a first look by `probe`; raises DataError if it is no sound log."""
+    return _told_of(target, open_h5(target), _described_run)
+
+
+def read_header(target: Path) -> Header:
+    """Return the header of the log at `target` alone, whatever its channels hold; raises as `open_run`."""
     file = open_h5(target)
+    header = _told_of(target, file, _header)
+    file.close()
+    return header
+
+
+def _told_of(target: Path, file: h5py.File, tell: Callable[[Path, h5py.File], T]) -> T:
+    """Return what `tell` finds in a file that is open; closes it and raises DataError where it is no sound log."""
     try:
-        return _described_run(target, file)
+        _require_schema(target, file)
+        return tell(target, file)
     except DataError:
         file.close()
         raise
@@ -60,13 +74,16 @@ def open_run(target: Path) -> Run:
         raise DataError(f"{target} is damaged: {first_line(error)}; run `mccd log verify`") from None
 
 
-def _described_run(path: Path, file: h5py.File) -> Run:
+def _require_schema(path: Path, file: h5py.File) -> None:
     schema = text_attribute(file, "schema", path, default="")
     if schema != SCHEMA:
         raise DataError(
             f"{path} has schema {schema[:40]!r}, this version reads {SCHEMA!r}: "
             "if it is another tool's file, use `mccd import`"
         )
+
+
+def _described_run(path: Path, file: h5py.File) -> Run:
     header = _header(path, file)
     group = member(file, CHANNELS, path)
     if not isinstance(group, h5py.Group):
@@ -100,7 +117,7 @@ def _header(path: Path, file: h5py.File) -> Header:
             "status",
         )
     }
-    texts |= {name: text_attribute(file, name, path, default="") for name in ("status_reason", "ended_utc")}
+    texts |= {name: text_attribute(file, name, path, default="") for name in ("status_reason", "ended_utc", "note")}
     if texts["status"] == OPEN_STATUS and not has_writer(path):
         texts["status"], texts["status_reason"] = "crashed", "its writer ended without closing it"
     seed = number_attribute(file, "seed", path)

@@ -11,13 +11,21 @@ import atexit
 import json
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from campaigns.log.checksum import read_sidecar, sha256_of
-from campaigns.log.child import Limited, ReaderFailedError, fork_python, may_fork, start_python, time_limit_s
+from campaigns.log.child import (
+    LEAST_S,
+    Limited,
+    ReaderFailedError,
+    fork_python,
+    may_fork,
+    start_python,
+    time_limit_s,
+)
 from campaigns.log.own import is_own
 from campaigns.progress import Report, unheard
 from sim_backend.errors import DataError
@@ -35,13 +43,15 @@ CHILD = "from campaigns.log.look import child; child()"
 class Examination:
     """What the child found: `refused` is the error at opening, `fatal` says that it did not come back.
 
-    `sound_rows` can be read from every channel; `damage` says what comes after, empty when nothing does.
+    `sound_rows` can be read from every channel; `damage` says what comes after, empty when nothing does. `header` is
+    what was asked for alone: the header by name, without the configuration.
     """
 
     refused: str = ""
     sound_rows: int = 0
     damage: str = ""
     fatal: bool = False
+    header: Mapping[str, Any] | None = None
 
 
 def read_run(path: str | os.PathLike[str]) -> Run:
@@ -99,20 +109,21 @@ def _compare(path: Path) -> None:
         )
 
 
-def examine(path: Path, report: Report = unheard, *, whole: bool = True) -> Examination:
-    """Let a child look at the log at `path`, at the `whole` of its values or at what could do harm.
+def examine(path: Path, report: Report = unheard, *, whole: bool = True, header: bool = False) -> Examination:
+    """Let a child look at the log at `path`: the `whole` of its values, what could do harm, or its `header` alone.
 
     Raises DataError when the child does not start, is kept waiting, or has too little memory: that is no damage.
     """
     try:
-        limit_s = time_limit_s(path)
+        limit_s = LEAST_S if header else time_limit_s(path)
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}; check the path and its rights") from None
+    question = json.dumps({"path": str(path.absolute()), "whole": whole, "header": header})
     with _reading:
         fresh = not any(reader.ready for reader in _kept)
-        found = _asked(path, limit_s, report, whole)
+        found = _asked(path, limit_s, report, question)
         if found is None and not fresh:  # it had held on to what former files took
-            found = _asked(path, limit_s, report, whole)
+            found = _asked(path, limit_s, report, question)
     if found is None:
         raise ReaderFailedError(
             f"{path} takes more memory than its reader may: it is not said to be damaged; split it into smaller logs, "
@@ -126,7 +137,7 @@ _kept: list[Limited] = []
 """The child that looked last, if it is well: a command that opens many logs starts one process for all of them."""
 
 
-def _asked(path: Path, limit_s: float, report: Report, whole: bool) -> Examination | None:
+def _asked(path: Path, limit_s: float, report: Report, question: str) -> Examination | None:
     """Return what the child says, None where its memory does not suffice; only one that answered is kept."""
     reader = _kept.pop() if _kept else None
     if reader is None or (reader.ready and reader.process.poll() is not None):
@@ -135,7 +146,7 @@ def _asked(path: Path, limit_s: float, report: Report, whole: bool) -> Examinati
     try:
         reader.await_ready(path)
         with reader.within(limit_s):
-            said += _heard(reader, json.dumps({"path": str(path.absolute()), "whole": whole}), report, path.name)
+            said += _heard(reader, question, report, path.name)
         found = _judged(said, reader, path)
     except BaseException:
         reader.close()
@@ -176,6 +187,8 @@ def _judged(said: list[dict[str, object]], reader: Limited, path: Path) -> Exami
         return None
     if "refused" in last:
         return Examination(refused=str(last["refused"]).replace(whole, shown))
+    if "header" in last:
+        return Examination(header=cast(Mapping[str, Any], last["header"]))
     if "damage" in last:
         return Examination(sound_rows=sound_rows, damage=str(last["damage"]).replace(whole, shown))
     error = reader.why(path)

@@ -70,6 +70,7 @@ def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason:
         tool_commit=header.tool_commit,
         chunk_rows=min(run.chunk_rows, 2**20),
         settings_bytes=max(widest, SETTINGS_BYTES),
+        note=header.note,
     ) as log:
         done = 0
         for part in segments:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import h5py
 import numpy as np
 
-from campaigns.log.limits import check_text
+from campaigns.log.limits import check_note, check_text
 from campaigns.log.units import unit_named
 from campaigns.names import check_label, check_name
 from sim_backend.errors import ConfigError
@@ -114,7 +114,8 @@ class LogSegment:
 class Header:
     """The root attributes of a log; `bench` is its public identity alone, never a parameter of it.
 
-    Raises ConfigError for a status, time or identity that a log cannot hold.
+    `note` is what a user said of the run, empty where nothing. Raises ConfigError for a status, time, identity or note
+    that a log cannot hold.
     """
 
     run_uid: str
@@ -128,6 +129,7 @@ class Header:
     status: str = OPEN_STATUS
     status_reason: str = ""
     ended_utc: str = ""
+    note: str = ""
 
     def __post_init__(self) -> None:
         check_name(self.run_uid, "run_uid")
@@ -140,6 +142,7 @@ class Header:
                 check_time(time, label)
         for label in ("configuration", "tool_version", "tool_commit"):
             check_text(getattr(self, label), label)
+        check_note(self.note)
         check_text("".join(self.bench), "bench identity")
         for key, value in self.bench.items():
             if not (isinstance(key, str) and isinstance(value, str) and len(value) <= MAX_IDENTITY_CHARS):

@@ -92,13 +92,14 @@ class LogWriter:
         settings_bytes: int = SETTINGS_BYTES,
         expected_rows: int | None = None,
         expected_segments: int = 0,
+        note: str = "",
     ) -> LogWriter:
         """Make the file, complete with its header, under a hidden name and only then give it its own.
 
         `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the room
-        for each segment's settings as JSON, `expected_rows` how long a complete run is. Raises ConfigError for an
-        existing path, a header that a log cannot hold, and more channels or `expected_segments` than any reader takes;
-        DataError when the file cannot be made.
+        for each segment's settings as JSON, `expected_rows` how long a complete run is, `note` what a user says of it.
+        Raises ConfigError for an existing path, a header that a log cannot hold, and more channels or
+        `expected_segments` than any reader takes; DataError when the file cannot be made.
         """
         header = Header(
             run_uid=uuid.uuid4().hex if run_uid is None else run_uid,
@@ -109,6 +110,7 @@ class LogWriter:
             started_utc=_now() if started_utc is None else started_utc,
             tool_version=installed_version() if tool_version is None else tool_version,
             tool_commit=tool_commit,
+            note=note,
         )
         columns = _checked(channels)
         _check_sizes(chunk_rows, settings_bytes, expected_segments)

@@ -89,14 +89,15 @@ def run_campaign(
     resume: bool = False,
     report: Report | None = None,
     announce: Callable[[float], None] | None = None,
+    note: str = "",
 ) -> CampaignOutcome:
     """Play every run of `campaign` that the folder does not hold yet, each into `folder`/<run>.h5.
 
     With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing moves
     unless all segments of all runs keep the limits; before anything does, `announce` is told how many bytes the missing
-    logs will take. The first Ctrl-C ends it after the current segment, as *paused*. Raises ConfigError for another
-    campaign's folder, DataError for a log that another program is writing or a disk with too little room for what is
-    missing, and whatever a run raises.
+    logs will take. `note` stands in each log that is made. The first Ctrl-C ends it after the current segment, as
+    *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or a
+    disk with too little room for what is missing, and whatever a run raises.
     """
     home, plans = Path(folder), campaign.plans()
     survey = _survey(campaign, address, seed)
@@ -115,7 +116,7 @@ def run_campaign(
         if announce is not None:
             announce(size_bytes)
         try:
-            status = _play_missing(plans, states, estimates, address, report)
+            status = _play_missing(plans, states, estimates, address, note, report)
         except BaseException as error:
             with contextlib.suppress(DataError):  # the error that ended the campaign is the one to report
                 _write_state(home, campaign, whole, "failed" if isinstance(error, Exception) else "aborted", states)
@@ -129,6 +130,7 @@ def _play_missing(
     states: dict[str, RunState],
     estimates: dict[str, Estimate],
     address: str,
+    note: str,
     report: Report | None,
 ) -> str:
     """Play every run without a complete log, replacing its entry in `states`; return the campaign's status."""
@@ -140,7 +142,7 @@ def _play_missing(
         _set_aside(states[name].log)
         states[name] = dataclasses.replace(states[name], played=True)
         try:
-            ended = _play(plans[name], states[name], address, signals, tally.of(name), estimates[name])
+            ended = _play(plans[name], states[name], address, note, signals, tally.of(name), estimates[name])
         except BaseException:
             states[name] = _found(states[name])
             raise
@@ -284,7 +286,13 @@ def _set_aside(log: Path) -> None:
 
 
 def _play(
-    plan: Plan, state: RunState, address: str, signals: Interrupts, report: Report | None, counted: Estimate
+    plan: Plan,
+    state: RunState,
+    address: str,
+    note: str,
+    signals: Interrupts,
+    report: Report | None,
+    counted: Estimate,
 ) -> Outcome:
     kind, _ = bench_kind(address)
     # a repeatable bench gives the same data again, so the same configuration has the same name
@@ -299,6 +307,7 @@ def _play(
             run_uid=uid,
             interrupts=signals,
             counted=counted,
+            note=note,
         )
 
 

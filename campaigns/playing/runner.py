@@ -59,10 +59,12 @@ def run_plan(
     run_uid: str | None = None,
     interrupts: Interrupts | None = None,
     counted: Estimate | None = None,
+    note: str = "",
 ) -> Outcome:
     """Play `plan` on `bench` into a new log at `path` and return how it ended.
 
     Nothing moves unless all segments keep the bench's limits; `counted` is the estimate of a caller who has made sure.
+    `note` stands in the log.
     The first Ctrl-C ends the run after its segment as *paused*, the second as *aborted* (KeyboardInterrupt), an error
     as *failed*; the bench is made safe in each case.
     Raises ConfigError for what the bench cannot be asked, DataError for a log that cannot be written (a segment for
@@ -83,6 +85,7 @@ def run_plan(
         tool_commit=tool_commit(),
         expected_rows=total.samples,
         expected_segments=total.segments,
+        note=note,
     )
     with _own(interrupts) as signals, writer:
         try:

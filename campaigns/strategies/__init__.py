@@ -1,6 +1,7 @@
 """Strategies by name: from a chop to the stages in which it is played. STRATEGIES is the only list.
 
 A strategy sees the task and a design model; what it returns is data, as `campaigns.strategies.stages` describes it.
+Other packages may add to the list (`sim_backend.plugins`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from sim_backend.errors import ConfigError, did_you_mean
+from sim_backend.plugins import load_plugin, plugin_names, refusal
 
 if TYPE_CHECKING:
     from campaigns.strategies.design import Design
@@ -35,22 +37,36 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
 def check_strategy(name: str, controller: str | None) -> None:
     """Raise ConfigError for a name that is none, and for a designed strategy without a `controller` file to play."""
     if name not in STRATEGIES:
-        near = did_you_mean(name, STRATEGIES)
-        raise ConfigError(f"there is no strategy '{name}'; {near}strategies: {', '.join(STRATEGIES)}")
+        known = (*STRATEGIES, *plugin_names("strategies", STRATEGIES))
+        if name in known:
+            return
+        near = did_you_mean(name, known)
+        raise ConfigError(f"there is no strategy '{name}'; {near}strategies: {', '.join(known)}")
     if STRATEGIES[name].startswith("designed:") and controller is None:
         raise ConfigError(
             "a designed strategy needs a controller file: write one with `mccd design`, give it as --controller"
         )
 
 
+def _played_by(strategy: str) -> Strategy:
+    """Return the function that plays a strategy, imported now."""
+    if strategy not in STRATEGIES:
+        found = load_plugin("strategies", strategy)
+        if not callable(found):
+            raise refusal("strategies", strategy, "is no function of a task and a design")
+        of_a_package: Strategy = found
+        return of_a_package
+    module, _, function = STRATEGIES[strategy].partition(":")
+    own: Strategy = getattr(import_module(f"{__name__}.{module}"), function)
+    return own
+
+
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
-    """Return the stages of a strategy by name, one of STRATEGIES.
+    """Return the stages of a strategy by name, one that `check_strategy` knows.
 
     Raises ConfigError for a controller whose loop is unstable on the design model.
     """
-    module, _, function = STRATEGIES[strategy].partition(":")
-    play: Strategy = getattr(import_module(f"{__name__}.{module}"), function)
-    stages = play(task, design)
+    stages = _played_by(strategy)(task, design)
     loops = {(dof, id(loop)): loop for stage in stages for dof, loop in zip(task.axes, stage.feedback, strict=True)}
     for (dof, _), controller in loops.items():
         if controller is not None:

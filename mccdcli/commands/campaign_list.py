@@ -19,11 +19,11 @@ def list_campaigns(plans: bool, as_json: bool) -> None:
       mccd campaign list
       mccd campaign list --plans --json
     """
-    from campaigns.plans import PLANS
+    from campaigns.plans import all_plans
     from campaigns.playing.campaign import bundled_campaigns, load_campaign
 
     if plans:
-        known = [(plan.name, plan.title, plan().settings()) for plan in PLANS.values()]
+        known = [(plan.name, plan.title, plan().settings()) for plan in all_plans().values()]
         lines = [(name, title, ", ".join(settings)) for name, title, settings in known]
         described: object = {
             "plans": [{"plan": name, "title": title, "settings": settings} for name, title, settings in known]

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import BenchAddress, Real, RealRange, WholeRange, common_options
-from mccdcli.output import VERDICTS, emit, table
+from mccdcli.junit import Case, remove_earlier, write_junit
+from mccdcli.options import BenchAddress, NewPath, Real, RealRange, WholeRange, common_options
+from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
 
 if TYPE_CHECKING:
@@ -52,6 +53,17 @@ if TYPE_CHECKING:
 @click.option(
     "--held", is_flag=True, help="With --frf: it was measured at the model's rate, behind the hold of its input."
 )
+@click.option(
+    "--expect",
+    type=click.Choice(tuple(VERDICTS)),
+    help="Verdict that passes; any other ends with exit code 1 and says why.  [default: consistent]",
+)
+@click.option(
+    "--junit",
+    type=NewPath(dir_okay=False),
+    metavar="FILE",
+    help="Also write the verdict as a case of a JUnit file, which CI shows.",
+)
 @common_options("out", "seed", "json")
 def diagnose(
     runs: tuple[Path, ...],
@@ -66,28 +78,34 @@ def diagnose(
     nominal_tolerance: float,
     rows: int,
     bench: str | None,
+    expect: str | None,
+    junit: Path | None,
 ) -> int:
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
 
     Writes diagnosis.json, extended.toml (the model with what was found), index.html and figures into the folder
     diagnosis, or into --out. Of causes that are tied it says which experiment would tell them apart. A log of the
     plan theodolite may be among RUN.h5: it decides where readings alone cannot. The exit code is 0 when model and data
-    are consistent, 1 when the simulation is wrong.
+    are consistent (or the verdict is that of --expect), 1 when the simulation is wrong.
 
     \b
     Examples:
       mccd diagnose RUN.h5 --model nominal.toml -o OUT/
       mccd diagnose FREE.h5 CHOP.h5 --model nominal.toml --without hysteresis --json
+      mccd diagnose NIGHT.h5 --model nominal.toml --expect consistent --junit diagnosis.xml
       mccd diagnose --frf response.csv --model nominal.toml -o OUT/
     """
     from sim_backend.model import load_model
 
     _require_one(runs, table_file, bench, level, held=held)
+    remove_earlier(junit)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
     settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
     if table_file is not None:
-        return _of_table(table_file, model, out or Path("diagnosis"), settings, level, held=held, as_json=as_json)
-    return _of_logs(runs, nominal, model, out or Path("diagnosis"), settings, rows, bench, as_json=as_json)
+        found = _of_table(table_file, model, out or Path("diagnosis"), settings, level, held=held, as_json=as_json)
+    else:
+        found = _of_logs(runs, nominal, model, out or Path("diagnosis"), settings, rows, bench, as_json=as_json)
+    return _concluded(found, nominal, expect, junit)
 
 
 def _of_logs(
@@ -100,7 +118,7 @@ def _of_logs(
     bench: str | None,
     *,
     as_json: bool,
-) -> int:
+) -> dict[str, Any]:
     """Judge the model by logs, write the files, chop on a bench where one is named, and show the answer."""
     from dataclasses import replace
 
@@ -134,7 +152,20 @@ def _of_logs(
         files |= write_files(found, model, loaded.sources, folder, chops)
     content = document(found, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
-    return 0 if found.verdict == "consistent" else 1
+    return content
+
+
+def _concluded(found: dict[str, Any], nominal: str, expect: str | None, junit: Path | None) -> int:
+    """Hold the verdict against the one that is expected; say why and return 1 where it is another."""
+    wanted = expect or "consistent"
+    met = found["verdict"] == wanted
+    why = "" if met else f"the verdict on {nominal} is {found['verdict']}, not {wanted}. {found['sentence']}"
+    if expect and not met:
+        say(f"mccd: check: {why}")
+    if junit is not None:
+        name = f"{wanted} with {', '.join(Path(one['file']).name for one in found['inputs'])}"
+        write_junit(junit, "mccd diagnose", [Case(Path(nominal).stem, name, failure=why)])
+    return 0 if met else 1
 
 
 def _require_one(
@@ -153,7 +184,7 @@ def _require_one(
 
 def _of_table(
     file: Path, model: Model, out: Path, settings: dict[str, Any], level: float | None, *, held: bool, as_json: bool
-) -> int:
+) -> dict[str, Any]:
     """Judge the model by a table of frequency response, write the files and show the answer."""
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.pipeline import Options
@@ -174,7 +205,7 @@ def _of_table(
     files = write_response_page(found, drawn, model, sources, folder) | write_files(found, model, sources, folder)
     content = document(found, sources)
     emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
-    return 0 if found.verdict == "consistent" else 1
+    return content
 
 
 def _chops(

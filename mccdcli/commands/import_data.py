@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mccdcli.logtext import channels_text, length_text, segments_text
-from mccdcli.options import common_options
+from mccdcli.options import common_options, given_note
 from mccdcli.output import emit, say
 from mccdcli.progress import progress
 
@@ -18,7 +18,7 @@ from mccdcli.progress import progress
 )
 @click.option("--guess", is_flag=True, help="Propose a map for data files instead: printed, or written with --out.")
 @click.option("--allow-outside", is_flag=True, help="Let the map read files outside its own folder.")
-@common_options("out", "json")
+@common_options("out", "note", "json")
 def import_data(files: tuple[Path, ...], guess: bool, allow_outside: bool, out: Path | None, as_json: bool) -> None:
     """Import data of any bench into a log, as a map file describes them.
 
@@ -41,7 +41,7 @@ def import_data(files: tuple[Path, ...], guess: bool, allow_outside: bool, out: 
     from campaigns.importing import import_run
 
     with progress("importing") as report:
-        made = import_run(map, out or Path(f"{map.stem}.h5"), report, allow_outside=allow_outside)
+        made = import_run(map, out or Path(f"{map.stem}.h5"), report, allow_outside=allow_outside, note=given_note())
     summary = f"{made.path}: {length_text(made.rows, made.sample_rate_hz)}"
     clock = [f"clock: {made.clock}"] if made.clock else []
     remarks = [f"remark: {remark}" for remark in made.remarks]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.options import POSITIVE, RealRange, WholeRange, common_options
+from mccdcli.options import POSITIVE, RealRange, WholeRange, common_options, given_note
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count, settings_option
@@ -90,7 +90,7 @@ def investigate(
 
     keep_long_arrays()
     options = Options(tolerance=nominal_tolerance, without=without, seed=seed)
-    quest = Quest(bench, model, seed, rounds, budget_s, plan, options)
+    quest = Quest(bench, model, seed, rounds, budget_s, plan, options, given_note())
     with progress("investigating") as report:
         found = inquire(quest, out or Path("investigation"), resume=resume, report=report, remark=say)
     emit(found, as_json=as_json, text=_text(found), colours=VERDICTS)

@@ -53,6 +53,7 @@ def _text(log: Run) -> str:
         ("started", header.started_utc),
         ("bench", ", ".join(f"{key} {value}" for key, value in header.bench.items())),
         ("written by", f"mccd {header.tool_version} (commit {header.tool_commit})"),
+        *([("note", header.note)] if header.note else []),
         ("seed", "none" if header.seed is None else str(header.seed)),
         ("length", length_text(log.rows, log.sample_rate_hz)),
     ]

@@ -26,9 +26,9 @@ def effects(name: str | None, as_json: bool) -> None:
       mccd model effects
       mccd model effects coulomb-friction
     """
-    from sim_backend.effects import NAMED, effect_class
+    from sim_backend.effects import effect_class, named
 
-    chosen = NAMED if name is None else (effect_class(name),)
+    chosen = named() if name is None else (effect_class(name),)
     described = [_described(effect) for effect in chosen]
     emit({"effects": described}, as_json=as_json, text=_overview(described) if name is None else _one(described[0]))
 

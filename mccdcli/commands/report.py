@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.junit import Case, remove_earlier, write_junit
+from mccdcli.options import NewPath, common_options
 from mccdcli.output import BAD, GOOD, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign
 
 if TYPE_CHECKING:
+    from analysis.paper.known_misses import Known
     from analysis.paper.measured import Measured
     from analysis.report import Report
 
@@ -39,28 +41,53 @@ OWN_LOGS: Final = "310 MB"
 @click.option(
     "--check", is_flag=True, help="Exit with 1 if a predicted number leaves its tolerance or ours exceeds a bound."
 )
+@click.option(
+    "--known-misses",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help='With --check: numbers that may leave it, as TOML: a table per table, in it lines "row" = "reason".',
+)
+@click.option(
+    "--junit",
+    type=NewPath(dir_okay=False),
+    metavar="FILE",
+    help="With --check: also write every predicted number as a case of a JUnit file, which CI shows.",
+)
 @common_options()
 def report(
-    bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, campaign: str, own: bool, check: bool
+    bench: str,
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+    campaign: str,
+    own: bool,
+    check: bool,
+    known_misses: Path | None,
+    junit: Path | None,
 ) -> int:
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
     controller to OUT/designed. With --check, each predicted number outside its tolerance and each bound exceeded is
-    named.
+    named; those in --known-misses do not fail, and one of them that passes again is told.
 
     \b
     Examples:
       mccd report --out report
       mccd report --out report --check
+      mccd report --check --known-misses known-misses.toml --junit report.xml
       mccd report --out report --json > numbers.json
     """
     from campaigns.playing.campaign import load_campaign
 
-    loaded = load_campaign(campaign)
+    if not check and (known_misses or junit):
+        raise click.UsageError(f"--{'known-misses' if known_misses else 'junit'} goes with --check")
+    loaded, known = load_campaign(campaign), _known(known_misses)
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
+    remove_earlier(junit)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 
     folder = out or Path("report")
@@ -79,7 +106,16 @@ def report(
         with progress("report") as advance:
             built = report_of(measured, folder, advance)
     emit(built.content(), as_json=as_json, text=_text(built), colours={"met": GOOD, "missed": BAD})
-    return _checked(built) if check else 0
+    return _checked(built, known, junit) if check else 0
+
+
+def _known(file: Path | None) -> Known:
+    """Return the known misses, before anything is played: a wrong name is refused at once."""
+    if file is None:
+        return {}
+    from analysis.paper.known_misses import load_known_misses
+
+    return load_known_misses(file)
 
 
 def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int:
@@ -120,15 +156,30 @@ def _text(built: Report) -> str:
     return f"{table(rows, heads=('table', 'agree', 'differ', 'bound kept', 'unknown', ''))}{met}\n\n{built.page}"
 
 
-def _checked(built: Report) -> int:
-    """Name every prediction outside its tolerance and every bound that is exceeded; 1 if there is one."""
-    failures = built.failures()
-    for key, row in failures:
-        number = row.number
-        ours = "never" if row.ours == float("inf") else f"{row.ours:.6g} {number.unit}".rstrip()
-        allowed = f"at most {number.tolerance:g} above" if number.upper else f"within {number.tolerance:g} of"
-        where = "text" if key == "text" else f"table {key}"
-        say(f"mccd: check: {where}, {number.row}: {ours}, not {allowed} {number.value:g} {number.unit}".rstrip())
-    for key, row in built.unmeasured():
-        say(f"mccd: check: table {key}, {row.number.row}: not measured by this campaign")
-    return 1 if failures else 0
+def _checked(built: Report, known: Known, junit: Path | None) -> int:
+    """Tell every prediction outside its tolerance, and what has changed of those that are known; 1 for a new one."""
+    from analysis.paper.known_misses import outcomes
+
+    found = outcomes(built.tables, known)
+    for one in found:
+        where = f"{_where(one.table)}, {one.row}"
+        if one.state in ("failed", "not measured"):
+            say(f"mccd: check: {where}: {one.said}")
+        elif one.state == "passes now":
+            say(f"mccd: check: {where} passes now; remove it from the known misses")
+    if junit is not None:
+        cases = [
+            Case(
+                _where(one.table).replace(".", "-"),  # a dot would make groups of it
+                one.row,
+                failure=one.said if one.state == "failed" else "",
+                skipped=one.said if one.state in ("known miss", "not measured") else "",
+            )
+            for one in found
+        ]
+        write_junit(junit, "mccd report", cases)
+    return 1 if any(one.state == "failed" for one in found) else 0
+
+
+def _where(table: str) -> str:
+    return "text" if table == "text" else f"table {table}"

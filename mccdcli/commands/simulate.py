@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     help="Play this instead: a column per axis (theta_x …) in N m or N, a row per sample.",
 )
 @settings_option
-@common_options("out", "seed", "dry_run", "json")
+@common_options("out", "seed", "dry_run", "note", "json")
 def simulate(
     out: Path | None,
     seed: int,

@@ -1,8 +1,12 @@
-"""The library of physical effects: `EFFECTS` is the only list; adding one is a file beside this and a line here."""
+"""The library of physical effects: `EFFECTS` is the only list; adding one is a file beside this and a line here.
+
+Other packages may add to it (`sim_backend.plugins`): `library` has theirs too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 from sim_backend.effects.actuator_gain import ActuatorGain
 from sim_backend.effects.amplifier_lag import AmplifierLag
@@ -49,6 +53,7 @@ from sim_backend.effects.thermal_stiffness_drift import ThermalStiffnessDrift
 from sim_backend.effects.vibration_line import VibrationLine
 from sim_backend.effects.viscoelastic_creep import ViscoelasticCreep
 from sim_backend.errors import ConfigError
+from sim_backend.plugins import load_plugin, plugin_names, refusal
 
 EFFECTS: tuple[type[Effect], ...] = (
     StiffnessShift,
@@ -107,14 +112,49 @@ NAMED: tuple[type[Effect], ...] = (*EFFECTS, *INSIDE)
 _BY_NAME = {e.name: e for e in (*NAMED, *NOISES, *BENCH_ONLY)}
 
 
+FAMILIES = ("structure", "drive", "sensor", "surroundings")
+
+
+def library() -> tuple[type[Effect], ...]:
+    """Return EFFECTS and the effects of other packages: everything that a diagnosis searches.
+
+    Raises ConfigError for one of a package that cannot be imported or is no effect.
+    """
+    return (*EFFECTS, *(_of_a_package(name) for name in plugin_names("effects", _BY_NAME)))
+
+
+def named() -> tuple[type[Effect], ...]:
+    """Return everything that a diagnosis can name, with the effects of other packages; raises as `library`."""
+    return (*library(), *INSIDE)
+
+
 def effect_class(name: str) -> type[Effect]:
     """Return the effect class of a slug; raises ConfigError with the nearest names when there is none."""
-    if name not in _BY_NAME:
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    known = (*_BY_NAME, *plugin_names("effects", _BY_NAME))
+    if name not in known:
         from difflib import get_close_matches
 
-        near = get_close_matches(name, _BY_NAME, n=3) or sorted(_BY_NAME)
+        near = get_close_matches(name, known, n=3) or sorted(known)
         raise ConfigError(f"there is no effect '{name}'; did you mean {', '.join(near)}?")
-    return _BY_NAME[name]
+    return _of_a_package(name)
+
+
+@cache
+def _of_a_package(name: str) -> type[Effect]:
+    """Return the effect that another package declares; raises ConfigError where it is not one."""
+    found = load_plugin("effects", name)
+    if not (isinstance(found, type) and issubclass(found, Effect)):
+        raise refusal("effects", name, "is no subclass of sim_backend.effects.base.Effect")
+    lacking = [part for part in ("name", "family", "site", "symptom") if not hasattr(found, part)]
+    if lacking:
+        raise refusal("effects", name, f"does not say its {lacking[0]}")
+    if found.name != name or found.family not in FAMILIES:
+        raise refusal(
+            "effects", name, f"calls itself '{found.name}', of the family '{found.family}' (of {', '.join(FAMILIES)})"
+        )
+    return found
 
 
 def make_effect(name: str, where: str, parameters: Mapping[str, float]) -> Effect:
@@ -142,5 +182,7 @@ __all__ = [
     "Parameter",
     "Site",
     "effect_class",
+    "library",
     "make_effect",
+    "named",
 ]

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from analysis.paper.figures import FIGURES, make_figure
+from analysis.paper.known_misses import outcomes
 from analysis.paper.measured import Measured
 from analysis.paper.numbers import paper_tables
 from analysis.paper.tables import TABLES, make_table
@@ -23,6 +24,7 @@ from tests import headless
 from tests.kept import ANALYSED, kept
 
 CAMPAIGN = Path(__file__).with_name("campaign_of_tables.toml")
+NOTE = "before the <coil> was changed"
 PAPER_TABLES = {f"6.{i}" for i in range(1, 8)} | {"6.2-coefficients"}
 LABELS = ("predicted", "calibrated", "input", "bound")
 COMPUTED_FIGURES = {"A1", "A2"}
@@ -36,7 +38,7 @@ NEVER_MEASURED = {"output regulation", "lifetime"}
 
 def reported(out):
     """Record the logs of a report by the command line, and make it."""
-    assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(out), "--seed", "3"]) == 0
+    assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(out), "--seed", "3", "--note", NOTE]) == 0
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +224,15 @@ def test_a_campaign_that_lacks_runs_still_reports_what_there_is(home, tmp_path):
     assert rows["theodolite theta_x"].ok is not None
     assert rows["remanence"].ours is None and rows["remanence"].ok is None
     assert "6.4" in report.figures and "6.7" not in report.figures
-    assert {row.number.key for _, row in report.unmeasured()} >= {"learning iterations", "power"}
+    missing = {(one.table, one.row) for one in outcomes(report.tables, {}) if one.state == "not measured"}
+    keys = {n.key for table, paper in paper_tables().items() for n in paper.rows if (table, n.row) in missing}
+    assert keys >= {"remanence", "power"}
+
+
+def test_the_note_of_every_run_stands_on_the_page_as_text(home):
+    page = (home / "index.html").read_text(encoding="utf-8")
+    runs = page.count('<tr id="run-')
+    assert page.count("before the &lt;coil&gt; was changed") == runs > 0
 
 
 def test_a_folder_without_logs_is_refused(tmp_path):
@@ -234,3 +244,56 @@ def test_a_dry_run_counts_and_writes_nothing(tmp_path, capsys):
     assert main(["report", "--campaign", str(CAMPAIGN), "--out", str(tmp_path / "no"), "--dry-run"]) == 0
     assert "settle-repetitive-x" in capsys.readouterr().out
     assert not (tmp_path / "no").exists()
+
+
+def misses(content):
+    return [
+        (key, row["row"])
+        for key, rows in content["tables"].items()
+        for row in rows
+        if row["label"] == "predicted" and row["ok"] is False
+    ]
+
+
+def cases_of(path):
+    found = {}
+    for case in ElementTree.parse(path).getroot().iter("testcase"):
+        found[case.get("classname"), case.get("name")] = [child.tag for child in case]
+    return found
+
+
+def known_file(path, rows):
+    tables = {}
+    for key, row in rows:
+        tables.setdefault(key, []).append(row)
+    text = "".join(f'["{key}"]\n' + "".join(f"{json.dumps(r)} = 'seen'\n" for r in of) for key, of in tables.items())
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_known_misses_pass_and_one_that_passes_again_is_told(home, content, tmp_path, capsys):
+    failed = misses(content)
+    passed = next(
+        (key, row["row"])
+        for key, rows in content["tables"].items()
+        for row in rows
+        if row["label"] == "predicted" and row["ok"]
+    )
+    junit = tmp_path / "report.xml"
+    begin = ["report", "--campaign", str(CAMPAIGN), "--out", str(home), "--seed", "3", "--check", "--junit", str(junit)]
+
+    assert main([*begin, "--known-misses", str(known_file(tmp_path / "all.toml", [*failed, passed]))]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "check:" in line]
+    assert len(told) == 1 and passed[1] in told[0] and "passes now" in told[0]
+    cases = cases_of(junit)
+    predicted = [r for rows in content["tables"].values() for r in rows if r["label"] == "predicted"]
+    assert len(cases) == len(predicted)
+    assert [tags for tags in cases.values()].count(["failure"]) == 0
+
+    assert main([*begin, "--known-misses", str(known_file(tmp_path / "but-one.toml", failed[1:]))]) == 1
+    told = [line for line in capsys.readouterr().err.splitlines() if "check:" in line]
+    assert len(told) == 1 and f"{failed[0][1]}:" in told[0]
+    cases = cases_of(junit)
+    assert [name for (_, name), tags in cases.items() if tags == ["failure"]] == [failed[0][1]]
+    skipped = {name for (_, name), tags in cases.items() if tags == ["skipped"]}
+    assert skipped >= {row for _, row in failed[1:]}

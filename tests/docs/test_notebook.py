@@ -22,7 +22,11 @@ def test_the_notebook_runs_and_names_the_effect(tmp_path: Path) -> None:
     }
     client = nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}})
     client.execute(env=environment)
-    printed = "".join(output["text"] for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs)
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    printed = "".join(output["text"] for output in outputs if output.output_type == "stream")
+    shown = [output["data"] for output in outputs if "data" in output]
+    assert "stiffness" in shown[0]["text/html"]  # the table of parameters
+    assert any("image/png" in data for data in shown)
     assert printed.startswith("named\n") and "cubic-stiffness at theta" in printed
     value, std = map(float, re.search(r"stiffness = (\S+) ± (\S+)", printed).groups())  # type: ignore[union-attr]
     # the notebook's mirror takes 16 steps a sample at 2 kHz, the fit four; at 9 mrad the spring of 11.2 N m/rad is

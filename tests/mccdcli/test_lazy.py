@@ -93,7 +93,7 @@ def test_completion_offers_names_and_options() -> None:
         )
         return {line.partition(",")[2] for line in done.stdout.splitlines()}
 
-    assert offered("mccd comp", 1) == {"completion"}
+    assert offered("mccd comp", 1) == {"compare", "completion"}
     assert offered("mccd --", 1) == {"--help", "--version"}
     assert offered("mccd completion z", 2) == {"zsh"}
 

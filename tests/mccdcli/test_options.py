@@ -57,7 +57,7 @@ def test_help_shows_them_in_one_order_whatever_the_order_of_naming() -> None:
 
     text = CliRunner().invoke(command, ["--help"]).output
     assert text.index("--bench") < text.index("--seed") < text.index("--json")
-    assert list(OPTIONS) == ["bench", "out", "seed", "dry_run", "json"]
+    assert list(OPTIONS) == ["bench", "out", "seed", "dry_run", "note", "json"]
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,7 @@ REFUSED = {
         "--dry-run --bench sim:nonsense",
         "--controller nonsense.toml",
     ],
+    "compare": ["", "nonsense nonsense", "run.h5 design", "design nonsense.toml"],
     "completion": ["nonsense"],
     "config show": ["nonsense"],
     "design": ["", "--model nonsense", "--model nonsense --dry-run", "--model design --reach -1", "--log nonsense.h5"],
@@ -73,6 +74,7 @@ REFUSED = {
     ],
     "log check": ["nonsense.h5"],
     "log export": ["run.h5", "nonsense.h5 --out a.csv"],
+    "log list": ["", "nonsense", "run.h5", ". --status nonsense", ". --since nonsense"],
     "log plot": ["nonsense.h5"],
     "log recover": ["nonsense.h5"],
     "log show": ["nonsense.h5"],
@@ -81,7 +83,14 @@ REFUSED = {
     "manual": ["--format nonsense"],
     "model convert": ["nonsense --out a.toml", "design --out a.nonsense", "design --out taken.toml"],
     "model effects": ["nonsense"],
-    "report": ["--campaign nonsense", "--dry-run --bench sim:nonsense"],
+    "report": [
+        "--campaign nonsense",
+        "--dry-run --bench sim:nonsense",
+        "--junit a.xml",
+        "--known-misses study.toml",
+        "--check --known-misses nonsense.toml",
+        "--check --known-misses study.toml",
+    ],
     "schema": ["nonsense"],
     "settle": ["--strategy designed", "--strategy nonsense", "--model nonsense", "--cycles 0", "--set nonsense=3"],
     "simulate": ["--plan nonsense", "--model nonsense", "--set nonsense=3", "--waveform nonsense.csv"],
@@ -180,5 +189,7 @@ def test_a_dry_run_loads_nothing_heavy() -> None:
 
 
 def test_a_look_at_a_log_loads_nothing_heavy() -> None:
-    found = loaded_by(["log show run.h5", "log show run.h5 --json", "log verify run.h5", "log summary run.h5"])
-    assert [(code, loaded) for _, code, loaded, _ in found] == [(0, [])] * 4
+    found = loaded_by(
+        ["log show run.h5", "log show run.h5 --json", "log list .", "log verify run.h5", "log summary run.h5"]
+    )
+    assert [(code, loaded) for _, code, loaded, _ in found] == [(0, [])] * 5

@@ -40,7 +40,9 @@ QUICK = (
 CALLS = {
     "simulate": ["--plan", "sinesweep", "--set", "axis=theta_x", "--set", SHORT_SWEEP, "--out", "sweep.h5"],
     "identify": ["--log", "sweep.h5", "--modes", "1", "-o", "one.toml"],
+    "compare": ["one.toml", "design"],
     "log check": ["sweep.h5"],
+    "log list": ["."],
     "log plot": ["sweep.h5"],
     "log show": ["sweep.h5"],
     "log summary": ["sweep.h5"],

@@ -20,7 +20,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = SETTINGS["project"]
-OURS = {"sim_backend", "campaigns", "analysis", "mccdcli"}
+OURS = {"sim_backend", "campaigns", "analysis", "mccd", "mccdcli"}
 EXTRAS = set(PROJECT["optional-dependencies"])
 # one of them asks for an older numpy than all the others, and is pinned beside what it is tested with
 LOCKS = {

@@ -16,7 +16,7 @@ from tests.selection import COLLECTED, THOROUGH, is_thorough
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PACKAGES = ("sim_backend", "campaigns", "analysis", "mccdcli")
+PACKAGES = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
 
 
 def test_the_script_and_its_target() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PRODUCT = ("sim_backend", "campaigns", "analysis", "mccdcli")
+PRODUCT = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
 FILE_LINES = 400
 FUNCTION_LINES = 60
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("sim_backend", "campaigns", "analysis", "mccdcli")
+PACKAGES = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
 AROUND = ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
 
 

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any, NoReturn
 
-PACKAGES = ("sim_backend", "campaigns", "analysis", "mccdcli")
+PACKAGES = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
 LIBRARIES = ("control", "h5py", "jinja2", "matplotlib.pyplot", "numba", "pandas", "rich.progress", "serial")
 PARTS_OF_SCIPY = ("fft", "interpolate", "io", "linalg", "ndimage", "optimize", "signal", "sparse", "stats")
 

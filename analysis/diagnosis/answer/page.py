@@ -31,7 +31,7 @@ from analysis.pages.quantities import chance, quantity, share
 from analysis.pages.svg import inlined
 from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
-from sim_backend.effects import NAMED
+from sim_backend.effects import named
 from sim_backend.model import Model
 from sim_backend.safe_write import folder_within, write_text
 
@@ -148,7 +148,7 @@ def render(
             visible=_by_effect(diagnosis.sensitivity),
             explorers=drawn.explorers,
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
-            symptoms={e.reported(): e.symptom for e in reversed(NAMED)},
+            symptoms={e.reported(): e.symptom for e in reversed(named())},
             held_out=_held_out(diagnosis, files),
             chops=chops,
             version=f"{tool_version()} ({tool_commit()})",

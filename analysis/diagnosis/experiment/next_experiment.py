@@ -27,7 +27,7 @@ from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.result import Choice, NextExperiment
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.verdict.judging import Judgement
-from campaigns.plans import PLANS, Plan
+from campaigns.plans import Plan, all_plans
 from campaigns.plans.base import rate_of
 from sim_backend.bench import Bench
 from sim_backend.errors import MccdError
@@ -191,7 +191,7 @@ def _offers(comparison: Comparison, done: Sequence[Plan]) -> Iterator[Offer]:
     axes = _axes(comparison.hypotheses, bench, setting)
     largest = np.max([np.max(np.abs(r.u), axis=0) for r in setting.data.records], axis=0)
     reach = reach_of(axes, bench, setting.nominal, setting.places.inputs, comparison.room, largest)
-    for cls in PLANS.values():
+    for cls in all_plans().values():
         taken: dict[int, int] = {}
         before = list(done)
         for level in LEVELS:

@@ -59,7 +59,9 @@ def load_logs(
                 motion.append(path)
                 continue
             heard.append(found)
-            sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, found.error.shape[0]))
+            sources.append(
+                Source(str(run.path), sha256_of(run.path), run.run_uid, found.error.shape[0], run.header.note)
+            )
     loaded = load_runs(motion, model, max_rows=max_rows)
     check_same_bench(loaded, model)
     return replace(loaded, sources=(*loaded.sources, *sources)), tuple(heard)

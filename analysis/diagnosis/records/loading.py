@@ -49,12 +49,13 @@ _ENOUGH = 0.8
 
 @dataclass(frozen=True)
 class Source:
-    """One file of a diagnosis: its path as given, checksum, run and number of rows used."""
+    """One file of a diagnosis: its path as given, checksum, run, number of rows used and note of the log."""
 
     file: str
     sha256: str
     run_uid: str
     rows: int
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,9 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
         found, cut = without_cut_off(found, match.outputs, facts_of(run))
         notes += cut
         records += found
-        sources.append(Source(str(run.path), sha256_of(run.path), run.run_uid, sum(r.n for r in found)))
+        sources.append(
+            Source(str(run.path), sha256_of(run.path), run.run_uid, sum(r.n for r in found), run.header.note)
+        )
     notes += check_inputs(records, [p.name for p in model.inputs])
     different, copies = without_copies(records, [p.name for p in model.outputs])
     held, note = with_held_out(different)

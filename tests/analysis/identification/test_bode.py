@@ -46,7 +46,7 @@ def test_dots_lie_on_the_line_where_the_model_is_right(log, tmp_path):
     with pytest.raises(ConfigError, match="no picture"):
         require_picture(tmp_path / "bode.txt")
     assert (tmp_path / "bode.png").read_bytes().startswith(b"\x89PNG")
-    size, phase = bode(found, [curve]).axes
+    size, phase = bode(found.model, [curve]).axes
     frequency, magnitude = (np.asarray(part) for part in size.lines[1].get_data())
     away = np.abs(curve.frequency_hz - 20.0) > 4.0  # the averaged response is smeared where it is sharp
     drawn = np.interp(curve.frequency_hz[away], frequency, magnitude)

@@ -114,4 +114,6 @@ def test_a_bound_is_marked_as_kept_and_counted_apart():
 def test_a_folded_table_stands_under_a_summary_and_not_in_the_contents():
     paper = PaperTable(title="Coefficients", note="", rows=(number("a", requirement=None),), folded=True)
     page = render_page([], {"6.2-coefficients": build_table("6.2-coefficients", paper, {})}, {}, [])
-    assert "<summary>1 coefficients, of which 0 agree</summary>" in page and 'href="#table-6.2-coefficients"' not in page
+    assert (
+        "<summary>1 coefficients, of which 0 agree</summary>" in page and 'href="#table-6.2-coefficients"' not in page
+    )

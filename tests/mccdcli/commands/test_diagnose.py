@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -26,19 +27,24 @@ def nominal(tmp_path):
 
 def free_run(tmp_path, *effects):
     path = tmp_path / "free.h5"
-    run_plan(make_plan("freerun", SHORT), SimBench(bench_model((*effects, *NOISE)), 5), path, seed=5)
+    run_plan(make_plan("freerun", SHORT), SimBench(bench_model((*effects, *NOISE)), 5), path, seed=5, note="new cable")
     return path
 
 
 def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal):
     run, out = free_run(tmp_path), tmp_path / "out"
-    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json")
+    junit = tmp_path / "diagnosis.xml"
+    checked = ("--expect", "consistent", "--junit", str(junit))
+    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json", *checked)
     assert done.returncode == 0, done.stderr
+    assert "check:" not in done.stderr
+    assert [(c.get("name"), len(c)) for c in cases_of(junit)] == [("consistent with free.h5", 0)]
     found = json.loads(done.stdout)
     assert found == json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "consistent" and found["causes"] == []
     assert found["inputs"][0]["file"] == str(run)
-    assert found["sentence"] in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert found["sentence"] in page and "new cable" in page
     assert load_model(out / "extended.toml").effects == []
     assert list((out / "figures").glob("*.svg"))
 
@@ -46,14 +52,24 @@ def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal
 def test_a_model_that_is_wrong_ends_with_1_and_an_extended_model_that_runs(mccd, tmp_path, nominal):
     friction = EffectEntry(effect="coulomb-friction", where="theta_x", parameters={"torque": 1e-3})
     run, out = free_run(tmp_path, friction), tmp_path / "out"
-    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out))
+    junit = tmp_path / "diagnosis.xml"
+    checked = ("--expect", "consistent", "--junit", str(junit))
+    done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), *checked)
     assert done.returncode == 1, done.stderr
     found = json.loads((out / "diagnosis.json").read_text())
+    (told,) = [line for line in done.stderr.splitlines() if "check:" in line]
+    assert f"is {found['verdict']}, not consistent" in told and found["sentence"] in told
+    (case,) = cases_of(junit)
+    assert case[0].tag == "failure" and found["sentence"] in case[0].get("message")
     assert found["verdict"] != "consistent"
     assert found["gain"]["rms_after"] <= found["gain"]["rms_before"]
     assert done.stdout.startswith(found["sentence"])
     simulated = mccd("simulate", "--model", str(out / "extended.toml"), "--out", str(tmp_path / "again.h5"))
     assert simulated.returncode == 0, simulated.stderr
+
+
+def cases_of(path):
+    return list(ElementTree.parse(path).getroot().iter("testcase"))
 
 
 def other_log(tmp_path, **changed):
@@ -96,8 +112,12 @@ def test_a_model_of_other_channels_is_a_matter_of_configuration(mccd, tmp_path, 
 
 def test_dead_and_short_records_are_a_matter_of_data(mccd, tmp_path, one_axis):
     dead = other_log(tmp_path, theta_x=np.zeros(500))
-    done = mccd("diagnose", str(dead), "--model", str(one_axis), "-o", str(tmp_path / "out"))
+    junit = tmp_path / "diagnosis.xml"
+    junit.write_text("that of last night, which passed")
+    more = ("-o", str(tmp_path / "out"), "--junit", str(junit))
+    done = mccd("diagnose", str(dead), "--model", str(one_axis), *more)
     assert_refused(done, 4, "other.h5", "theta_x", "constant at 0")
+    assert not junit.exists()
 
 
 def test_an_unknown_effect_to_leave_out_is_refused(mccd, tmp_path, one_axis):

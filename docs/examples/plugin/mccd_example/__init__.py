@@ -1,0 +1,1 @@
+"""An effect, a plan, a strategy and an importer for mccd."""

@@ -1,0 +1,48 @@
+"""Checks as a file of JUnit, which continuous integration shows one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from mccdcli.output import visible
+from sim_backend.safe_write import write_text
+
+
+class Case(NamedTuple):
+    """One check: its group, its name, and why it failed or was skipped; passed where both are empty."""
+
+    group: str
+    name: str
+    failure: str = ""
+    skipped: str = ""
+
+
+def remove_earlier(path: Path | None) -> None:
+    """Remove the file of an earlier run, before anything can fail: it would pass for the result of this one."""
+    if path is not None:
+        path.unlink(missing_ok=True)
+
+
+def write_junit(path: Path, suite: str, cases: Sequence[Case]) -> Path:
+    """Write the cases of a suite to `path`, replacing what is there, and return the path."""
+    from xml.etree import ElementTree  # few ask for such a file
+
+    counts = {
+        "tests": len(cases),
+        "failures": sum(bool(case.failure) for case in cases),
+        "errors": 0,
+        "skipped": sum(bool(case.skipped) for case in cases),
+    }
+    root = ElementTree.Element("testsuites")
+    inside = ElementTree.SubElement(root, "testsuite", {"name": suite, **{k: str(n) for k, n in counts.items()}})
+    for case in cases:
+        names = {"classname": f"{suite}.{visible(case.group)}", "name": visible(case.name)}
+        element = ElementTree.SubElement(inside, "testcase", names)
+        for kind, why in (("failure", case.failure), ("skipped", case.skipped)):
+            if why:
+                ElementTree.SubElement(element, kind, {"message": visible(why)})
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')

@@ -1,0 +1,73 @@
+"""Known misses: what a file of them may say, and what becomes of a number that is in it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from analysis.paper.known_misses import load_known_misses, outcomes
+from analysis.paper.numbers import PaperNumber, PaperTable, paper_tables
+from analysis.paper.rows import build_table
+from sim_backend.errors import ConfigError
+
+README = Path(__file__).parents[3] / "README.md"
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "known.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def number(key: str, label: str = "predicted", value: float | None = 10.0) -> PaperNumber:
+    return PaperNumber(key=key, row=f"row {key}", unit="Hz", label=label, tolerance=1.0, why="test", value=value)
+
+
+def test_every_state_of_a_number() -> None:
+    numbers = tuple(map(number, ("in", "out", "known", "better", "absent"))) + (number("copied", "input"),)
+    table = build_table(
+        "1",
+        PaperTable(title="t", note="", rows=numbers),
+        {"in": 10.5, "out": 12.0, "known": 8.0, "better": 9.5, "copied": 99.0},
+    )
+    known = {("1", "row known"): "softer spring", ("1", "row better"): "was 7 once"}
+    found = {one.row: (one.state, one.said) for one in outcomes({"1": table}, known)}
+    assert found == {
+        "row in": ("passed", ""),
+        "row out": ("failed", "12 Hz, not within 1 of 10 Hz"),
+        "row known": ("known miss", "8 Hz, not within 1 of 10 Hz: softer spring"),
+        "row better": ("passes now", ""),
+        "row absent": ("not measured", "not measured by this campaign"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('["9.9"]\n"a" = "b"\n', "no table '9.9'"),
+        ('"6.4" = "b"\n', "no table '6.4'"),
+        ('["6.4"]\n"2nd order (30 Hz): settlin" = "b"\n', "did you mean '2nd order (30 Hz): settling'"),
+        ('["6.4"]\n"2nd order (30 Hz): settling" = " "\n', "has no reason"),
+        ('["6.4"]\n"2nd order (30 Hz): settling" = 3\n', "has no reason"),
+        ('["6.1"]\n"first mode, FEA" = "b"\n', "labelled input and never fails"),
+        ("nonsense", "not valid TOML"),
+    ],
+)
+def test_what_a_file_may_not_say(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        load_known_misses(written(tmp_path, text))
+
+
+def test_the_file_that_the_readme_shows_is_one(tmp_path: Path) -> None:
+    shown = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    assert shown is not None
+    known = load_known_misses(written(tmp_path, shown[1]))
+    assert len(known) == sum(map(len, tomllib.loads(shown[1]).values())) > 0
+
+
+def test_rows_can_be_told_apart_by_what_they_are_called() -> None:
+    for table in paper_tables().values():
+        assert len({one.row for one in table.rows}) == len(table.rows)
