@@ -34,8 +34,8 @@ class Outcome:
 def load_known_misses(path: Path) -> Known:
     """Return the known misses in a TOML file: a table for each table of the report, in it `"row" = "reason"`.
 
-    Raises ConfigError for a table or a row that the report does not have, one that was copied or set to match and so never
-    fails, and an entry without a reason.
+    Raises ConfigError for a table or a row that the report does not have, one that was copied or set to match and so
+    never fails, and an entry without a reason.
     """
     known: dict[tuple[str, str], str] = {}
     for key, rows in toml_of(read_text(path, "list of known misses"), str(path)).items():

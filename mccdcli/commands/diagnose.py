@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from sim_backend.model import Model
 
 
+POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
+"""Verdicts."""
+
+
 @click.command()
 @click.argument("runs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RUN.h5…")
 @click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
@@ -55,7 +59,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--expect",
-    type=click.Choice(tuple(VERDICTS)),
+    type=click.Choice(POSSIBLE),
     help="Verdict that passes; any other ends with exit code 1 and says why.  [default: consistent]",
 )
 @click.option(

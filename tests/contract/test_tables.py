@@ -226,7 +226,7 @@ def test_a_campaign_that_lacks_runs_still_reports_what_there_is(home, tmp_path):
     assert "6.4" in report.figures and "6.7" not in report.figures
     missing = {(one.table, one.row) for one in outcomes(report.tables, {}) if one.state == "not measured"}
     keys = {n.key for table, paper in paper_tables().items() for n in paper.rows if (table, n.row) in missing}
-    assert keys >= {"remanence", "power"}
+    assert keys >= {"learning iterations", "power"}
 
 
 def test_the_note_of_every_run_stands_on_the_page_as_text(home):

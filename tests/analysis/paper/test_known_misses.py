@@ -52,7 +52,7 @@ def test_every_state_of_a_number() -> None:
         ('["6.4"]\n"2nd order (30 Hz): settlin" = "b"\n', "did you mean '2nd order (30 Hz): settling'"),
         ('["6.4"]\n"2nd order (30 Hz): settling" = " "\n', "has no reason"),
         ('["6.4"]\n"2nd order (30 Hz): settling" = 3\n', "has no reason"),
-        ('["6.1"]\n"first mode, FEA" = "b"\n', "labelled input and never fails"),
+        ('["6.1"]\n"first mode, measured" = "b"\n', "labelled calibrated and never fails"),
         ("nonsense", "not valid TOML"),
     ],
 )
