@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,8 @@ def _header(run: Run) -> dict[str, Value]:
         "bench": " ".join(text for text in header.bench.values() if text),
         "status": header.status,
         "note": header.note,
-        "started": header.started_utc,
-        "seed": header.seed,
+        "started (UTC)": datetime.fromisoformat(header.started_utc).astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        "seed": None if header.seed is None else str(header.seed),
         "written by": f"mccd {header.tool_version}",
         "samples": run.rows,
         "sample rate (Hz)": run.sample_rate_hz,
@@ -111,10 +112,10 @@ def _apart(curves: tuple[list[Curve], list[Curve]], units: Mapping[tuple[str, st
     rows = []
     for a in curves[0]:
         b = second.get((a.output, a.input))
-        if b is None or not a.frequency_hz.size or not b.frequency_hz.size:
-            continue
+        if b is None or not (np.any(a.response) or np.any(b.response)):
+            continue  # what nothing drives tells nothing
         low, high = (pick(a.frequency_hz, b.frequency_hz) for pick in (_low, _high))
-        if not 0.0 < low < high:
+        if not 0.0 < low < high < np.inf:
             continue
         f = np.geomspace(low, high, LINES)
         sizes = [np.interp(f, c.frequency_hz, np.abs(c.response)) for c in (a, b)]
@@ -122,7 +123,7 @@ def _apart(curves: tuple[list[Curve], list[Curve]], units: Mapping[tuple[str, st
         medians = [float(np.median(size)) for size in sizes]
         rows.append(beside(f"{what}, median magnitude", medians, units.get((a.output, a.input), "")))
         peaks = [float(f[np.argmax(size)]) for size in sizes]
-        rows.append(beside(f"{what}, frequency of the largest", peaks, "Hz"))
+        rows.append(beside(f"{what}, largest at", peaks, "Hz"))
     return tuple(rows)
 
 
@@ -131,4 +132,4 @@ def _low(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _high(first: np.ndarray, second: np.ndarray) -> float:
-    return float(min(first.max(), second.max()))
+    return float(min(first.max(initial=0.0), second.max(initial=0.0)))

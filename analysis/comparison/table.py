@@ -51,7 +51,8 @@ class Row:
     def texts(self) -> tuple[str, str, str, str, str]:
         """Return what people read: the value, both numbers, their difference and the unit."""
         change = self.difference
-        told = "" if change is None or not self.differs else shown(change)
+        whole = isinstance(self.first, int) and isinstance(self.second, int)
+        told = "" if change is None or not self.differs else f"{change:.0f}" if whole else shown(change)
         if told and self.first:
             told += f" ({100.0 * (change or 0.0) / abs(float(self.first)):+.3g} %)"
         if self.sigmas is not None:

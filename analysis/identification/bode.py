@@ -64,7 +64,9 @@ def _averaged(parts: Sequence[tuple[Run, LogSegment]]) -> tuple[ResponseCurve, .
     if not inputs:
         return ()
     u, y = (np.stack([read[name] for name in names], axis=1) for names in (inputs, outputs))
+    period = int(segment.settings.get("period_samples", 0)) or 1
     piece = 2 * segment.rows // (PIECES * len(inputs) + 1)
+    piece = max(piece // period, 1) * period if 2 * period <= segment.rows else piece  # whole periods do not leak
     try:
         measured = frequency_response_welch(u - u.mean(axis=0), y - y.mean(axis=0), run.sample_rate_hz, piece)
     except DataError:

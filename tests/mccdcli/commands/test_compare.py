@@ -107,7 +107,7 @@ def test_runs_show_headers_statistics_and_responses(tmp_path: Path, capsys: pyte
     assert "Settings that differ" not in found
     std = found["Channels"]["theta_x, std"]
     assert std["unit"] == "rad" and std["second"] != std["first"]
-    peaks = next(row for name, row in found["Frequency response"].items() if "frequency of the largest" in name)
+    peaks = next(row for name, row in found["Frequency response"].items() if "largest at" in name)
     # lines of 0.2 s stand 5 Hz apart
     assert peaks["first"] == pytest.approx(29.6, abs=5.0)
     assert peaks["second"] == pytest.approx(29.6 / math.sqrt(2.0), abs=5.0)
