@@ -51,7 +51,7 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     if good.size < LEAST_POINTS:
         return None
     source, target = model.inputs[j], model.outputs[output]
-    title = f"{source.dof} → {target.dof}"
+    title = target.dof if source.dof == target.dof else f"{source.dof} → {target.dof}"
     canvas = Canvas(f"Frequency response {title}", "", rows=2, size=SIZE, share_x=True)
     unit = "" if (source.unit, target.unit) == ("1", "1") else f" ({target.unit} per {source.unit})"
     canvas.panel(0, title, "", f"magnitude{unit}")
