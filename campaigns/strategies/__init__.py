@@ -15,6 +15,7 @@ from sim_backend.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from campaigns.strategies.design import Design
     from campaigns.strategies.stages import Stage, Strategy, Task
+    from campaigns.strategies.watch import Promise
 
 # Each name with the module beside this and the function in it: a name is checked without importing what plays it.
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
@@ -41,6 +42,26 @@ def check_strategy(name: str, controller: str | None) -> None:
         raise ConfigError(
             "a designed strategy needs a controller file: write one with `mccd design`, give it as --controller"
         )
+
+
+def is_watched(name: str) -> bool:
+    """Tell whether every cycle of a strategy is judged: those that learn, or play a designed controller, are."""
+    return not STRATEGIES[name].startswith("feedforward:")
+
+
+def promise_of(name: str, task: Task, design: Design) -> Promise:
+    """Return what a strategy by name promises of a chop, one of those that are watched."""
+    from campaigns.strategies.stages import move_samples, moving  # a name alone is checked without numpy
+    from campaigns.strategies.watch import Promise
+
+    axes = tuple(i for i, moves in enumerate(moving(task)) if moves)
+    controls = [None if design.controller is None else design.controller.axis(task.axes[i]) for i in axes]
+    return Promise(
+        moving=axes,
+        shrinks_to=tuple(1.0 if one is None else one.shrinks_to for one in controls),
+        knows_move=STRATEGIES[name] == "designed:learned_stages",
+        step_samples=move_samples(task, design),
+    )
 
 
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:

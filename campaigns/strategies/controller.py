@@ -58,7 +58,8 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     A move of up to `reach_rad` takes `move_samples` with `concentration` (`sim_backend.control.concentrated`); a longer
     one takes longer by the root of its length, so that its torque is no larger. The feedback is always closed. After
     `wait_s` (whole periods, one at least) the input is learned for one period with each of `gains`, through `learning`
-    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
+    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen. A period
+    with gain 1 leaves `shrinks_to` of an error at most, or learning is stopped (`campaigns.strategies.watch`).
     """
 
     dof: str
@@ -72,6 +73,7 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     q_half_length: int
     wait_s: float
     gains: list[float]
+    shrinks_to: float = 0.5
 
     def samples(self, distance_rad: float) -> int:
         """Return how many samples a move over a distance takes."""

@@ -1,0 +1,219 @@
+"""What every cycle of a chop that learns is judged by, and what is played once a cycle has failed.
+
+The host judges, and it does so after each segment: the records of every kind of bench pass there, and no firmware has
+to know what learning may do. A segment is one cycle while an input is learned, and three at most else, so that nothing
+goes on for longer than three cycles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.bench import Bench, Coil, Gate, Record, Segment, check_segment
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+MOST_CYCLES = 3
+"""Cycles for which anything may go on that must not be."""
+
+POWER_W = 1.0
+"""Mean dissipation of all coils over a cycle; Table 6.6."""
+
+STRAY_RAD = 50e-6
+"""Error after the step that no chop may keep whose feed-forward knows the move."""
+
+CONVERGED_RAD = 1.7e-6
+"""Error (rms over a cycle) that learning need not shrink any further: the band in which a chop has settled."""
+
+PATIENCE = 2
+"""Cycles in a row that may break the bound of convergence: noise breaks it once, growth goes on."""
+
+FALLBACK_CYCLES = 2
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a strategy promises of a chop.
+
+    `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
+    most. With `knows_move` the error stays below STRAY_RAD once a move of `step_samples` is over.
+    """
+
+    moving: tuple[int, ...]
+    shrinks_to: tuple[float, ...]
+    knows_move: bool
+    step_samples: int
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    """One cycle as it was played: `error_rad` and `after_rad` (n_moving,) are rms, and largest after the step."""
+
+    number: int
+    segment: Segment
+    command: Array
+    error_rad: Array
+    after_rad: Array
+
+
+class Watch:
+    """Judges a run cycle by cycle; `axes` are named in what it says."""
+
+    def __init__(self, promise: Promise, bench: Bench) -> None:
+        self._promise = promise
+        self._axes, self._limits = bench.axes, bench.limits
+        self._names = {
+            role: tuple(s.name for s in bench.signals if s.role == role)[: len(bench.axes)]
+            for role in ("input", "output")
+        }
+        self._count = 0
+        self._strayed = 0
+        self._broken = [0] * len(promise.moving)
+        self._before: _Cycle | None = None
+        self._best: _Cycle | None = None
+
+    def asked(self, segment: Segment) -> Segment:
+        """Return the segment with the channels recorded that the watch needs."""
+        more = [name for names in self._names.values() for name in names if name not in segment.record]
+        return replace(segment, record=(*segment.record, *more)) if segment.record and more else segment
+
+    def failure(self, segment: Segment, record: Record) -> str:
+        """Return why a played segment must be the last one, empty where it need not; part of a cycle is not judged."""
+        for cycle in self._cycles(segment, record):
+            why = self._overload(cycle) or self._divergence(cycle) or self._stray(cycle)
+            if why:
+                return f"cycle {cycle.number} ({segment.label}): {why}"
+            self._before = cycle
+            if self._is_better(cycle):
+                self._best = cycle
+        return ""
+
+    def fallback(self, last: Segment) -> tuple[Segment, int] | None:
+        """Return what brings the bench back after `last`: the drive of the best cycle under feedback, and its number.
+
+        None where no cycle was good.
+        """
+        best = self._best
+        if best is None:
+            return None
+        moving = list(self._promise.moving)
+        shift = _start(last) - _start(best.segment)
+        feedforward = last.feedforward.copy()
+        feedforward[:, moving] = np.roll(best.command[:, moving], shift, axis=0)
+        gates = [gate for gate in last.gates if gate.axis not in moving]
+        made = replace(
+            last,
+            label="fallback",
+            n_samples=FALLBACK_CYCLES * last.reference.shape[0],
+            feedforward=feedforward,
+            gates=(*gates, *(Gate(0, axis, True, 0.0) for axis in moving)),
+            learning=(),
+            settings={**last.settings, "phase": "fallback"},
+        )
+        try:
+            check_segment(made, self._limits)
+        except ConfigError:
+            return None
+        return made, best.number
+
+    def _cycles(self, segment: Segment, record: Record) -> Iterator[_Cycle]:
+        period, moving = segment.reference.shape[0], list(self._promise.moving)
+        after = self._after_step(segment)
+        for first in range(0, segment.n_samples - period + 1, period):
+            rows = slice(first, first + period)
+            command, reading = (
+                np.stack([record.channels[name][rows] for name in self._names[role]], axis=1)
+                for role in ("input", "output")
+            )
+            error = (segment.reference - reading)[:, moving]
+            self._count += 1
+            yield _Cycle(
+                self._count,
+                segment,
+                command,
+                np.sqrt(np.mean(error**2, axis=0)),
+                np.max(np.abs(error) * after, axis=0, initial=0.0),
+            )
+
+    def _after_step(self, segment: Segment) -> Array:
+        """Return where in the period (period, n_moving) a step is over: 1 there, 0 while the axis moves."""
+        starts = [int(segment.settings[f"position_{k}_at"]) for k in (2, 1)]
+        period, dwell = segment.reference.shape[0], int(segment.settings["dwell_samples"])
+        over = np.zeros((period, len(self._promise.moving)))
+        for column, axis in enumerate(self._promise.moving):
+            for start in starts:
+                rows = np.arange(start, start + dwell) % period
+                way = segment.reference[rows, axis]
+                on_the_way = np.flatnonzero(np.abs(way - way[-1]) > 0.1 * CONVERGED_RAD)
+                arrival = int(on_the_way[-1]) + 1 if on_the_way.size else 0
+                over[rows[max(arrival, self._promise.step_samples) :], column] = 1.0
+        return over
+
+    def _overload(self, cycle: _Cycle) -> str:
+        coil = self._limits.coil
+        if coil is None:
+            return ""
+        current = cycle.command @ self._limits.to_current.T
+        rms = np.sqrt(np.mean(current**2, axis=0))
+        power = dissipated_w(rms, coil)
+        if not power <= POWER_W:
+            return f"the coils would dissipate {power:.3g} W, the limit is {POWER_W:g} W"
+        force = coil.force_constant_n_a * rms
+        if not np.all(force <= coil.continuous_force_n):
+            worst = int(np.argmax(force))
+            return (
+                f"actuator {worst + 1} would give {force[worst]:.3g} N (rms), the limit is "
+                f"{coil.continuous_force_n:g} N"
+            )
+        return ""
+
+    def _divergence(self, cycle: _Cycle) -> str:
+        before = self._before
+        for k, axis in enumerate(self._promise.moving):
+            learning = cycle.segment.learning[axis] if axis < len(cycle.segment.learning) else None
+            if before is None or learning is None or not learning.active or not learning.gain:
+                continue
+            left = (
+                1.0 if self._promise.shrinks_to[k] >= 1.0 else 1.0 - learning.gain * (1 - self._promise.shrinks_to[k])
+            )
+            bound = left * before.error_rad[k] + CONVERGED_RAD
+            self._broken[k] = 0 if cycle.error_rad[k] <= bound else self._broken[k] + 1
+            if self._broken[k] >= PATIENCE:
+                return (
+                    f"learning of {self._axes[axis]} does not converge: after {1e6 * before.error_rad[k]:.3g} µrad the "
+                    f"error (rms) is {1e6 * cycle.error_rad[k]:.3g} µrad, the limit is {1e6 * bound:.3g} µrad"
+                )
+        return ""
+
+    def _stray(self, cycle: _Cycle) -> str:
+        if not self._promise.knows_move:
+            return ""
+        worst = int(np.argmax(cycle.after_rad))
+        strays = not cycle.after_rad[worst] <= STRAY_RAD
+        self._strayed = self._strayed + 1 if strays else 0
+        learns = any(one is not None and one.active for one in cycle.segment.learning)
+        if not strays or (learns and self._strayed < MOST_CYCLES):
+            return ""
+        return (
+            f"after its step {self._axes[self._promise.moving[worst]]} is off by {1e6 * cycle.after_rad[worst]:.3g} "
+            f"µrad, the limit is {1e6 * STRAY_RAD:g} µrad"
+        )
+
+    def _is_better(self, cycle: _Cycle) -> bool:
+        if self._promise.knows_move and not np.all(cycle.after_rad <= STRAY_RAD):
+            return False
+        return self._best is None or bool(np.linalg.norm(cycle.error_rad) < np.linalg.norm(self._best.error_rad))
+
+
+def dissipated_w(rms_a: Array, coil: Coil) -> float:
+    """Return the mean dissipation of coils that carry `rms_a` (n_a,), a part or whole cycles long; section 6.2.1."""
+    return float(np.sum((coil.force_constant_n_a / coil.steepness_n_sqrt_w * rms_a) ** 2))
+
+
+def _start(segment: Segment) -> int:
+    return int(segment.settings["position_2_at"])
