@@ -68,7 +68,7 @@ def controller_option(command: F) -> F:
         "--controller",
         type=click.Path(exists=True, dir_okay=False),
         metavar="FILE",
-        help="Controller that the designed strategies play; `mccd design` writes one.",
+        help="Controller that the designed strategies play.  [default: designed now, kept in designed-BENCH]",
     )(command)
 
 

@@ -12,7 +12,7 @@ from campaigns.plans.base import Plan, channels_of, longest_segment, rate_of
 from campaigns.sizes import samples_of, wave_samples
 from campaigns.strategies import check_strategy, is_watched, promise_of, stages_of
 from campaigns.strategies.stages import Task, Tuning, stage_segments
-from campaigns.strategies.watch import MOST_CYCLES, Watch
+from campaigns.strategies.watch import CYCLES_AT_ONCE, Watch
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -83,7 +83,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         }
         record, longest, watched = self.channels(bench), longest_segment(rate), is_watched(self.strategy)
         if watched:
-            longest = min(longest, MOST_CYCLES * task.period)
+            longest = min(longest, CYCLES_AT_ONCE * task.period)
         chopping = self.cycles * task.period
         self.require_run(bench, chopping, chopping / max(longest, task.period))
         for stage in stages_of(self.strategy, task, self._design(rate)):

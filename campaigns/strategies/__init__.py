@@ -54,12 +54,14 @@ def promise_of(name: str, task: Task, design: Design) -> Promise:
     from campaigns.strategies.stages import move_samples, moving  # a name alone is checked without numpy
     from campaigns.strategies.watch import Promise
 
+    controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
     axes = tuple(i for i, moves in enumerate(moving(task)) if moves)
-    controls = [None if design.controller is None else design.controller.axis(task.axes[i]) for i in axes]
+    # the feed-forward of the others knows less of the move, or nothing
+    learned = STRATEGIES[name] == "designed:learned_stages"
     return Promise(
         moving=axes,
-        shrinks_to=tuple(1.0 if one is None else one.shrinks_to for one in controls),
-        knows_move=STRATEGIES[name] == "designed:learned_stages",
+        shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
+        held=tuple(i for i, one in enumerate(controls) if one is not None and learned),
         step_samples=move_samples(task, design),
     )
 

@@ -22,6 +22,8 @@ from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError
 from sim_backend.model import Model, check_model
 
+FILE_NAME = "controller.toml"
+
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
     """Base of all tables: unknown fields are errors, defaults are not written."""

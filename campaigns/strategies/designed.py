@@ -8,6 +8,7 @@ iron; what it does not know is learned, period by period, around the closed loop
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -58,17 +59,21 @@ learned_stages = _designed("learned")
 
 def motion_of(control: AxisControl, chop: Chop) -> Array:
     """Return one period (period,) of the reference; raises ConfigError when the move outlasts its dwell."""
+    return move_over(chop, control.samples, control.concentration, control.dof)
+
+
+def move_over(chop: Chop, samples: Callable[[float], int], concentration: float, dof: str) -> Array:
+    """Return one period (period,) of moves that take `samples` of their distance; raises as `motion_of`."""
     out = np.empty(chop.period)
     for first, before, after in chop.moves():
-        n = control.samples(after - before)
+        n = samples(after - before)
         if n >= chop.dwell_samples:
             raise ConfigError(
-                f"axis '{control.dof}': its move of {n} samples outlasts the dwell of {chop.dwell_samples}; "
-                "slow the chop down"
+                f"axis '{dof}': its move of {n} samples outlasts the dwell of {chop.dwell_samples}; slow the chop down"
             )
         dwell = out[first : first + chop.dwell_samples]
         dwell[:] = after
-        dwell[: n + 1] = before + (after - before) * concentrated_move(n, control.concentration)
+        dwell[: n + 1] = before + (after - before) * concentrated_move(n, concentration)
     return out
 
 

@@ -44,6 +44,12 @@ if TYPE_CHECKING:
     metavar="PERCENT",
     help="How far any mode's frequency may be off besides what the model states (1 sigma).",
 )
+@click.option(
+    "--max-power",
+    type=POSITIVE,
+    metavar="W",
+    help="Take the fastest move whose 5 Hz chop dissipates no more, instead of --settling.",
+)
 @click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each piece of knowledge, and tabulate it.")
 @common_options()
 def design(
@@ -57,6 +63,7 @@ def design(
     settling: float,
     reach: float,
     tolerance: float,
+    max_power: float | None,
     stages: bool,
 ) -> int:
     """Design feed-forward, feedback and learning on an identified model, against the noise of the bench at rest.
@@ -69,6 +76,7 @@ def design(
     Examples:
       mccd design --model nominal.toml --out design
       mccd design --model nominal.toml --log nominal.runs/sweep-theta_x.h5 --log hysteresis.h5 --stages
+      mccd design --model nominal.toml --max-power 0.15 --out thrifty
       mccd settle --strategy designed --controller design/controller.toml
     """
     # the model first, and what designs last: a wrong name and a dry run do not wait for it
@@ -86,7 +94,7 @@ def design(
     from campaigns.log import read_run
     from campaigns.progress import part_of
 
-    options = Options(1e-3 * reach, 1e-3 * settling, tolerance=Tolerance(1e-2 * tolerance), seed=seed)
+    options = Options(1e-3 * reach, 1e-3 * settling, max_power, tolerance=Tolerance(1e-2 * tolerance), seed=seed)
     folder = prepare_folder(out or Path("design"))
     with ExitStack() as stack:
         runs = [stack.enter_context(read_run(path)) for path in given]

@@ -42,7 +42,7 @@ REFUSED = {
     "challenge score": ["nonsense", "full"],
     "chop": [
         "--strategy nonsense",
-        "--strategy designed",
+        "--strategy designed --set nonsense=3",
         "--model nonsense",
         "--form nonsense",
         "--cycles 0",
@@ -83,7 +83,13 @@ REFUSED = {
     "model effects": ["nonsense"],
     "report": ["--campaign nonsense", "--dry-run --bench sim:nonsense"],
     "schema": ["nonsense"],
-    "settle": ["--strategy designed", "--strategy nonsense", "--model nonsense", "--cycles 0", "--set nonsense=3"],
+    "settle": [
+        "--strategy designed --cycles 0",
+        "--strategy nonsense",
+        "--model nonsense",
+        "--cycles 0",
+        "--set nonsense=3",
+    ],
     "simulate": ["--plan nonsense", "--model nonsense", "--set nonsense=3", "--waveform nonsense.csv"],
     "study": ["nonsense.toml", "bad-study.toml", "study.toml --workers 1 --cluster tcp://127.0.0.1:8786"],
     "theodolite": ["--set nonsense=3", "--readings nonsense.csv", "--bench sim:nonsense"],

@@ -65,7 +65,9 @@ def play(bench, path, strategy, **settings):
         record = bench.play(segment)
         if segment.n_samples % PERIOD == 0:
             y = record.channels["theta_y"].reshape(-1, PERIOD)
-            out[str(segment.settings["phase"])] = (y, segment.reference[:, 1])
+            phase = str(segment.settings["phase"])
+            before = [out[phase][0]] if phase in out else []
+            out[phase] = (np.concatenate([*before, y]), segment.reference[:, 1])
     return out
 
 
