@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.design.feedback import FeedbackDesign, design_feedback, frequency_grid
+from analysis.design.feedback import FeedbackDesign, frequency_grid, safe_feedbacks
 from analysis.design.iron import with_iron
 from analysis.design.learning import LARGEST_FACTOR, WAIT_S, LearningDesign, design_learning
 from analysis.design.moves import Move
@@ -23,7 +23,9 @@ from campaigns.progress import Report, unheard
 from campaigns.strategies.controller import AxisControl, Blocks, Controller
 from campaigns.strategies.design import Design
 from sim_backend.bench import Limits
+from sim_backend.control.lqg import Noise
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import ModalModel
 from sim_backend.model import Model
 
 Array = NDArray[np.float64]
@@ -134,14 +136,12 @@ def _design_axis(
     plants = drawn_plants(model, dof, options.tolerance, options.plants, rng)
     noise = measure_noise(_quiet(rest, dof), plants[0], rate)
     try:
-        feedback = design_feedback(plants, noise.noise, rate)
-        grid = frequency_grid(plants[0], rate)
         curve = price_curve(design, dof, options.reach_rad, limits, column)
         if options.most_w is None:
             price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
         else:
             price = affordable(curve, options.most_w, dof)
-        learning = design_learning(plants, feedback.controller, grid, sweep, options.periods, price.cutoff_hz)
+        feedback, learning = _loops(plants, noise.noise, sweep, options.periods, price.cutoff_hz, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
     control = _control(dof, feedback, learning, price.move, options, rate)
@@ -149,6 +149,31 @@ def _design_axis(
     _require(dof, "peak current", price.peak_a, float(limits.current_a), "A")
     time_s = np.arange(price.motion_rad.size) / rate
     return AxisDesign(dof, control, noise, feedback, learning, price, curve, time_s)
+
+
+def _loops(
+    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, periods: int, cutoff_hz: float, rate_hz: float
+) -> tuple[FeedbackDesign, LearningDesign]:
+    """Return the quietest feedback around which an error shrinks to LARGEST_FACTOR, or to the least, and its learning.
+
+    What the quietest of all does to a sharp mode may make the closed loop too uncertain to learn around. Raises the
+    reason against the quietest one where learning is sure around none.
+    """
+    grid = frequency_grid(plants[0], rate_hz)
+    found: list[tuple[FeedbackDesign, LearningDesign]] = []
+    refused: list[ConfigError] = []
+    for feedback in safe_feedbacks(plants, noise, rate_hz):
+        if (found or refused) and feedback.three_sigma_rad.max() > STABILITY_RAD:
+            break
+        try:
+            found.append((feedback, design_learning(plants, feedback.controller, grid, sweep, periods, cutoff_hz)))
+        except ConfigError as error:
+            refused.append(error)
+        if found and found[-1][1].largest <= LARGEST_FACTOR:
+            return found[-1]
+    if not found:
+        raise refused[0]
+    return min(found, key=lambda both: both[1].largest)
 
 
 def _quiet(rest: Run, dof: str) -> Array:
@@ -173,7 +198,7 @@ def _control(
         q_half_length=learning.half_length,
         wait_s=WAIT_S,
         gains=list(learning.gains),
-        shrinks_to=LARGEST_FACTOR,
+        shrinks_to=max(learning.largest, LARGEST_FACTOR),
     )
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.design.api import AxisDesign, Designed
+from analysis.design.api import Designed
 from analysis.design.feedback import PEAK_DB, frequency_grid
-from analysis.design.learning import LARGEST_FACTOR
+from analysis.design.learning import LARGEST_FACTOR, SURE_FACTOR
 from analysis.design.price import PAPER
 from analysis.design.stages import NAMES
 from analysis.design.uncertainty import drawn_plants
@@ -62,7 +62,8 @@ def _convergence(designed: Designed) -> Canvas:
         designed,
         "Convergence of learning",
         "What an error shrinks to in one period at gain 1, by frequency: on the identified plant, on the worst drawn "
-        f"one, and at the measured lines with their 2σ bound. The limit is {LARGEST_FACTOR:g}.",
+        f"one, and at the measured lines with their 2σ bound. {LARGEST_FACTOR:g} is wanted, "
+        f"{SURE_FACTOR:g} the limit.",
     )
     for i, one in enumerate(designed.axes):
         axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "factor per period")
@@ -145,9 +146,3 @@ def _price(designed: Designed) -> Canvas:
             axes.set_yscale("log")
             canvas.legend(at, loc="upper right")
     return canvas
-
-
-def peak_factor(one: AxisDesign) -> float:
-    """Return the largest factor per period that was computed for an axis, measured lines included."""
-    lines = one.learning.at_lines_worst
-    return float(max(one.learning.worst.max(), 0.0 if lines is None else lines.max()))

@@ -10,7 +10,8 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.design.api import AxisDesign, Designed
-from analysis.design.figures import design_figures, peak_factor
+from analysis.design.figures import design_figures
+from analysis.design.learning import SURE_FACTOR
 from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, stages_csv
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
@@ -72,7 +73,7 @@ def numbers_of(one: AxisDesign) -> dict[str, Any]:
             "cutoff_hz": learning.cutoff_hz,
             "lead_samples": learning.lead_samples,
             "periods": len(learning.gains),
-            "largest_factor_per_period": peak_factor(one),
+            "largest_factor_per_period": one.learning.largest,
             "from_measured_lines": 0 if learning.lines_hz is None else int(learning.lines_hz.size),
         },
         "noise": {
@@ -140,7 +141,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
                 f"{f.margins.gain_margin_db:.1f}; {f.margins.phase_margin_deg:.0f}",
                 "",
             ),
-            ("", "error left after a period, worst", f"{peak_factor(one):.3f}", "0.5"),
+            ("", "error left after a period, worst", f"{one.learning.largest:.3f}", f"{SURE_FACTOR:g}"),
         ]
     return rows
 

@@ -51,7 +51,8 @@ def is_watched(name: str) -> bool:
 
 def promise_of(name: str, task: Task, design: Design) -> Promise:
     """Return what a strategy by name promises of a chop, one of those that are watched."""
-    from campaigns.strategies.stages import move_samples, moving  # a name alone is checked without numpy
+    from campaigns.strategies.design import feedback_of  # a name alone is checked without numpy
+    from campaigns.strategies.stages import move_samples, moving
     from campaigns.strategies.watch import Promise
 
     controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
@@ -63,6 +64,7 @@ def promise_of(name: str, task: Task, design: Design) -> Promise:
         shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
         held=tuple(i for i, one in enumerate(controls) if one is not None and learned),
         step_samples=move_samples(task, design),
+        feedback=tuple(feedback_of(dof, design.rate_hz) for dof in task.axes),
     )
 
 

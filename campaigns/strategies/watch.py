@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.bench import Bench, Coil, Gate, Record, Segment, check_segment
+from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -46,12 +47,14 @@ class Promise:
 
     `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
     most. The error of the axes `held` stays below STRAY_RAD except while they move, `step_samples` or longer.
+    `feedback` of every axis is what brings the bench back: the paper's, for the one in force may be what fails.
     """
 
     moving: tuple[int, ...]
     shrinks_to: tuple[float, ...]
     held: tuple[int, ...]
     step_samples: int
+    feedback: tuple[DiscreteFilter | None, ...]
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class _Cycle:
     number: int
     segment: Segment
     command: Array
+    current: Array
     error_rad: Array
     after_rad: Array
 
@@ -75,6 +79,8 @@ class Watch:
             role: tuple(s.name for s in bench.signals if s.role == role)[: len(bench.axes)]
             for role in ("input", "output")
         }
+        # currents as they were measured, where they are: an amplifier may give less than it is told
+        self._names["current"] = tuple(s.name for s in bench.signals if s.role == "aux" and s.unit == "A")
         self._count = 0
         self._strayed = 0
         self._broken = [0] * len(promise.moving)
@@ -98,9 +104,9 @@ class Watch:
         return ""
 
     def fallback(self, last: Segment) -> tuple[Segment, int] | None:
-        """Return what brings the bench back after `last`: the drive of the best cycle under feedback, and its number.
+        """Return what brings the bench back after `last`: the drive of the best cycle under the paper's feedback.
 
-        None where no cycle was good.
+        The number of that cycle comes with it. None where no cycle was good.
         """
         best = self._best
         if best is None:
@@ -115,6 +121,7 @@ class Watch:
             label="fallback",
             n_samples=FALLBACK_CYCLES * last.reference.shape[0],
             feedforward=feedforward,
+            feedback=self._promise.feedback,
             gates=(*gates, *(Gate(0, axis, True, 0.0) for axis in moving)),
             learning=(),
             settings={**last.settings, "phase": "fallback"},
@@ -130,19 +137,21 @@ class Watch:
         after = self._after_step(segment)
         for first in range(0, segment.n_samples - period + 1, period):
             rows = slice(first, first + period)
-            command, reading = (
-                np.stack([record.channels[name][rows] for name in self._names[role]], axis=1)
-                for role in ("input", "output")
-            )
+            command, reading = (self._read(record, role, rows) for role in ("input", "output"))
+            current = self._read(record, "current", rows) if self._names["current"] else None
             error = segment.reference - reading
             self._count += 1
             yield _Cycle(
                 self._count,
                 segment,
                 command,
+                command @ self._limits.to_current.T if current is None else current,
                 np.sqrt(np.mean(error[:, moving] ** 2, axis=0)),
                 np.max(np.abs(error[:, held]) * after, axis=0, initial=0.0),
             )
+
+    def _read(self, record: Record, role: str, rows: slice) -> Array:
+        return np.stack([record.channels[name][rows] for name in self._names[role]], axis=1)
 
     def _after_step(self, segment: Segment) -> Array:
         """Return where in the period (period, n_held) a step is over: 1 there, 0 while the axis moves."""
@@ -162,18 +171,14 @@ class Watch:
         coil = self._limits.coil
         if coil is None:
             return ""
-        current = cycle.command @ self._limits.to_current.T
-        rms = np.sqrt(np.mean(current**2, axis=0))
+        rms = np.sqrt(np.mean(cycle.current**2, axis=0))
         power = dissipated_w(rms, coil)
         if not power <= POWER_W:
-            return f"the coils would dissipate {power:.3g} W, the limit is {POWER_W:g} W"
+            return f"the coils dissipate {power:.3g} W, the limit is {POWER_W:g} W"
         force = coil.force_constant_n_a * rms
         if not np.all(force <= coil.continuous_force_n):
             worst = int(np.argmax(force))
-            return (
-                f"actuator {worst + 1} would give {force[worst]:.3g} N (rms), the limit is "
-                f"{coil.continuous_force_n:g} N"
-            )
+            return f"actuator {worst + 1} gives {force[worst]:.3g} N (rms), the limit is {coil.continuous_force_n:g} N"
         return ""
 
     def _divergence(self, cycle: _Cycle) -> str:

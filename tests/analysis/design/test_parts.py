@@ -186,7 +186,7 @@ def test_convergence_is_proven_at_the_measured_lines(plants, feedback):
 def test_a_measured_response_that_contradicts_the_model_is_refused(plants, feedback):
     grid = frequency_grid(plants[0], RATE_HZ)
     other = plants[0].with_(c=-plants[0].c)
-    with pytest.raises(ConfigError, match="learning below 700 Hz.*limit is 0.5"):
+    with pytest.raises(ConfigError, match="learning below 700 Hz.*limit is 0.9"):
         design_learning(plants, feedback.controller, grid, swept(other, 0.001), 6, 700.0)
 
 
