@@ -31,6 +31,10 @@ from sim_backend.model import Model
 Array = NDArray[np.float64]
 
 
+MOST_SETTLING_S = 0.1
+"""Longest time to design a move for: the dwell of the chop that its power is judged on."""
+
+
 @dataclass(frozen=True)
 class Options:
     """What a design aims at and how it doubts: `reach_rad` of the chop, allowed `settling_s`, `periods` of learning.
@@ -51,6 +55,10 @@ class Options:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise ConfigError(f"design: {name} is {value}; it must be a finite number above zero")
+        if self.settling_s > MOST_SETTLING_S:
+            raise ConfigError(
+                f"design: settling_s is {self.settling_s:g}, the limit is {MOST_SETTLING_S:g}: choose a shorter time"
+            )
         if self.most_w is not None and not (np.isfinite(self.most_w) and self.most_w > 0.0):
             raise ConfigError(f"design: a power of {self.most_w} W at most; it must be a finite number above zero")
         if self.periods < 2 or self.plants < 2:
@@ -117,7 +125,11 @@ def design_controller(
         sweep = next((s for s in sweeps if s.axis == dof), None)
         made.append(_design_axis(known, dof, rest, sweep, limits, axes, opts, rng))
     controller = Controller(
-        name=f"designed on {model.name}", sample_rate_hz=rate, model=known, axes=[one.control for one in made]
+        name=f"designed on {model.name}",
+        sample_rate_hz=rate,
+        model=known,
+        axes=[one.control for one in made],
+        to_current=limits.to_current.tolist(),
     )
     return Designed(controller, tuple(made), float(limits.current_a), tuple(run.run_uid for run in runs), opts)
 
@@ -132,6 +144,7 @@ def _design_axis(
     options: Options,
     rng: np.random.Generator,
 ) -> AxisDesign:
+    _require_stroke(dof, options.reach_rad, float(limits.reference[list(axes).index(dof)]))
     rate, design, column = model.sample_rate_hz, Design(model, model.sample_rate_hz), list(axes).index(dof)
     plants = drawn_plants(model, dof, options.tolerance, options.plants, rng)
     noise = measure_noise(_quiet(rest, dof), plants[0], rate)
@@ -140,7 +153,7 @@ def _design_axis(
         if options.most_w is None:
             price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
         else:
-            price = affordable(curve, options.most_w, dof)
+            price = affordable(curve, options.most_w)
         feedback, learning = _loops(plants, noise.noise, sweep, options.periods, price.cutoff_hz, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
@@ -200,6 +213,15 @@ def _control(
         gains=list(learning.gains),
         shrinks_to=max(learning.largest, LARGEST_FACTOR),
     )
+
+
+def _require_stroke(dof: str, reach_rad: float, end_stop_rad: float) -> None:
+    """Raise ConfigError for a move that reaches beyond both end stops."""
+    if reach_rad > 2.0 * end_stop_rad:
+        raise ConfigError(
+            f"axis '{dof}': a move of {1e3 * reach_rad:g} mrad, the end stops are at ±{1e3 * end_stop_rad:.3g} mrad: "
+            "choose a reach between them"
+        )
 
 
 def _require(dof: str, what: str, value: float, limit: float, unit: str) -> None:

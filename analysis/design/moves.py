@@ -54,6 +54,11 @@ def design_move(plant: ModalModel, reach_rad: float, settling_s: float, cutoff_h
         least = min(least, move.unlearned_rad)
         if move.unlearned_rad <= UNLEARNED * BAND_RAD:
             found.append(move)
+    if not np.isfinite(least):
+        raise ConfigError(
+            f"move of {1e3 * reach_rad:g} mrad in {1e3 * settling_s:g} ms: {allowed} samples at {rate_hz:g} Hz are too "
+            "few for a smooth move; allow more time"
+        )
     if not found:
         raise ConfigError(
             f"move of {1e3 * reach_rad:g} mrad in {1e3 * settling_s:g} ms: {1e6 * least:.3g} µrad of it or more lie "

@@ -72,16 +72,16 @@ def price_curve(design: Design, dof: str, reach_rad: float, limits: Limits, colu
     return tuple(found)
 
 
-def affordable(curve: Sequence[Price], most_w: float, dof: str) -> Price:
+def affordable(curve: Sequence[Price], most_w: float) -> Price:
     """Return the fastest point of a curve that dissipates `most_w` at most; raises ConfigError where none does."""
     within = [one for one in curve if one.power_w <= most_w]
     if within:
         return within[0]
     least = min(one.power_w for one in curve)
     if np.isnan(least):
-        raise ConfigError(f"axis '{dof}': the bench does not say what its coils dissipate; leave --max-power out")
+        raise ConfigError("the bench does not say what its coils dissipate; leave --max-power out")
     raise ConfigError(
-        f"axis '{dof}': a chop over this reach dissipates {least:.3g} W or more, the limit is {most_w:g} W; allow more "
+        f"a chop over this reach dissipates {least:.3g} W or more, the limit is {most_w:g} W; allow more "
         "or give a shorter reach"
     )
 

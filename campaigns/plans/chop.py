@@ -86,7 +86,10 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             longest = min(longest, CYCLES_AT_ONCE * task.period)
         chopping = self.cycles * task.period
         self.require_run(bench, chopping, chopping / max(longest, task.period))
-        for stage in stages_of(self.strategy, task, self._design(rate)):
+        design = self._design(rate)
+        if design.controller is not None:
+            design.controller.require_bench(bench)
+        for stage in stages_of(self.strategy, task, design):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
             most = task.period if watched and stage.learns else longest
             # what learning has left is judged by its first cycle

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -114,7 +115,7 @@ def stage_segments(
         "position_2_at": (-stage.shift) % task.period,
         "position_1_at": (task.dwell_samples - stage.shift) % task.period,
     }
-    for number, start in enumerate((0, *range(opening, n_samples, whole)), start=1):
+    for number, start in enumerate(chain((0,), range(opening, n_samples, whole)), start=1):
         count = min(whole if start else opening, n_samples - start)
         yield Segment(
             label=stage.label if n_samples <= opening else f"{stage.label} {number}",
