@@ -55,7 +55,7 @@ SLOW_ALPHA_DEG = 120.0
 """A direction in which both axes move."""
 
 AXES = {"theta_x": 0.0, "theta_y": 90.0}
-COLD_K, WARM_K = 63.5, 77.0
+COLD_K, WARM_K, FAR_COLD_K = 63.5, 77.0, 63.0
 STRAY_RAD, STEP_S, UNSAFE_CYCLES = 50e-6, 5e-3, 3
 
 
@@ -126,7 +126,7 @@ def far_bench(model: Model, rng: np.random.Generator) -> tuple[Model, dict[str, 
     to 5 kHz, noise and iron × 0.5 to 2.
     """
     drawn = {
-        "cold_finger_k": float(rng.uniform(63.0, WARM_K)),
+        "cold_finger_k": float(rng.uniform(FAR_COLD_K, WARM_K)),
         "delay_samples": float(rng.uniform(0.0, 1.0)),
         "amplifier_hz": float(1000.0 * 5.0 ** rng.uniform()),
     }
@@ -367,7 +367,7 @@ def main(arguments: list[str] | None = None) -> int:
         "python": platform.python_version(),
         "seed": given.seed,
         "spread": "far" if spread is None else asdict(spread),
-        "thermal_range_k": [COLD_K, WARM_K],
+        "thermal_range_k": [FAR_COLD_K if spread is None else COLD_K, WARM_K],
         "trial": f"{SLOW_CYCLES} cycles at 0.5 Hz and {SLOW_ALPHA_DEG:g}°, {CYCLES} cycles at 5 Hz on each axis",
         "left_out": "the drift over five minutes, the other directions and forms, the lifetime",
         "limits": LIMITS,

@@ -46,8 +46,9 @@ class Promise:
     """What a strategy promises of a chop.
 
     `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
-    most. The error of the axes `held` stays below STRAY_RAD except while they move, `step_samples` or longer.
-    `feedback` of every axis is what brings the bench back: the paper's, for the one in force may be what fails.
+    most, 1 where nothing is proven: then learning may undo STRAY_RAD of what it has reached. The error of the axes
+    `held` stays below STRAY_RAD except while they move, `step_samples` or longer. `feedback` of every axis is what
+    brings the bench back: the paper's, for the one in force may be what fails.
     """
 
     moving: tuple[int, ...]
@@ -85,6 +86,7 @@ class Watch:
         self._strayed = 0
         self._broken = [0] * len(promise.moving)
         self._before: _Cycle | None = None
+        self._least = np.full(len(promise.moving), np.inf)
         self._best: _Cycle | None = None
 
     def asked(self, segment: Segment) -> Segment:
@@ -98,7 +100,7 @@ class Watch:
             why = self._overload(cycle) or self._divergence(cycle) or self._stray(cycle)
             if why:
                 return f"cycle {cycle.number} ({segment.label}): {why}"
-            self._before = cycle
+            self._before, self._least = cycle, np.minimum(self._least, cycle.error_rad)
             if self._is_better(cycle):
                 self._best = cycle
         return ""
@@ -182,22 +184,28 @@ class Watch:
         return ""
 
     def _divergence(self, cycle: _Cycle) -> str:
-        before = self._before
+        if self._before is None:
+            return ""
         for k, axis in enumerate(self._promise.moving):
             learning = cycle.segment.learning[axis] if axis < len(cycle.segment.learning) else None
-            if before is None or learning is None or not learning.active or not learning.gain:
+            if learning is None or not learning.active or not learning.gain:
                 continue
-            left = (
-                1.0 if self._promise.shrinks_to[k] >= 1.0 else 1.0 - learning.gain * (1 - self._promise.shrinks_to[k])
-            )
-            bound = left * before.error_rad[k] + CONVERGED_RAD
-            self._broken[k] = 0 if cycle.error_rad[k] <= bound else self._broken[k] + 1
+            before, now = self._before.error_rad[k], cycle.error_rad[k]
+            bound = self._bound(k, learning.gain, before)
+            self._broken[k] = 0 if now <= bound else self._broken[k] + 1
             if self._broken[k] >= PATIENCE:
                 return (
-                    f"learning of {self._axes[axis]} does not converge: after {1e6 * before.error_rad[k]:.3g} µrad the "
-                    f"error (rms) is {1e6 * cycle.error_rad[k]:.3g} µrad, the limit is {1e6 * bound:.3g} µrad"
+                    f"learning of {self._axes[axis]} does not converge: after {1e6 * before:.3g} µrad the error (rms) "
+                    f"is {1e6 * now:.3g} µrad, the limit is {1e6 * bound:.3g} µrad"
                 )
         return ""
+
+    def _bound(self, k: int, gain: float, before_rad: float) -> float:
+        """Return the largest error (rms) that may follow `before_rad`; where nothing is proven it may wander."""
+        left = self._promise.shrinks_to[k]
+        if left >= 1.0:
+            return self._least[k] + STRAY_RAD
+        return (1.0 - gain * (1.0 - left)) * before_rad + CONVERGED_RAD
 
     def _stray(self, cycle: _Cycle) -> str:
         strays = not np.all(cycle.after_rad <= STRAY_RAD)

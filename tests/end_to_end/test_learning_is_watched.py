@@ -108,6 +108,14 @@ def test_the_bench_as_built_is_not_stopped(controller, tmp_path):
         assert run.status == "complete"
 
 
+@pytest.mark.parametrize("alpha", [0.0, 90.0])
+def test_the_papers_learning_is_not_stopped_on_the_bench_as_built(tmp_path, alpha):
+    log = tmp_path / "settle.h5"
+    assert main(["settle", "--strategy", "repetitive", "--alpha", f"{alpha:g}", "--out", str(log)]) in (0, 1)
+    with read_run(log) as run:
+        assert run.status == "complete"
+
+
 def test_a_bench_behind_a_line_is_watched_alike(controller, tmp_path, capsys):
     code, log = settled(tmp_path, controller, 0.0, kind="emulator", **BENCHES["modes -1 %"])
     assert code == 1 and "limit is" in capsys.readouterr().err

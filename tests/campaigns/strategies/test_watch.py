@@ -80,6 +80,18 @@ def test_one_cycle_beyond_the_bound_is_noise():
     assert judged([40e-6, 30e-6, 16e-6, 12e-6, 6e-6], [0.0, 1.0, 1.0, 1.0, 1.0]) == [""] * 5
 
 
+def test_learning_that_promises_nothing_may_wander_but_not_undo_what_it_has_reached():
+    paper = dataclasses.replace(PROMISE, shrinks_to=(1.0,), held=())
+
+    def said(*errors: float) -> list[str]:
+        watch = Watch(paper, BENCH)
+        return [watch.failure(segment(0.1), record(segment(0.1), e)) for e in errors]
+
+    assert said(8e-3, 4e-3, 10e-6, 40e-6, 59e-6, 20e-6) == [""] * 6
+    *before, last = said(8e-3, 4e-3, 10e-6, 70e-6, 80e-6)
+    assert before == [""] * 4 and "the limit is 60 µrad" in last
+
+
 def test_what_strays_after_the_step_is_stopped_and_what_moves_is_not():
     for at, strays in ((slice(0, STEP), False), (slice(STEP, STEP + 1), True), (slice(DWELL - 1, DWELL), True)):
         frozen = segment(None, label="chop")
