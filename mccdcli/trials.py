@@ -69,20 +69,26 @@ def controller_option(command: F) -> F:
         "--controller",
         type=click.Path(exists=True, dir_okay=False),
         metavar="FILE",
-        help="Controller that the designed strategies play; `mccd design` writes one.",
+        help="Controller that the designed strategies play.  [default: designed now, kept in designed-BENCH]",
     )(command)
 
 
 def _parsed(_ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> dict[str, Any]:
-    settings = {}
+    settings: dict[str, Any] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or not name.strip():
             raise click.BadParameter(f"{text!r} is not NAME=VALUE", param=param)
+        *tables, last = (part.strip() for part in name.split("."))
+        own = settings
+        for outer in tables:  # as in `tuning.learning_s`
+            own = own.setdefault(outer, {})
+            if not isinstance(own, dict):
+                raise click.BadParameter(f"{text!r}: {outer} is a value already; set it once", param=param)
         try:
-            settings[name.strip()] = toml_of(f"value = {value}", f"--set {name}")["value"]
+            own[last] = toml_of(f"value = {value}", f"--set {name}")["value"]
         except SyntaxFault:
-            settings[name.strip()] = value.strip()  # a bare word is a text
+            own[last] = value.strip()  # a bare word is a text
     return settings
 
 

@@ -36,15 +36,26 @@ class Signal:
 
 
 @dataclass(frozen=True)
+class Coil:
+    """The coil of an actuator: force per ampere, force per root of watt, and the force that it may give for good."""
+
+    force_constant_n_a: float
+    steepness_n_sqrt_w: float
+    continuous_force_n: float
+
+
+@dataclass(frozen=True)
 class Limits:
     """What a bench may be asked: per axis `reference` (largest magnitude, output unit), and `current_a` per actuator.
 
-    `to_current` (n_a, n_u) turns commands into currents. Shapes: `reference` (n_axes,).
+    `to_current` (n_a, n_u) turns commands into currents. Shapes: `reference` (n_axes,). `coil` is None where the bench
+    does not say what its coils stand.
     """
 
     reference: Array
     current_a: float
     to_current: Array
+    coil: Coil | None = None
 
 
 @dataclass(frozen=True)

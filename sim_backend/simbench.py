@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
 from sim_backend.assembly import bus_of, current_from_command, places_of, plant_of, retuned, transducers_of
-from sim_backend.bench import Identity, Limits, Record, Segment, Signal
+from sim_backend.bench import Coil, Identity, Limits, Record, Segment, Signal
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.errors import ConfigError
@@ -219,7 +219,9 @@ class SimBench:
             n = len(self.places.outputs)
             return Limits(np.full(n, np.inf), np.inf, np.eye(self._axes))
         angle, z = number(hw.end_stop_angle_rad), number(hw.end_stop_z_m)
-        return Limits(np.array([angle, angle, z]), number(hw.peak_current_a), current_from_command(hw))
+        values = hw.force_constant_n_a, hw.actuator_steepness_n_sqrt_w, hw.continuous_force_n
+        coil = Coil(*(number(value) for value in values))
+        return Limits(np.array([angle, angle, z]), number(hw.peak_current_a), current_from_command(hw), coil)
 
     def play(self, segment: Segment) -> Record:
         """Play one segment from the present state and return the channels it asks for (all when it names none).

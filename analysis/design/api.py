@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.design.feedback import FeedbackDesign, design_feedback, frequency_grid
+from analysis.design.feedback import FeedbackDesign, frequency_grid, safe_feedbacks
 from analysis.design.iron import with_iron
-from analysis.design.learning import WAIT_S, LearningDesign, design_learning
-from analysis.design.moves import Move, chop_of_reach, design_move
+from analysis.design.learning import LARGEST_FACTOR, WAIT_S, LearningDesign, design_learning
+from analysis.design.moves import Move
 from analysis.design.noise import MeasuredNoise, measure_noise
+from analysis.design.price import Price, affordable, price_curve, price_of
 from analysis.design.uncertainty import Tolerance, drawn_plants
 from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
@@ -21,24 +22,29 @@ from campaigns.log import Run
 from campaigns.progress import Report, unheard
 from campaigns.strategies.controller import AxisControl, Blocks, Controller
 from campaigns.strategies.design import Design
-from campaigns.strategies.designed import feedforward_of, motion_of
 from sim_backend.bench import Limits
+from sim_backend.control.lqg import Noise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
 from sim_backend.model import Model
 
 Array = NDArray[np.float64]
 
-CUTOFFS_HZ = (400.0, 500.0, 600.0, 700.0, 800.0, 1000.0, 1200.0, 1500.0)
-"""Bands that may be learned, in Hz: the narrowest that a move fits into is taken."""
+
+MOST_SETTLING_S = 0.1
+"""Longest time to design a move for: the dwell of the chop that its power is judged on."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a design aims at and how it doubts: `reach_rad` of the chop, allowed `settling_s`, `periods` of learning."""
+    """What a design aims at and how it doubts: `reach_rad` of the chop, allowed `settling_s`, `periods` of learning.
+
+    With `most_w` an axis takes the fastest move of its curve whose chop dissipates no more, instead of `settling_s`.
+    """
 
     reach_rad: float = 8.5e-3
     settling_s: float = SETTLING_S
+    most_w: float | None = None
     periods: int = 10
     tolerance: Tolerance = Tolerance()
     plants: int = 40
@@ -49,24 +55,28 @@ class Options:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise ConfigError(f"design: {name} is {value}; it must be a finite number above zero")
+        if self.settling_s > MOST_SETTLING_S:
+            raise ConfigError(
+                f"design: settling_s is {self.settling_s:g}, the limit is {MOST_SETTLING_S:g}: choose a shorter time"
+            )
+        if self.most_w is not None and not (np.isfinite(self.most_w) and self.most_w > 0.0):
+            raise ConfigError(f"design: a power of {self.most_w} W at most; it must be a finite number above zero")
         if self.periods < 2 or self.plants < 2:
             raise ConfigError(f"design: {self.periods} periods and {self.plants} plants; give two of each or more")
 
 
 @dataclass(frozen=True)
 class AxisDesign:
-    """One designed axis: its control and everything that speaks for it. `peak_a` is the fed-forward current's peak."""
+    """One designed axis: its control, everything that speaks for it, and the `curve` that its `price` lies on."""
 
     dof: str
     control: AxisControl
     noise: MeasuredNoise
     feedback: FeedbackDesign
     learning: LearningDesign
-    move: Move
+    price: Price
+    curve: tuple[Price, ...]
     time_s: Array
-    motion_rad: Array
-    drive_nm: Array
-    peak_a: float
 
 
 @dataclass(frozen=True)
@@ -115,7 +125,11 @@ def design_controller(
         sweep = next((s for s in sweeps if s.axis == dof), None)
         made.append(_design_axis(known, dof, rest, sweep, limits, axes, opts, rng))
     controller = Controller(
-        name=f"designed on {model.name}", sample_rate_hz=rate, model=known, axes=[one.control for one in made]
+        name=f"designed on {model.name}",
+        sample_rate_hz=rate,
+        model=known,
+        axes=[one.control for one in made],
+        to_current=limits.to_current.tolist(),
     )
     return Designed(controller, tuple(made), float(limits.current_a), tuple(run.run_uid for run in runs), opts)
 
@@ -130,37 +144,49 @@ def _design_axis(
     options: Options,
     rng: np.random.Generator,
 ) -> AxisDesign:
-    rate = model.sample_rate_hz
+    _require_stroke(dof, options.reach_rad, float(limits.reference[list(axes).index(dof)]))
+    rate, design, column = model.sample_rate_hz, Design(model, model.sample_rate_hz), list(axes).index(dof)
     plants = drawn_plants(model, dof, options.tolerance, options.plants, rng)
     noise = measure_noise(_quiet(rest, dof), plants[0], rate)
     try:
-        feedback = design_feedback(plants, noise.noise, rate)
-        grid = frequency_grid(plants[0], rate)
-        move, cutoff = _narrowest(plants[0], options, rate)
-        learning = design_learning(plants, feedback.controller, grid, sweep, options.periods, cutoff)
+        curve = price_curve(design, dof, options.reach_rad, limits, column)
+        if options.most_w is None:
+            price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
+        else:
+            price = affordable(curve, options.most_w)
+        feedback, learning = _loops(plants, noise.noise, sweep, options.periods, price.cutoff_hz, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
-    control = _control(dof, feedback, learning, move, options, rate)
-    chop = chop_of_reach(control, rate)
-    motion = motion_of(control, chop)
-    drive = feedforward_of(Design(model, rate), dof, motion, "learned")
-    to_current = limits.to_current[:, list(axes).index(dof)]
-    peak_a = float(np.max(np.abs(drive)) * np.max(np.abs(to_current)))
+    control = _control(dof, feedback, learning, price.move, options, rate)
     _require(dof, "3σ on the worst plant", float(feedback.three_sigma_rad.max()), STABILITY_RAD, "rad")
-    _require(dof, "peak current", peak_a, float(limits.current_a), "A")
-    time_s = np.arange(motion.size) / rate
-    return AxisDesign(dof, control, noise, feedback, learning, move, time_s, motion, drive, peak_a)
+    _require(dof, "peak current", price.peak_a, float(limits.current_a), "A")
+    time_s = np.arange(price.motion_rad.size) / rate
+    return AxisDesign(dof, control, noise, feedback, learning, price, curve, time_s)
 
 
-def _narrowest(plant: ModalModel, options: Options, rate_hz: float) -> tuple[Move, float]:
-    """Return the move that fits into the narrowest band, and that band: what lies above is best left unlearned."""
-    for cutoff in CUTOFFS_HZ:
+def _loops(
+    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, periods: int, cutoff_hz: float, rate_hz: float
+) -> tuple[FeedbackDesign, LearningDesign]:
+    """Return the quietest feedback around which an error shrinks to LARGEST_FACTOR, or to the least, and its learning.
+
+    What the quietest of all does to a sharp mode may make the closed loop too uncertain to learn around. Raises the
+    reason against the quietest one where learning is sure around none.
+    """
+    grid = frequency_grid(plants[0], rate_hz)
+    found: list[tuple[FeedbackDesign, LearningDesign]] = []
+    refused: list[ConfigError] = []
+    for feedback in safe_feedbacks(plants, noise, rate_hz):
+        if (found or refused) and feedback.three_sigma_rad.max() > STABILITY_RAD:
+            break
         try:
-            return design_move(plant, options.reach_rad, options.settling_s, cutoff, rate_hz), cutoff
-        except ConfigError:
-            if cutoff == CUTOFFS_HZ[-1]:
-                raise
-    raise AssertionError("unreachable: the last cut-off returns or raises")
+            found.append((feedback, design_learning(plants, feedback.controller, grid, sweep, periods, cutoff_hz)))
+        except ConfigError as error:
+            refused.append(error)
+        if found and found[-1][1].largest <= LARGEST_FACTOR:
+            return found[-1]
+    if not found:
+        raise refused[0]
+    return min(found, key=lambda both: both[1].largest)
 
 
 def _quiet(rest: Run, dof: str) -> Array:
@@ -185,7 +211,17 @@ def _control(
         q_half_length=learning.half_length,
         wait_s=WAIT_S,
         gains=list(learning.gains),
+        shrinks_to=max(learning.largest, LARGEST_FACTOR),
     )
+
+
+def _require_stroke(dof: str, reach_rad: float, end_stop_rad: float) -> None:
+    """Raise ConfigError for a move that reaches beyond both end stops."""
+    if reach_rad > 2.0 * end_stop_rad:
+        raise ConfigError(
+            f"axis '{dof}': a move of {1e3 * reach_rad:g} mrad, the end stops are at ±{1e3 * end_stop_rad:.3g} mrad: "
+            "choose a reach between them"
+        )
 
 
 def _require(dof: str, what: str, value: float, limit: float, unit: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -59,7 +60,12 @@ def frequency_grid(plant: ModalModel, rate_hz: float) -> Array:
 
 
 def design_feedback(plants: list[ModalModel], noise: Noise, rate_hz: float) -> FeedbackDesign:
-    """Return the feedback of least predicted 3σ on the worst of `plants` whose |S| peaks below PEAK_DB on all of them.
+    """Return the first of `safe_feedbacks`: of least predicted 3σ on the worst of `plants`; raises as they."""
+    return next(safe_feedbacks(plants, noise, rate_hz))
+
+
+def safe_feedbacks(plants: list[ModalModel], noise: Noise, rate_hz: float) -> Iterator[FeedbackDesign]:
+    """Yield the feedbacks whose |S| peaks below PEAK_DB on all `plants`, by their predicted 3σ on the worst of them.
 
     The first plant is the identified one. Raises ConfigError when no feedback keeps every plant stable within that.
     """
@@ -73,9 +79,13 @@ def design_feedback(plants: list[ModalModel], noise: Noise, rate_hz: float) -> F
         raise ConfigError("feedback: no Riccati equation of this plant and noise has a solution; use another model")
     least = 3.0 * least_reading_rad(plants[0], noise, rate_hz)
     safe = [one for one in solved if one.peak_db.max() <= PEAK_DB]
+    found = False
     for one in sorted(safe, key=lambda one: float(one.three_sigma_rad.max())):
         if all(largest_pole(plant, one.controller, rate_hz) < 1.0 for plant in plants):
-            return _described(f, responses[0], plants[0], one, noise, least, rate_hz)
+            found = True
+            yield _described(f, responses[0], plants[0], one, noise, least, rate_hz)
+    if found:
+        return
     lowest = min(float(one.peak_db.max()) for one in solved)
     raise ConfigError(
         f"feedback: the peak of |S| on the worst plant within the uncertainty is {lowest:.2f} dB at best, the limit is "

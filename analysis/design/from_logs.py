@@ -6,24 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.design.api import Designed, Options, design_controller
-from analysis.design.output import CONTROLLER, write_controller, write_numbers
+from analysis.design.output import write_controller, write_numbers
 from analysis.identification.identify import identify_runs
+from analysis.recorded.chop import TIP_TILT
 from campaigns.log import Run
+from campaigns.strategies.controller import FILE_NAME
 from sim_backend.bench import Limits
 from sim_backend.model import dump_model
 from sim_backend.safe_write import write_text
-
-AXES = ("theta_x", "theta_y")
 
 
 def design_from_logs(runs: Sequence[Run], limits: Limits, bench_axes: tuple[str, ...], out: Path) -> Path | None:
     """Return the controller file in `out`, designed from complete runs; one that is there already is kept.
 
-    None when the runs lack a sweep of both tilt axes or the bench at rest. Raises what identification and design do.
+    None when the runs lack a sweep of a tilt axis that the bench has, or the bench at rest. Raises what identification
+    and design do.
     """
-    if (out / CONTROLLER).exists():
-        return out / CONTROLLER
-    found = _sources(runs)
+    if (out / FILE_NAME).exists():
+        return out / FILE_NAME
+    found = _sources(runs, [axis for axis in TIP_TILT if axis in bench_axes])
     if found is None:
         return None
     designed = _designed(*found, limits, bench_axes, out)
@@ -31,13 +32,13 @@ def design_from_logs(runs: Sequence[Run], limits: Limits, bench_axes: tuple[str,
     return write_controller(designed, out)
 
 
-def _sources(runs: Sequence[Run]) -> tuple[list[Run], list[Run]] | None:
+def _sources(runs: Sequence[Run], axes: Sequence[str]) -> tuple[list[Run], list[Run]] | None:
     """The sweeps to identify from, and the other records to design from; None when something is missing."""
-    sweeps = [next((run for run in runs if _sweeps(run, axis)), None) for axis in AXES]
+    sweeps = [next((run for run in runs if _sweeps(run, axis)), None) for axis in axes]
     rest = [run for run in runs if run.header.test == "rest"]
     loops = [run for run in runs if run.header.test == "hysteresis"]
     found = [run for run in sweeps if run is not None]
-    return (found, [*rest[:1], *loops]) if rest and len(found) == len(AXES) else None
+    return (found, [*rest[:1], *loops]) if rest and found and len(found) == len(axes) else None
 
 
 def _sweeps(run: Run, axis: str) -> bool:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.measurements.settling import BAND_RAD
-from campaigns.strategies.controller import AxisControl
-from sim_backend.control.chop import Chop
 from sim_backend.control.concentrated import arrival_sample, concentrated_move
 from sim_backend.control.inversion import periodic_input
 from sim_backend.errors import ConfigError
@@ -54,6 +54,11 @@ def design_move(plant: ModalModel, reach_rad: float, settling_s: float, cutoff_h
         least = min(least, move.unlearned_rad)
         if move.unlearned_rad <= UNLEARNED * BAND_RAD:
             found.append(move)
+    if not np.isfinite(least):
+        raise ConfigError(
+            f"move of {1e3 * reach_rad:g} mrad in {1e3 * settling_s:g} ms: {allowed} samples at {rate_hz:g} Hz are too "
+            "few for a smooth move; allow more time"
+        )
     if not found:
         raise ConfigError(
             f"move of {1e3 * reach_rad:g} mrad in {1e3 * settling_s:g} ms: {1e6 * least:.3g} µrad of it or more lie "
@@ -63,11 +68,14 @@ def design_move(plant: ModalModel, reach_rad: float, settling_s: float, cutoff_h
     return min(found, key=lambda move: move.peak_nm)
 
 
+@lru_cache(maxsize=256)
 def _longest(concentration: float, reach_rad: float, allowed: int) -> int | None:
-    """Return the largest number of samples with which a move arrives after `allowed` of them."""
+    """Return the largest number of samples with which a move arrives after `allowed` of them: a longer one is later."""
     lengths = [n for n in range(allowed, 2 * allowed) if concentration < 0.25 * n and n >= 4]
-    arrivals = [arrival_sample(concentrated_move(n, concentration), reach_rad, BAND_RAD) for n in lengths]
-    return max((n for n, arrival in zip(lengths, arrivals, strict=True) if arrival <= allowed), default=None)
+    late = bisect_right(
+        lengths, allowed, key=lambda n: arrival_sample(concentrated_move(n, concentration), reach_rad, BAND_RAD)
+    )
+    return lengths[late - 1] if late else None
 
 
 def _judged(
@@ -85,8 +93,3 @@ def _judged(
         float(np.max(np.abs(periodic_input(plant, motion, rate_hz)))),
         float(np.max(np.abs(np.fft.irfft(lines, motion.size)))),
     )
-
-
-def chop_of_reach(control: AxisControl, rate_hz: float) -> Chop:
-    """Return the chop over an axis's reach on which its currents are judged."""
-    return Chop((control.reach_rad, 0.0), round(CHOP_DWELL_S * rate_hz), rate_hz)

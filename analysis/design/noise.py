@@ -70,6 +70,8 @@ def measure_noise(reading_rad: ArrayLike, plant: ModalModel, rate_hz: float) -> 
         model = density(logs)
         return float(np.sum(np.log(model) + measured / model))
 
+    if not measured.any():
+        raise DataError("noise at rest: the reading never changes; a design weighs noise: record a bench that has some")
     reading = float(np.sqrt(np.median(measured[f > 0.25 * rate]) * rate / 2.0))
     slow = f < 0.01 * rate
     starts = []

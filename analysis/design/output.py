@@ -10,24 +10,23 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.design.api import AxisDesign, Designed
-from analysis.design.figures import design_figures, peak_factor
+from analysis.design.figures import design_figures
+from analysis.design.learning import SURE_FACTOR
 from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, stages_csv
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
-from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
+from analysis.recorded.requirements import POWER_W, SETTLING_S, STABILITY_RAD
 from campaigns.spreadsheet import inert_frame
-from campaigns.strategies.controller import dump_controller
+from campaigns.strategies.controller import FILE_NAME, dump_controller
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError
 from sim_backend.safe_write import folder_within, write_text
 
-CONTROLLER = "controller.toml"
-
 
 def prepare_folder(folder: Path) -> Path:
     """Make the folder; raises ConfigError when it holds a controller already or cannot be one."""
-    if (folder / CONTROLLER).exists():
-        raise ConfigError(f"{folder / CONTROLLER} exists and would be overwritten; choose another --out")
+    if (folder / FILE_NAME).exists():
+        raise ConfigError(f"{folder / FILE_NAME} exists and would be overwritten; choose another --out")
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file; choose a folder for --out")
     folder.mkdir(parents=True, exist_ok=True)
@@ -36,12 +35,12 @@ def prepare_folder(folder: Path) -> Path:
 
 def write_controller(designed: Designed, folder: Path) -> Path:
     """Write the controller file and return its path."""
-    return write_text(folder / CONTROLLER, dump_controller(designed.controller))
+    return write_text(folder / FILE_NAME, dump_controller(designed.controller))
 
 
 def numbers_of(one: AxisDesign) -> dict[str, Any]:
     """Return everything that speaks for one axis, SI units in the names; bands hold identified plant and worst one."""
-    feedback, learning, noise, move = one.feedback, one.learning, one.noise, one.move
+    feedback, learning, noise, move = one.feedback, one.learning, one.noise, one.price.move
     margins = feedback.margins
     return {
         "stability_3sigma_rad": {
@@ -57,9 +56,12 @@ def numbers_of(one: AxisDesign) -> dict[str, Any]:
             "samples": move.n_samples,
             "concentration": move.concentration,
             "peak_torque_nm": move.peak_nm,
-            "peak_current_a": one.peak_a,
+            "peak_current_a": one.price.peak_a,
+            "power_w": one.price.power_w,
             "beyond_the_learned_band_rad": move.unlearned_rad,
         },
+        "price": {name: [getattr(point, name) for point in one.curve] for name in ("allowed_s", "power_w", "peak_a")}
+        | {"arrival_s": [point.move.arrival_s for point in one.curve]},
         "margins": {
             "gain_db": margins.gain_margin_db,
             "phase_deg": margins.phase_margin_deg,
@@ -71,7 +73,7 @@ def numbers_of(one: AxisDesign) -> dict[str, Any]:
             "cutoff_hz": learning.cutoff_hz,
             "lead_samples": learning.lead_samples,
             "periods": len(learning.gains),
-            "largest_factor_per_period": peak_factor(one),
+            "largest_factor_per_period": one.learning.largest,
             "from_measured_lines": 0 if learning.lines_hz is None else int(learning.lines_hz.size),
         },
         "noise": {
@@ -88,7 +90,7 @@ def document(designed: Designed, stages: Sequence[StageResult] = ()) -> dict[str
     return {
         "schema": "mccd-design/1",
         "mccd": f"{tool_version()} ({tool_commit()})",
-        "controller": CONTROLLER,
+        "controller": FILE_NAME,
         "model": designed.controller.model.name,
         "runs": list(designed.sources),
         "axes": {one.dof: numbers_of(one) for one in designed.axes},
@@ -129,8 +131,9 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
         rows += [
             (name, "stability 3σ, µrad", f"{1e6 * f.three_sigma_rad[0]:.3f}, worst plant {worst:.3f}", "1.7"),
             ("", "bound of any linear feedback, µrad", f"{1e6 * f.least_rad:.3f}", ""),
-            ("", "reference arrives after, ms", f"{1e3 * one.move.arrival_s:.1f}", f"{1e3 * SETTLING_S:g}"),
-            ("", "peak current, A", f"{one.peak_a:.2f}", f"{designed.limit_a:g}"),
+            ("", "reference arrives after, ms", f"{1e3 * one.price.move.arrival_s:.1f}", f"{1e3 * SETTLING_S:g}"),
+            ("", "peak current, A", f"{one.price.peak_a:.2f}", f"{designed.limit_a:g}"),
+            ("", "power of a 5 Hz chop, W", f"{one.price.power_w:.3f}", f"{POWER_W:g}"),
             ("", "peak of |S|, dB", f"{f.peak_db[0]:.2f}, worst plant {f.peak_db.max():.2f}", "5"),
             (
                 "",
@@ -138,7 +141,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
                 f"{f.margins.gain_margin_db:.1f}; {f.margins.phase_margin_deg:.0f}",
                 "",
             ),
-            ("", "error left after a period, worst", f"{peak_factor(one):.3f}", "0.5"),
+            ("", "error left after a period, worst", f"{one.learning.largest:.3f}", f"{SURE_FACTOR:g}"),
         ]
     return rows
 

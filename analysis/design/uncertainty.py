@@ -38,17 +38,25 @@ class Tolerance:
 def drawn_plants(
     model: Model, dof: str, tolerance: Tolerance, count: int, rng: np.random.Generator
 ) -> list[ModalModel]:
-    """Return `count` plants of one axis, the identified one first, each parameter independently Gaussian."""
+    """Return `count` plants of one axis, the identified one first, each parameter independently Gaussian.
+
+    A pair of real poles is no mode but what an amplifier and the like add: of its frequency, damping and participation
+    the file states what each alone is known to, which together is far better. Both poles move by the tolerance of
+    damping instead, at the same gain at rest.
+    """
     nominal = Design(model, model.sample_rate_hz).axis(dof)
     stated = _stated(model, dof, nominal)
     added = (tolerance.frequency, tolerance.damping, tolerance.participation)
-    lowest = nominal.omega_rad_s == nominal.omega_rad_s.min()
+    rings = nominal.sigma_1_s < nominal.omega_rad_s
+    lowest = nominal.omega_rad_s == nominal.omega_rad_s[rings].min(initial=np.inf)
     stated = (np.hypot(stated[0], np.where(lowest, tolerance.suspension, 0.0)), *stated[1:])
-    stds = [np.hypot(own, extra) for own, extra in zip(stated, added, strict=True)]
+    stds = [np.hypot(np.where(rings, own, 0.0), extra) for own, extra in zip(stated, added, strict=True)]
     plants = [nominal]
     for _ in range(count - 1):
         m = nominal.n_blocks
         frequency, damping, gain = (1.0 + std * rng.standard_normal(m) for std in stds)
+        frequency = np.where(rings, frequency, np.maximum(damping, 0.1))
+        gain = np.where(rings, gain, gain * frequency**2)
         plants.append(
             nominal.with_(
                 omega_rad_s=nominal.omega_rad_s * frequency,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import msgspec
 import numpy as np
@@ -20,6 +20,9 @@ from campaigns.sizes import BYTES_PER_VALUE, MOST_IN_WAVEFORM, require_at_once, 
 from sim_backend.bench import Bench, Demand, Segment, check_segment
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.model import dump_model, load_model
+
+if TYPE_CHECKING:
+    from campaigns.strategies.watch import Watch
 
 Array = NDArray[np.float64]
 
@@ -64,6 +67,10 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     def channels(self, bench: Bench) -> tuple[str, ...]:
         """Return the names of the channels to record, the same for every segment: commands, readings, temperature."""
         return channels_of(bench, ("input", "output"), ("temperature",))
+
+    def watch(self, bench: Bench) -> Watch | None:
+        """Return what judges a run on `bench` while it is played; None where limits checked before are enough."""
+        return None
 
     def design_models(self) -> tuple[str, ...]:
         """Return the design models (names or paths) that the segments depend on besides the settings."""

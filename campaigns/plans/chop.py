@@ -10,8 +10,9 @@ import numpy as np
 
 from campaigns.plans.base import Plan, channels_of, longest_segment, rate_of
 from campaigns.sizes import samples_of, wave_samples
-from campaigns.strategies import check_strategy, stages_of
+from campaigns.strategies import check_strategy, is_watched, promise_of, stages_of
 from campaigns.strategies.stages import Task, Tuning, stage_segments
+from campaigns.strategies.watch import CYCLES_AT_ONCE, Watch
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -80,12 +81,27 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             "window_samples": samples_of(self.window_s, rate),
             "strategy": self.strategy,
         }
-        record, longest = self.channels(bench), longest_segment(rate)
+        record, longest, watched = self.channels(bench), longest_segment(rate), is_watched(self.strategy)
+        if watched:
+            longest = min(longest, CYCLES_AT_ONCE * task.period)
         chopping = self.cycles * task.period
         self.require_run(bench, chopping, chopping / max(longest, task.period))
-        for stage in stages_of(self.strategy, task, self._design(rate)):
+        design = self._design(rate)
+        if design.controller is not None:
+            design.controller.require_bench(bench)
+        for stage in stages_of(self.strategy, task, design):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
-            yield from stage_segments(task, stage, n_samples, longest, record, settings)
+            most = task.period if watched and stage.learns else longest
+            # what learning has left is judged by its first cycle
+            first = task.period if watched and stage.n_samples is None else most
+            yield from stage_segments(task, stage, n_samples, most, record, settings, first)
+
+    def watch(self, bench: Bench) -> Watch | None:
+        """Return what judges every cycle of a strategy that learns or plays a designed controller."""
+        if not is_watched(self.strategy):
+            return None
+        rate = rate_of(bench)
+        return Watch(promise_of(self.strategy, self._task(bench, rate), self._design(rate)), bench)
 
     def _design(self, rate_hz: float) -> Design:
         from campaigns.strategies.design import Design  # brings all effects: only a plan that is counted needs them

@@ -1,7 +1,8 @@
-"""The campaign that judges a controller: what Tables 6.6 and 6.7 ask for, and what each piece of knowledge gains."""
+"""The campaigns around a controller: what it is designed from, and what judges it (Tables 6.6 and 6.7)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,14 @@ SLOW_LEARNING_S = 8.0
 """Learning of a slow chop, four of its periods: it is observed when the feedback has long settled."""
 
 KNOWING = ("designed", "designed-hysteresis", "designed-modes", "designed-linear")
+
+
+def measuring_campaign(axes: Sequence[str]) -> Campaign:
+    """Return the runs that a controller of these tilt axes is designed from: sweeps, the bench at rest, its loops."""
+    runs = [RunEntry(name=f"sweep-{axis}", plan="sinesweep", settings={"axis": axis}) for axis in axes]
+    runs.append(RunEntry(name="rest", plan="rest"))
+    runs += [RunEntry(name=f"hysteresis-{axis}", plan="hysteresis", settings={"axis": axis}) for axis in axes]
+    return Campaign(name="measuring", title="what a controller is designed from", runs=tuple(runs))
 
 
 def designed_campaign(controller: Path) -> Campaign:

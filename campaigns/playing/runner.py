@@ -14,8 +14,10 @@ from campaigns.log import LogWriter
 from campaigns.log.room import require_free
 from campaigns.plans.base import Estimate, Plan, checked_segments, estimate
 from campaigns.playing.interrupts import Interrupts
+from campaigns.strategies.watch import Watch
 from campaigns.version import tool_commit, tool_version
-from sim_backend.bench import Bench
+from sim_backend.bench import Bench, Record, Segment
+from sim_backend.errors import CheckError
 
 Report = Callable[[float, float, str], None]
 """Called with samples played, samples in all, and the label of what is being played."""
@@ -68,7 +70,8 @@ def run_plan(
     The first Ctrl-C ends the run after its segment as *paused*, the second as *aborted* (KeyboardInterrupt), an error
     as *failed*; the bench is made safe in each case.
     Raises ConfigError for what the bench cannot be asked, DataError for a log that cannot be written (a segment for
-    which the disk has no room is not played), HardwareError for a bench that fails.
+    which the disk has no room is not played), HardwareError for a bench that fails, CheckError for a chop that the
+    plan's watch has stopped.
     """
     total = counted or estimate(plan, bench)
     require_free(Path(path).absolute().parent, total.bytes)
@@ -105,20 +108,44 @@ def _own(interrupts: Interrupts | None) -> contextlib.AbstractContextManager[Int
 def _play_all(
     plan: Plan, bench: Bench, writer: LogWriter, total: Estimate, signals: Interrupts, report: Report | None
 ) -> int:
-    """Play and log segment after segment until the end or a pause; return how many were played."""
+    """Play and log segment after segment until the end or a pause; return how many were played.
+
+    Raises CheckError once the plan's watch has stopped it and its fallback has been played.
+    """
     played, samples = 0, 0
+    watch = plan.watch(bench)
     for segment in checked_segments(plan, bench):
         if signals.pausing:
             break
         if report is not None:
             report(samples, total.samples, segment.label)
-        writer.reserve(segment.n_samples)  # what is measured has its place before it is measured
-        with signals.abortable():
-            record = bench.play(segment)
-        with writer.segment(segment.label, segment.settings):
-            writer.append(record.channels)
+        record = _play(segment if watch is None else watch.asked(segment), segment, bench, writer, signals)
         played, samples = played + 1, samples + segment.n_samples
+        if watch is not None and (why := watch.failure(segment, record)):
+            raise CheckError(f"{why}; {_fall_back(watch, segment, bench, writer, signals)}")
     return played
+
+
+def _play(asked: Segment, segment: Segment, bench: Bench, writer: LogWriter, signals: Interrupts) -> Record:
+    """Play what is `asked` and log of its record what the `segment` records."""
+    writer.reserve(segment.n_samples)  # what is measured has its place before it is measured
+    with signals.abortable():
+        record = bench.play(asked)
+    kept = {name: values for name, values in record.channels.items() if name in segment.record or not segment.record}
+    with writer.segment(segment.label, segment.settings):
+        writer.append(kept)
+    return record
+
+
+def _fall_back(watch: Watch, last: Segment, bench: Bench, writer: LogWriter, signals: Interrupts) -> str:
+    """Bring the bench back to its last good drive and return what was done, and what to do."""
+    found = watch.fallback(last)
+    if found is None:
+        done = "no cycle before was good, so the bench was made safe at once"
+    else:
+        _play(found[0], found[0], bench, writer, signals)
+        done = f"the drive of cycle {found[1]} was played under feedback, then the bench was made safe"
+    return f"{done}; {writer.path} holds what was recorded; identify this bench again and design anew"
 
 
 def _identity(bench: Bench) -> dict[str, str]:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from campaigns.names import check_label, check_name
-from sim_backend.bench import Bench, Limits, Role, Signal
+from sim_backend.bench import Bench, Coil, Limits, Role, Signal
 from sim_backend.errors import ConfigError, HardwareError
 
 SCHEMA = "mccd-bench/1"
@@ -28,7 +28,8 @@ class Description(msgspec.Struct, frozen=True, kw_only=True):
     """Everything fixed about a bench; a limit of null is none.
 
     `reference` is one number per axis (rad or m), `to_current` (n_actuators, n_axes) in A per input unit. The
-    interlocks: `travel` per axis in output units, `trip_current_a` per actuator. `memory_bytes` bounds a record.
+    interlocks: `travel` per axis in output units, `trip_current_a` per actuator. `memory_bytes` bounds a record. `coil`
+    is null where the firmware does not know what the coils stand.
     """
 
     schema: str
@@ -41,6 +42,7 @@ class Description(msgspec.Struct, frozen=True, kw_only=True):
     travel: tuple[float | None, ...]
     trip_current_a: float | None
     memory_bytes: int
+    coil: Coil | None = None
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -52,7 +54,7 @@ class Description(msgspec.Struct, frozen=True, kw_only=True):
         """The limits as those of a bench."""
         reference = np.array([np.inf if r is None else r for r in self.reference])
         current_a = np.inf if self.current_a is None else self.current_a
-        return Limits(reference, current_a, np.array(self.to_current).reshape(-1, len(self.axes)))
+        return Limits(reference, current_a, np.array(self.to_current).reshape(-1, len(self.axes)), self.coil)
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -92,6 +94,7 @@ def describe(bench: Bench, *, travel_factor: float, current_factor: float, memor
         travel=tuple(_finite(value * travel_factor) for value in limits.reference),
         trip_current_a=_finite(limits.current_a * current_factor),
         memory_bytes=memory_bytes,
+        coil=limits.coil,
     )
 
 
@@ -115,6 +118,7 @@ def _wrong(found: Description) -> str:
     """Return what contradicts itself or cannot be, empty for a description that can."""
     n, names, roles = len(found.axes), found.channel_names, {c.role for c in found.channels}
     limits = [r for r in (*found.reference, *found.travel, found.current_a, found.trip_current_a) if r is not None]
+    coil = found.coil
     fits = len(found.reference) == n == len(found.travel) and all(len(row) == n for row in found.to_current)
     doubts = {
         f"its schema is '{found.schema[:40]}', not {SCHEMA}": found.schema != SCHEMA,
@@ -126,9 +130,19 @@ def _wrong(found: Description) -> str:
         <= found.rate_hz
         <= _RATES_HZ[1],
         "a limit below zero": any(limit < 0.0 for limit in limits),
+        "a coil with a number that is not above zero": coil is not None and min(vars(coil).values()) <= 0.0,
+        f"it trips at {found.trip_current_a} A, below its limit of {found.current_a} A": _reversed(
+            found.current_a, found.trip_current_a
+        ),
+        "an axis trips within its largest reference": any(map(_reversed, found.reference, found.travel)),
         f"{found.memory_bytes} bytes of memory": found.memory_bytes <= 0,
     }
     return next((doubt for doubt, holds in doubts.items() if holds), "") or _misnamed(found)
+
+
+def _reversed(limit: float | None, trip: float | None) -> bool:
+    """Tell whether an interlock would trip within what a bench may be asked; null is no limit."""
+    return limit is not None and trip is not None and trip < limit
 
 
 def _misnamed(found: Description) -> str:

@@ -17,6 +17,7 @@ from sim_backend.plugins import load_plugin, plugin_names, refusal
 if TYPE_CHECKING:
     from campaigns.strategies.design import Design
     from campaigns.strategies.stages import Stage, Strategy, Task
+    from campaigns.strategies.watch import Promise
 
 # Each name with the module beside this and the function in it: a name is checked without importing what plays it.
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
@@ -59,6 +60,30 @@ def _played_by(strategy: str) -> Strategy:
     module, _, function = STRATEGIES[strategy].partition(":")
     own: Strategy = getattr(import_module(f"{__name__}.{module}"), function)
     return own
+
+
+def is_watched(name: str) -> bool:
+    """Tell whether every cycle of a strategy is judged: those that learn, or play a designed controller, are, and those of other packages."""
+    return not STRATEGIES.get(name, "").startswith("feedforward:")
+
+
+def promise_of(name: str, task: Task, design: Design) -> Promise:
+    """Return what a strategy by name promises of a chop, one of those that are watched."""
+    from campaigns.strategies.design import feedback_of  # a name alone is checked without numpy
+    from campaigns.strategies.stages import move_samples, moving
+    from campaigns.strategies.watch import Promise
+
+    controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
+    axes = tuple(i for i, moves in enumerate(moving(task)) if moves)
+    # the feed-forward of the others knows less of the move, or nothing
+    learned = STRATEGIES.get(name) == "designed:learned_stages"
+    return Promise(
+        moving=axes,
+        shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
+        held=tuple(i for i, one in enumerate(controls) if one is not None and learned),
+        step_samples=move_samples(task, design),
+        feedback=tuple(feedback_of(dof, design.rate_hz) for dof in task.axes),
+    )
 
 
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:

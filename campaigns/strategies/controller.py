@@ -15,12 +15,18 @@ import msgspec
 import numpy as np
 import tomli_w
 
+from sim_backend.bench import Bench
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.repetitive import q_taps
 from sim_backend.documents import read_text, toml_of
 from sim_backend.errors import ConfigError
 from sim_backend.model import Model, check_model
+
+FILE_NAME = "controller.toml"
+
+MOST_WAIT_S = 600.0
+"""Longest wait before learning: no mechanism rings for longer."""
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
@@ -58,7 +64,8 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     A move of up to `reach_rad` takes `move_samples` with `concentration` (`sim_backend.control.concentrated`); a longer
     one takes longer by the root of its length, so that its torque is no larger. The feedback is always closed. After
     `wait_s` (whole periods, one at least) the input is learned for one period with each of `gains`, through `learning`
-    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen.
+    with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen. A period
+    with gain 1 leaves `shrinks_to` of an error at most, or learning is stopped (`campaigns.strategies.watch`).
     """
 
     dof: str
@@ -72,6 +79,7 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     q_half_length: int
     wait_s: float
     gains: list[float]
+    shrinks_to: float = 0.5
 
     def samples(self, distance_rad: float) -> int:
         """Return how many samples a move over a distance takes."""
@@ -79,17 +87,36 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
 
 
 class Controller(_Strict, frozen=True, kw_only=True):
-    """A whole controller file."""
+    """A whole controller file; `to_current` (n_a, n_axes) is that of the bench that it was designed for."""
 
     schema: Literal["mccd-controller/1"] = "mccd-controller/1"
     name: str
     sample_rate_hz: float
     model: Model
     axes: list[AxisControl]
+    to_current: list[list[float]] = []
 
     def axis(self, dof: str) -> AxisControl | None:
         """Return the control of an axis, None for one that was not designed."""
         return next((one for one in self.axes if one.dof == dof), None)
+
+    def require_bench(self, bench: Bench) -> None:
+        """Raise ConfigError for a bench of other units or coils than this controller was designed for."""
+        units = {role: {s.dof: s.unit for s in bench.signals if s.role == role} for role in ("input", "output")}
+        for role, ports in (("input", self.model.inputs), ("output", self.model.outputs)):
+            for port in ports:
+                if units[role].get(port.dof, port.unit) != port.unit:
+                    raise ConfigError(
+                        f"controller '{self.name}' is for an {role} {port.dof} in {port.unit}, the bench's is in "
+                        f"{units[role][port.dof]}: it was designed for another bench; design one for this"
+                    )
+        own, theirs = np.array(self.to_current, dtype=float), bench.limits.to_current
+        if own.size and not (own.shape == theirs.shape and np.allclose(own, theirs, rtol=0.1)):
+            raise ConfigError(
+                f"controller '{self.name}' was designed for {len(own)} coils with up to {np.abs(own).max():.3g} A per "
+                f"unit of command, the bench has {len(theirs)} with up to {np.abs(theirs).max():.3g} A; design one for "
+                "this bench"
+            )
 
 
 @lru_cache(maxsize=8)
@@ -103,6 +130,11 @@ def parse_controller(text: str, where: str) -> Controller:
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; write it with `mccd design`") from None
     check_model(found.model, where)
+    if found.model.sample_rate_hz != found.sample_rate_hz:
+        raise ConfigError(
+            f"{where}: the controller is for {found.sample_rate_hz:g} Hz, its model for {found.model.sample_rate_hz:g} "
+            "Hz; design it anew"
+        )
     if not found.axes or len({one.dof for one in found.axes}) < len(found.axes):
         raise ConfigError(f"{where}: {len(found.axes)} axes; a controller needs one or more, each once")
     for one in found.axes:
@@ -112,21 +144,29 @@ def parse_controller(text: str, where: str) -> Controller:
 
 def _check(one: AxisControl, rate_hz: float, where: str) -> None:
     place = f"{where}, axis '{one.dof}'"
-    if not all(math.isfinite(g) and 0.0 < g <= 1.0 for g in one.gains):
-        raise ConfigError(f"{place}: learning gains {one.gains}; each must be above zero and at most 1")
+    if not one.gains or not all(math.isfinite(g) and 0.0 < g <= 1.0 for g in one.gains):
+        raise ConfigError(f"{place}: learning gains {one.gains}; give one or more, each above zero and at most 1")
+    if not 0.0 < one.shrinks_to < 1.0:
+        raise ConfigError(f"{place}: shrinks_to is {one.shrinks_to}; what learns shrinks to a part between 0 and 1")
     if not (math.isfinite(one.reach_rad) and one.reach_rad > 0.0):
         raise ConfigError(f"{place}: reach_rad is {one.reach_rad}; it must be a finite number above zero")
-    if not (math.isfinite(one.wait_s) and one.wait_s >= 0.0) or one.lead_samples < 0:
+    if not 0.0 <= one.wait_s <= MOST_WAIT_S or one.lead_samples < 0:
         raise ConfigError(
-            f"{place}: a wait of {one.wait_s} s and a lead of {one.lead_samples} samples; neither may be negative"
+            f"{place}: a wait of {one.wait_s} s and a lead of {one.lead_samples} samples; neither may be negative, nor "
+            f"the wait beyond {MOST_WAIT_S:g} s"
         )
     try:
         concentrated_move(one.move_samples, one.concentration)
         q_taps(one.q_cutoff_hz, one.q_half_length, rate_hz)
         one.feedback.filter(rate_hz)
-        one.learning.filter(rate_hz)
+        pole = float(np.max(np.abs(one.learning.filter(rate_hz).poles()), initial=0.0))
     except ConfigError as error:
         raise ConfigError(f"{place}: {error}") from None
+    if not pole < 1.0:
+        raise ConfigError(
+            f"{place}: a pole of the learning filter is {pole:.4g} from zero, the limit is 1, or learning grows; "
+            "design it anew"
+        )
 
 
 def load_controller(path: str | Path) -> Controller:

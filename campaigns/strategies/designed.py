@@ -8,6 +8,7 @@ iron; what it does not know is learned, period by period, around the closed loop
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -23,11 +24,11 @@ from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.chop import AxisProgram, Chop
 from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.inversion import periodic_input
-from sim_backend.control.repetitive import q_taps
+from sim_backend.control.repetitive import convergence, process_sensitivity, q_taps
 from sim_backend.effects import Site, effect_class
 from sim_backend.effects.base import Aux
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
+from sim_backend.linear import ModalModel, discretise
 
 Array = NDArray[np.float64]
 Knowledge = Literal["linear", "modes", "hysteresis", "learned"]
@@ -35,6 +36,9 @@ Knowledge = Literal["linear", "modes", "hysteresis", "learned"]
 STRONG = 0.1
 """A mode belongs to the mechanism when its response to torque is at least this part of the strongest one's: inertia and
 mirror differ by 5 % from each other, the modes of the cryostat reach 5 % of them."""
+
+CONVERGENCE_LINES = 2000
+"""Frequencies at which the convergence of a controller is checked before it is played, besides those of its modes."""
 
 MAGNETISING_PERIODS = 3
 """Periods after which a path from the unmagnetised state has closed: the second already repeats the first's end."""
@@ -58,17 +62,21 @@ learned_stages = _designed("learned")
 
 def motion_of(control: AxisControl, chop: Chop) -> Array:
     """Return one period (period,) of the reference; raises ConfigError when the move outlasts its dwell."""
+    return move_over(chop, control.samples, control.concentration, control.dof)
+
+
+def move_over(chop: Chop, samples: Callable[[float], int], concentration: float, dof: str) -> Array:
+    """Return one period (period,) of moves that take `samples` of their distance; raises as `motion_of`."""
     out = np.empty(chop.period)
     for first, before, after in chop.moves():
-        n = control.samples(after - before)
+        n = samples(after - before)
         if n >= chop.dwell_samples:
             raise ConfigError(
-                f"axis '{control.dof}': its move of {n} samples outlasts the dwell of {chop.dwell_samples}; "
-                "slow the chop down"
+                f"axis '{dof}': its move of {n} samples outlasts the dwell of {chop.dwell_samples}; slow the chop down"
             )
         dwell = out[first : first + chop.dwell_samples]
         dwell[:] = after
-        dwell[: n + 1] = before + (after - before) * concentrated_move(n, control.concentration)
+        dwell[: n + 1] = before + (after - before) * concentrated_move(n, concentration)
     return out
 
 
@@ -121,11 +129,32 @@ def _stages(task: Task, design: Design, controller: Controller, knowledge: Knowl
             into.append(_program(design, one, what, axis, knowledge) if moved and one else held(what, axis))
     stages = [stage_of("approach", task.dwell_samples, approach, feedback)]
     if knowledge == "learned":
+        for one, moved, loop in zip(controls, moves, feedback, strict=True):
+            if one is not None and moved and loop is not None:
+                design.require_stable(one.dof, loop)  # an unstable loop has no convergence to speak of
+                _require_convergence(design, one, loop)
         stages += _learning(
             task, chopping, feedback, [c if m else None for c, m in zip(controls, moves, strict=True)], rate
         )
     frozen = tuple(None if one is None else replace(one, active=False) for one in stages[-1].learning)
     return *stages, stage_of("chop", None, chopping, feedback, frozen)
+
+
+def _require_convergence(design: Design, control: AxisControl, loop: DiscreteFilter) -> None:
+    """Raise ConfigError where learning would diverge on the very model that comes with it."""
+    rate, plant = design.rate_hz, discretise(design.axis(control.dof), design.rate_hz)
+    modes_hz = design.axis(control.dof).omega_rad_s / (2.0 * np.pi)
+    f = np.unique(np.concatenate([np.linspace(1.0, 0.499 * rate, CONVERGENCE_LINES), modes_hz]))
+    f = f[(f >= 1.0) & (f < 0.5 * rate)]
+    closed = process_sensitivity(plant.frequency_response(f)[:, 0, 0], loop.frequency_response(f))
+    taps = q_taps(control.q_cutoff_hz, control.q_half_length, rate)
+    left = convergence(f, closed, control.learning.filter(rate), 1.0, control.lead_samples, taps)
+    worst = int(np.argmax(left))
+    if not left[worst] < 1.0:
+        raise ConfigError(
+            f"axis '{control.dof}': a period would leave {left[worst]:.3g} of an error at {f[worst]:.4g} Hz on the "
+            "controller's own model, the limit is 1: learning would diverge; design it anew"
+        )
 
 
 def _program(design: Design, control: AxisControl, chop: Chop, axis: int, knowledge: Knowledge) -> AxisProgram:

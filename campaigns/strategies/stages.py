@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -82,6 +83,11 @@ class Stage:
     learning: tuple[Learning | None, ...] = ()
     shift: int = 0
 
+    @property
+    def learns(self) -> bool:
+        """Whether an input is being learned: what is heard now acts in the next period."""
+        return any(one is not None and one.active and one.gain > 0.0 for one in self.learning)
+
 
 Strategy = Callable[[Task, "Design"], tuple[Stage, ...]]
 Program = Callable[[Chop, int], AxisProgram]
@@ -94,12 +100,14 @@ def stage_segments(
     longest: int,
     record: tuple[str, ...],
     settings: dict[str, float | str],
+    first: int | None = None,
 ) -> Iterator[Segment]:
     """Cut `n_samples` of a stage into segments of whole periods, each of about `longest` samples at most.
 
-    Their settings say where in the period the moves to the two positions begin, so that analysis needs no guess.
+    The first has about `first` at most. Their settings say where in the period the moves to the two positions begin, so
+    that analysis needs no guess.
     """
-    whole = max(longest // task.period, 1) * task.period
+    whole, opening = (max(n // task.period, 1) * task.period for n in (longest, longest if first is None else first))
     own: dict[str, float | str] = {
         "phase": stage.label,
         "period_samples": task.period,
@@ -107,10 +115,10 @@ def stage_segments(
         "position_2_at": (-stage.shift) % task.period,
         "position_1_at": (task.dwell_samples - stage.shift) % task.period,
     }
-    for first in range(0, n_samples, whole):
-        count = min(whole, n_samples - first)
+    for number, start in enumerate(chain((0,), range(opening, n_samples, whole)), start=1):
+        count = min(whole if start else opening, n_samples - start)
         yield Segment(
-            label=stage.label if n_samples <= whole else f"{stage.label} {first // whole + 1}",
+            label=stage.label if n_samples <= opening else f"{stage.label} {number}",
             n_samples=count,
             reference=stage.reference,
             feedforward=stage.feedforward,
@@ -118,7 +126,7 @@ def stage_segments(
             gates=stage.gates,
             learning=stage.learning,
             record=record,
-            settings={**own, "first_sample": first, **settings},
+            settings={**own, "first_sample": start, **settings},
         )
 
 

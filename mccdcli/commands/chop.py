@@ -45,7 +45,7 @@ def chop(
       mccd chop --alpha 120 --form 0:+8.5 --out chop-120.h5
       mccd chop --form=-8.5:+8.5 --strategy mbff --json
     """
-    from campaigns.plans import make_plan
+    from mccdcli.own_controller import chop_plan
 
     chosen = {
         "alpha_deg": alpha,
@@ -57,7 +57,9 @@ def chop(
         "model": model,
         "controller": controller,
     }
-    plan = make_plan("chop", {**chosen, **settings})
+    plan = chop_plan("chop", {**chosen, **settings}, bench, seed, dry_run=dry_run, as_json=as_json)
+    if isinstance(plan, int):
+        return plan
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0

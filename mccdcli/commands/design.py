@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mccdcli.options import POSITIVE, RealRange, common_options
-from mccdcli.output import emit, table
+from mccdcli.output import emit, say, table
 from mccdcli.progress import Report, progress
 from mccdcli.trials import count, play
 
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     metavar="RUN.h5",
     help="A record to design from: rest, sweeps, hysteresis loops; repeatable. Without a rest, one is recorded.",
 )
-@click.option(
-    "--settling", type=POSITIVE, default=5.0, show_default=True, metavar="MS", help="Time within which a move arrives."
-)
+@click.option("--settling", type=POSITIVE, metavar="MS", help="Time within which a move arrives.  [default: 5.0]")
 @click.option(
     "--reach", type=POSITIVE, default=8.5, show_default=True, metavar="MRAD", help="Longest move for which that holds."
 )
@@ -44,6 +42,12 @@ if TYPE_CHECKING:
     metavar="PERCENT",
     help="How far any mode's frequency may be off besides what the model states (1 sigma).",
 )
+@click.option(
+    "--max-power",
+    type=POSITIVE,
+    metavar="W",
+    help="Take the fastest move whose 5 Hz chop dissipates no more, instead of --settling.",
+)
 @click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each piece of knowledge, and tabulate it.")
 @common_options()
 def design(
@@ -54,9 +58,10 @@ def design(
     as_json: bool,
     model: str,
     given: tuple[Path, ...],
-    settling: float,
+    settling: float | None,
     reach: float,
     tolerance: float,
+    max_power: float | None,
     stages: bool,
 ) -> int:
     """Design feed-forward, feedback and learning on an identified model, against the noise of the bench at rest.
@@ -69,12 +74,15 @@ def design(
     Examples:
       mccd design --model nominal.toml --out design
       mccd design --model nominal.toml --log nominal.runs/sweep-theta_x.h5 --log hysteresis.h5 --stages
+      mccd design --model nominal.toml --max-power 0.15 --out thrifty
       mccd settle --strategy designed --controller design/controller.toml
     """
     # the model first, and what designs last: a wrong name and a dry run do not wait for it
     from campaigns.plans import make_plan
     from sim_backend.model import load_model
 
+    if settling is not None and max_power is not None:
+        raise click.UsageError("--settling and --max-power both choose the move; give one of them")
     nominal, plan = load_model(model), make_plan("rest", {})
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
@@ -86,7 +94,9 @@ def design(
     from campaigns.log import read_run
     from campaigns.progress import part_of
 
-    options = Options(1e-3 * reach, 1e-3 * settling, tolerance=Tolerance(1e-2 * tolerance), seed=seed)
+    options = Options(
+        1e-3 * reach, 1e-3 * (settling or 5.0), max_power, tolerance=Tolerance(1e-2 * tolerance), seed=seed
+    )
     folder = prepare_folder(out or Path("design"))
     with ExitStack() as stack:
         runs = [stack.enter_context(read_run(path)) for path in given]
@@ -99,6 +109,7 @@ def design(
         with progress("designing") as report:
             first = part_of(report, 0.0, 0.5 if stages else 0.9)  # designing takes about as long as playing
             designed = design_controller(nominal, runs, limits, axes, options, first)
+            _tell_unswept(designed)
             path = write_controller(designed, folder)
             rows = _played(designed, path, bench, seed, part_of(report, 0.5, 0.95)) if stages else []
             report(0.95, 1.0, "figures")
@@ -106,6 +117,13 @@ def design(
     said = {**document(designed, rows), "files": {"controller": path, **files}}
     emit(said, as_json=as_json, text=_text(designed, rows, [path, *files.values()]))
     return 0
+
+
+def _tell_unswept(designed: Designed) -> None:
+    """Say for which axes nothing measured vouches for the model."""
+    for one in designed.axes:
+        if one.learning.lines_hz is None:
+            say(f"mccd: no --log sweeps {one.dof}: whether the bench has the modes of the model was not checked")
 
 
 def _what_it_may(bench: str, seed: int) -> tuple[Limits, tuple[str, ...]]:

@@ -46,7 +46,7 @@ def settle(
       mccd settle --strategy mbff --alpha 0 --json
       mccd settle --strategy designed --controller design/controller.toml --alpha 0
     """
-    from campaigns.plans import make_plan
+    from mccdcli.own_controller import chop_plan
 
     chosen = {
         "strategy": strategy,
@@ -57,7 +57,9 @@ def settle(
         "model": model,
         "controller": controller,
     }
-    plan = make_plan("settling", {**chosen, **settings})
+    plan = chop_plan("settling", {**chosen, **settings}, bench, seed, dry_run=dry_run, as_json=as_json)
+    if isinstance(plan, int):
+        return plan
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0

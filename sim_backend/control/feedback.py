@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sim_backend.control.blocks import DiscreteFilter, filter_from_zpk, tustin_zpk
+from sim_backend.control.realisation import realised
 from sim_backend.errors import ConfigError
 from sim_backend.linear import DiscreteModel
 
@@ -174,29 +175,13 @@ def closed_loop_poles(
 ) -> ComplexArray:
     """Return the poles in z of one input and output of `plant` under negative feedback, any order.
 
-    Whole samples of delay are included. Raises ConfigError when the rates differ or the delay is not whole.
+    The delay is included. Raises ConfigError when the rates differ.
     """
     if plant.rate_hz != controller.rate_hz:
         raise ConfigError(
             f"plant at {plant.rate_hz} Hz and controller at {controller.rate_hz} Hz; build both at one rate"
         )
-    delay = float(plant.delay_samples[input_])
-    if abs(delay - round(delay)) > 1e-9:  # a time times a rate: whole but for rounding
-        raise ConfigError(f"delay of {delay} samples is not whole; closed-loop poles need whole samples")
-    m, n_delay = plant.a.shape[0], round(delay)
-    n_p = 2 * m + n_delay
-    a_p, b_p, c_p = np.zeros((n_p, n_p)), np.zeros((n_p, 1)), np.zeros((1, n_p))
-    for i in range(m):
-        a_p[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = plant.a[i]
-    entry = plant.b[:, :, input_].reshape(-1, 1)
-    c_p[0, : 2 * m] = plant.c[output].reshape(-1)
-    if n_delay == 0:
-        b_p[: 2 * m] = entry
-    else:  # a shift register in front of the plant
-        a_p[: 2 * m, 2 * m : 2 * m + 1] = entry
-        a_p[range(2 * m, n_p - 1), range(2 * m + 1, n_p)] = 1.0
-        b_p[-1, 0] = 1.0
-    direct = float(plant.d[output, input_]) if n_delay == 0 else 0.0
+    a_p, b_p, c_p, direct = realised(plant, output, input_)
     a_c, b_c, c_c, d_c = controller.state_space()
     # e = -(c_p x + direct u), u = c_c x_c + d_c e: solved for e first
     share = 1.0 / (1.0 + direct * float(d_c[0, 0]))

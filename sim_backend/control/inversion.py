@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sim_backend.control.blocks import DiscreteFilter
+from sim_backend.control.realisation import realised
 from sim_backend.errors import ConfigError
 from sim_backend.linear import DiscreteModel, ModalModel, discretise
 
@@ -53,28 +54,16 @@ def periodic_input(plant: ModalModel, motion: ArrayLike, rate_hz: float) -> Arra
 
 
 def siso_matrices(plant: DiscreteModel) -> tuple[Array, Array, Array]:
-    """Return A (n, n), B (n, 1) and C (1, n) of a plant of one input and output, its whole samples of delay included.
+    """Return A (n, n), B (n, 1) and C (1, n) of a plant of one input and output, its delay included.
 
-    Raises ConfigError for a part of a sample of delay, or a direct feedthrough.
+    Raises ConfigError for a direct feedthrough that acts within its own sample.
     """
-    delay = float(plant.delay_samples[0])
-    if abs(delay - round(delay)) > 1e-9 or np.any(plant.d):
+    a, b, c, direct = realised(plant)
+    if direct:
         raise ConfigError(
-            f"delay of {delay} samples and feedthrough {float(plant.d[0, 0]):g}; design needs whole samples and none"
+            f"feedthrough of {direct:.3g} within the sample; design needs a plant that answers a sample later: "
+            "identify it with a delay"
         )
-    m, n_delay = plant.a.shape[0], round(delay)
-    n = 2 * m + n_delay
-    a, b, c = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
-    for i in range(m):
-        a[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = plant.a[i]
-    entry = plant.b[:, :, 0].reshape(-1)
-    c[0, : 2 * m] = plant.c[0].reshape(-1)
-    if n_delay == 0:
-        b[:, 0] = entry
-    else:  # a shift register in front of the plant
-        a[: 2 * m, 2 * m] = entry
-        a[range(2 * m, n - 1), range(2 * m + 1, n)] = 1.0
-        b[-1, 0] = 1.0
     return a, b, c
 
 

@@ -146,9 +146,7 @@ def test_a_design_that_cannot_keep_its_limits_is_refused_with_the_reason(home, t
     assert not (tmp_path / "fast" / "controller.toml").exists()
 
 
-def test_a_controller_is_not_overwritten_and_not_dispensable(home, tmp_path, capsys):
+def test_a_controller_is_not_overwritten(home, tmp_path, capsys):
     (tmp_path / "controller.toml").write_text("", encoding="utf-8")
     assert main(arguments(home, tmp_path)) == 2
     assert "would be overwritten" in capsys.readouterr().err
-    assert main(["settle", "--strategy", "designed", "--out", str(tmp_path / "s.h5")]) == 2
-    assert "needs a controller file" in capsys.readouterr().err

@@ -42,7 +42,7 @@ REFUSED = {
     "challenge score": ["nonsense", "full"],
     "chop": [
         "--strategy nonsense",
-        "--strategy designed",
+        "--strategy designed --set nonsense=3",
         "--model nonsense",
         "--form nonsense",
         "--cycles 0",
@@ -92,7 +92,13 @@ REFUSED = {
         "--check --known-misses study.toml",
     ],
     "schema": ["nonsense"],
-    "settle": ["--strategy designed", "--strategy nonsense", "--model nonsense", "--cycles 0", "--set nonsense=3"],
+    "settle": [
+        "--strategy designed --cycles 0",
+        "--strategy nonsense",
+        "--model nonsense",
+        "--cycles 0",
+        "--set nonsense=3",
+    ],
     "simulate": ["--plan nonsense", "--model nonsense", "--set nonsense=3", "--waveform nonsense.csv"],
     "study": ["nonsense.toml", "bad-study.toml", "study.toml --workers 1 --cluster tcp://127.0.0.1:8786"],
     "theodolite": ["--set nonsense=3", "--readings nonsense.csv", "--bench sim:nonsense"],

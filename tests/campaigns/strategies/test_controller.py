@@ -14,6 +14,7 @@ from campaigns.strategies.controller import (
 )
 from sim_backend.control.feedback import theta_controller
 from sim_backend.errors import ConfigError
+from sim_backend.simbench import SimBench
 from tests.small_bench import bench_model
 
 AXIS = AxisControl(
@@ -51,6 +52,13 @@ def test_longer_moves_take_longer_by_the_root_of_their_length():
     [
         ({"gains": [1.0, 1.5]}, "learning gains"),
         ({"gains": [float("nan")]}, "learning gains"),
+        ({"gains": []}, "give one or more"),
+        ({"shrinks_to": 1.0}, "shrinks_to is 1"),
+        (
+            {"learning": Blocks(a=[[[1.05, 0.0], [0.0, 0.0]]], b=[[1.0, 0.0]], c=[[1.0, 0.0]], d=0.0)},
+            "is 1.05 from zero",
+        ),
+        ({"wait_s": 1e9}, "beyond 600 s"),
         ({"wait_s": -0.1}, "neither may be negative"),
         ({"lead_samples": -1}, "neither may be negative"),
         ({"reach_rad": 0.0}, "reach_rad"),
@@ -87,3 +95,23 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     with pytest.raises(ConfigError, match="not UTF-8"):
         load_controller(tmp_path / "latin.toml")
+
+
+def test_a_controller_whose_model_has_another_rate_is_refused():
+    slow = msgspec.structs.replace(WHOLE.model, sample_rate_hz=5000.0)
+    with pytest.raises(ConfigError, match="its model for 5000 Hz"):
+        parse_controller(dump_controller(msgspec.structs.replace(WHOLE, model=slow)), "x.toml")
+
+
+def test_a_bench_of_other_units_or_coils_is_foreign():
+    bench = SimBench(bench_model(), 0)
+    WHOLE.require_bench(bench)
+    own = msgspec.structs.replace(WHOLE, to_current=bench.limits.to_current.tolist())
+    own.require_bench(bench)
+    outputs = [msgspec.structs.replace(p, unit="mrad" if p.unit == "rad" else p.unit) for p in WHOLE.model.outputs]
+    in_mrad = msgspec.structs.replace(WHOLE, model=msgspec.structs.replace(WHOLE.model, outputs=outputs))
+    with pytest.raises(ConfigError, match="theta_x in mrad, the bench's is in rad.*another bench"):
+        in_mrad.require_bench(bench)
+    for coils in ((2.0 * bench.limits.to_current).tolist(), bench.limits.to_current[:2].tolist()):
+        with pytest.raises(ConfigError, match="coils with up to .* design one for this bench"):
+            msgspec.structs.replace(WHOLE, to_current=coils).require_bench(bench)

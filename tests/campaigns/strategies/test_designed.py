@@ -65,7 +65,9 @@ def play(bench, path, strategy, **settings):
         record = bench.play(segment)
         if segment.n_samples % PERIOD == 0:
             y = record.channels["theta_y"].reshape(-1, PERIOD)
-            out[str(segment.settings["phase"])] = (y, segment.reference[:, 1])
+            phase = str(segment.settings["phase"])
+            before = [out[phase][0]] if phase in out else []
+            out[phase] = (np.concatenate([*before, y]), segment.reference[:, 1])
     return out
 
 
@@ -182,7 +184,9 @@ def test_the_strategy_needs_a_controller_for_the_axes_that_move(path):
 
 
 def test_a_controller_for_another_rate_is_refused(tmp_path):
-    slow = msgspec.structs.replace(controller(), sample_rate_hz=9000.0)
+    made = controller()
+    model = msgspec.structs.replace(made.model, sample_rate_hz=9000.0)
+    slow = msgspec.structs.replace(made, sample_rate_hz=9000.0, model=model)
     file = tmp_path / "slow.toml"
     file.write_text(dump_controller(slow), encoding="utf-8")
     with pytest.raises(ConfigError, match="9000 Hz, the bench runs at 10000 Hz"):
@@ -220,3 +224,23 @@ def test_the_campaign_plays_every_form_of_table_6_7_and_every_piece_of_knowledge
     assert sum(p.name == "settling" for p in plans.values()) == 8
     assert sum(p.name == "thermal" for p in plans.values()) == 1
     assert all(p.controller == path for p in plans.values())
+
+
+def test_a_controller_that_would_learn_without_end_is_refused_before_anything_moves(tmp_path):
+    good = controller()
+    loud = msgspec.structs.replace(
+        good.axes[0], learning=Blocks.of(good.axes[0].learning.filter(RATE_HZ).scaled(5.0)), gains=[1.0]
+    )
+    file = tmp_path / "loud.toml"
+    file.write_text(dump_controller(msgspec.structs.replace(good, axes=[loud])), encoding="utf-8")
+    plan = make_plan("settling", {"strategy": "designed", "controller": str(file), "alpha_deg": 90.0})
+    # five times the inverse leaves four times the error
+    with pytest.raises(ConfigError, match=r"a period would leave [34]\.\d+ of an error.*learning would diverge"):
+        list(checked_segments(plan, SimBench(bench_model(), 0)))
+
+
+def test_steps_are_one_cycle_while_they_are_learned_and_two_afterwards(path):
+    plan = make_plan("settling", {"strategy": "designed", "controller": path, "alpha_deg": 90.0, "cycles": 6})
+    cycles = [(s.label, s.n_samples // PERIOD) for s in checked_segments(plan, SimBench(bench_model(), 0))]
+    chop = [("chop 1", 1), ("chop 2", 2), ("chop 3", 2), ("chop 4", 1)]
+    assert cycles[1:] == [("settling in", 2), *((f"learning {k}", 1) for k in (1, 2, 3, 4)), *chop]

@@ -4,7 +4,6 @@ import control
 import numpy as np
 import pytest
 
-from sim_backend.control.blocks import filter_from_zpk
 from sim_backend.control.feedback import (
     LoopShape,
     closed_loop_poles,
@@ -129,6 +128,17 @@ def test_what_cannot_be_is_refused():
         loop_margins(lambda f: f + 0j, 10.0, 1.0)
     with pytest.raises(ConfigError, match="one rate"):
         closed_loop_poles(discretise(theta_y(), 5000.0), theta_controller())
-    half = theta_y().with_(delay_s=np.array([0.5 / RATE_HZ]))
-    with pytest.raises(ConfigError, match="not whole"):
-        closed_loop_poles(discretise(half, RATE_HZ), filter_from_zpk([], [0.5], 1.0, RATE_HZ))
+
+
+def test_a_part_of_a_sample_of_delay_moves_the_poles_to_where_the_loop_has_none():
+    half = discretise(theta_y().with_(delay_s=np.array([0.5 / RATE_HZ])), RATE_HZ)
+    controller = theta_controller()
+    poles = closed_loop_poles(half, controller)
+    a, b, c, d = controller.state_space()
+    for z in poles[np.abs(poles) > 0.3]:  # the others are those of the register, nearly repeated at zero
+        blocks = zip(half.a, half.b[:, :, 0], half.c[0], strict=True)
+        plant = sum(seen @ np.linalg.solve(z * np.eye(2) - turn, driven) for turn, driven, seen in blocks)
+        # the cubic through the inputs at 0, 1, 2 and 3 samples ago, read half a sample ago: Lagrange's weights
+        late = (5.0 + 15.0 / z - 5.0 / z**2 + 1.0 / z**3) / 16.0
+        loop = plant * late * ((c @ np.linalg.solve(z * np.eye(a.shape[0]) - a, b))[0, 0] + d[0, 0])
+        assert abs(1.0 + loop) < 1e-6

@@ -55,7 +55,7 @@ def test_a_plant_that_does_not_answer_is_refused():
         periodic_input(deaf, np.sin(np.arange(100.0)), RATE_HZ)
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("delay", [0, 0.4, 1, 2.3, 3])
 def test_matrices_answer_as_the_plant_does(delay):
     model = discretise(plant(delay / RATE_HZ), RATE_HZ)
     f = np.array([1.0, 29.0, 480.0, 1500.0, 4900.0])
@@ -64,11 +64,14 @@ def test_matrices_answer_as_the_plant_does(delay):
     np.testing.assert_allclose(ours, model.frequency_response(f)[:, 0, 0], rtol=1e-9)
 
 
-def test_a_part_of_a_sample_and_a_feedthrough_are_refused():
-    with pytest.raises(ConfigError, match="whole samples"):
-        siso_matrices(discretise(plant(0.5 / RATE_HZ), RATE_HZ))
+def test_a_feedthrough_is_refused_unless_it_is_late():
     with pytest.raises(ConfigError, match="feedthrough"):
         siso_matrices(discretise(plant().with_(d=np.ones((1, 1))), RATE_HZ))
+    late = discretise(plant(2.0 / RATE_HZ).with_(d=np.full((1, 1), 0.02)), RATE_HZ)
+    f = np.array([1.0, 480.0, 4900.0])
+    system = control.ss(*siso_matrices(late), [[0.0]], 1.0 / RATE_HZ)
+    ours = system(np.exp(2j * np.pi * f / RATE_HZ))
+    np.testing.assert_allclose(ours, late.frequency_response(f)[:, 0, 0], rtol=1e-9)
 
 
 def test_zeros_are_those_of_the_numerator():

@@ -1,0 +1,98 @@
+"""What a fast move costs: power and peak current of a chop against the time in which its moves arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.design.moves import CHOP_DWELL_S, Move, design_move
+from campaigns.strategies.design import Design
+from campaigns.strategies.designed import feedforward_of, move_over
+from campaigns.strategies.watch import dissipated_w
+from sim_backend.bench import Limits
+from sim_backend.control.chop import Chop
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+CUTOFFS_HZ = (400.0, 500.0, 600.0, 700.0, 800.0, 1000.0, 1200.0, 1500.0)
+"""Bands that may be learned, in Hz: the narrowest that a move fits into is taken."""
+
+TIMES_S = (4e-3, 4.5e-3, 5e-3, 5.5e-3, 6e-3, 7e-3, 8e-3, 10e-3, 12e-3, 16e-3, 24e-3, 32e-3)
+"""Times allowed for a move, along the curve."""
+
+PAPER = {"theta_x": (32e-3, 0.116, 2.75), "theta_y": (5.6e-3, 0.116, 2.75)}
+"""What the paper reached: settling in s, power in W, peak current in A; Table 6.6 has one power and one current."""
+
+
+@dataclass(frozen=True)
+class Price:
+    """A move with the band that it needs, and what a 5 Hz chop of its reach then asks of the coils.
+
+    `power_w` is NaN where the bench does not say what its coils dissipate. `motion_rad` and `drive_nm` are one period.
+    """
+
+    allowed_s: float
+    move: Move
+    cutoff_hz: float
+    power_w: float
+    peak_a: float
+    motion_rad: Array
+    drive_nm: Array
+
+
+def price_of(design: Design, dof: str, reach_rad: float, allowed_s: float, limits: Limits, column: int) -> Price:
+    """Return the move over `reach_rad` within `allowed_s` and its price; raises ConfigError when there is none.
+
+    `column` is the axis's in the bench's `limits`.
+    """
+    move, cutoff_hz = _narrowest(design, dof, reach_rad, allowed_s)
+    rate = design.rate_hz
+    chop = Chop((reach_rad, 0.0), max(round(CHOP_DWELL_S * rate), 2 * move.n_samples), rate)
+    motion = move_over(chop, lambda _: move.n_samples, move.concentration, dof)
+    drive = feedforward_of(design, dof, motion, "learned")
+    current = np.abs(limits.to_current[:, column])
+    rms = float(np.sqrt(np.mean(drive**2)))
+    power = float("nan") if limits.coil is None else dissipated_w(current * rms, limits.coil)
+    return Price(allowed_s, move, cutoff_hz, power, float(np.max(np.abs(drive)) * current.max()), motion, drive)
+
+
+def price_curve(design: Design, dof: str, reach_rad: float, limits: Limits, column: int) -> tuple[Price, ...]:
+    """Return the prices of all TIMES_S in which a move is possible, the fastest first; raises as `price_of`."""
+    found: list[Price] = []
+    for allowed_s in TIMES_S:
+        try:
+            found.append(price_of(design, dof, reach_rad, allowed_s, limits, column))
+        except ConfigError:
+            if allowed_s == TIMES_S[-1]:
+                raise
+    return tuple(found)
+
+
+def affordable(curve: Sequence[Price], most_w: float) -> Price:
+    """Return the fastest point of a curve that dissipates `most_w` at most; raises ConfigError where none does."""
+    within = [one for one in curve if one.power_w <= most_w]
+    if within:
+        return within[0]
+    least = min(one.power_w for one in curve)
+    if np.isnan(least):
+        raise ConfigError("the bench does not say what its coils dissipate; leave --max-power out")
+    raise ConfigError(
+        f"a chop over this reach dissipates {least:.3g} W or more, the limit is {most_w:g} W; allow more "
+        "or give a shorter reach"
+    )
+
+
+def _narrowest(design: Design, dof: str, reach_rad: float, allowed_s: float) -> tuple[Move, float]:
+    """Return the move that fits into the narrowest band, and that band: what lies above is best left unlearned."""
+    plant = design.axis(dof)
+    for cutoff in CUTOFFS_HZ:
+        try:
+            return design_move(plant, reach_rad, allowed_s, cutoff, design.rate_hz), cutoff
+        except ConfigError:
+            if cutoff == CUTOFFS_HZ[-1]:
+                raise
+    raise AssertionError("unreachable: the last cut-off returns or raises")

@@ -1,0 +1,236 @@
+"""What every cycle of a chop that learns is judged by, and what is played once a cycle has failed.
+
+The host judges, and it does so after each segment: the records of every kind of bench pass there, and no firmware has
+to know what learning may do. A segment is one cycle while an input is learned, and two at most else, so that nothing
+goes on for longer than three cycles, the one that brings the bench back included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.bench import Bench, Coil, Gate, Record, Segment, check_segment
+from sim_backend.control.blocks import DiscreteFilter
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+MOST_CYCLES = 3
+"""Cycles for which anything may go on that must not be."""
+
+FALLBACK_CYCLES = 1
+"""Of these, the ones that bring a bench back before it is made safe."""
+
+CYCLES_AT_ONCE = MOST_CYCLES - FALLBACK_CYCLES
+"""Cycles in a segment while nothing is learned."""
+
+POWER_W = 1.0
+"""Mean dissipation of all coils over a cycle; Table 6.6."""
+
+STRAY_RAD = 50e-6
+"""Error after the step that no chop may keep whose feed-forward knows the move."""
+
+CONVERGED_RAD = 1.7e-6
+"""Error (rms over a cycle) that learning need not shrink any further: the band in which a chop has settled."""
+
+PATIENCE = 2
+"""Cycles in a row that break the bound of convergence before it counts: noise breaks it once, growth goes on."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a strategy promises of a chop.
+
+    `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
+    most, 1 where nothing is proven: then learning may undo STRAY_RAD of what it has reached. The error of the axes
+    `held` stays below STRAY_RAD except while they move, `step_samples` or longer. `feedback` of every axis is what
+    brings the bench back: the paper's, for the one in force may be what fails.
+    """
+
+    moving: tuple[int, ...]
+    shrinks_to: tuple[float, ...]
+    held: tuple[int, ...]
+    step_samples: int
+    feedback: tuple[DiscreteFilter | None, ...]
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    """One cycle as it was played: `error_rad` (n_moving,) is rms, `after_rad` (n_held,) the largest after the step."""
+
+    number: int
+    segment: Segment
+    command: Array
+    current: Array
+    error_rad: Array
+    after_rad: Array
+
+
+class Watch:
+    """Judges a run cycle by cycle; `axes` are named in what it says."""
+
+    def __init__(self, promise: Promise, bench: Bench) -> None:
+        self._promise = promise
+        self._axes, self._limits = bench.axes, bench.limits
+        self._names = {
+            role: tuple(s.name for s in bench.signals if s.role == role)[: len(bench.axes)]
+            for role in ("input", "output")
+        }
+        # currents as they were measured, where they are: an amplifier may give less than it is told
+        self._names["current"] = tuple(s.name for s in bench.signals if s.role == "aux" and s.unit == "A")
+        self._count = 0
+        self._strayed = 0
+        self._broken = [0] * len(promise.moving)
+        self._before: _Cycle | None = None
+        self._least = np.full(len(promise.moving), np.inf)
+        self._best: _Cycle | None = None
+
+    def asked(self, segment: Segment) -> Segment:
+        """Return the segment with the channels recorded that the watch needs."""
+        more = [name for names in self._names.values() for name in names if name not in segment.record]
+        return replace(segment, record=(*segment.record, *more)) if segment.record and more else segment
+
+    def failure(self, segment: Segment, record: Record) -> str:
+        """Return why a played segment must be the last one, empty where it need not; part of a cycle is not judged."""
+        for cycle in self._cycles(segment, record):
+            why = self._overload(cycle) or self._divergence(cycle) or self._stray(cycle)
+            if why:
+                return f"cycle {cycle.number} ({segment.label}): {why}"
+            self._before, self._least = cycle, np.minimum(self._least, cycle.error_rad)
+            if self._is_better(cycle):
+                self._best = cycle
+        return ""
+
+    def fallback(self, last: Segment) -> tuple[Segment, int] | None:
+        """Return what brings the bench back after `last`: the drive of the best cycle under the paper's feedback.
+
+        The number of that cycle comes with it. None where no cycle was good.
+        """
+        best = self._best
+        if best is None:
+            return None
+        moving = list(self._promise.moving)
+        shift = _start(last) - _start(best.segment)
+        feedforward = last.feedforward.copy()
+        feedforward[:, moving] = np.roll(best.command[:, moving], shift, axis=0)
+        gates = [gate for gate in last.gates if gate.axis not in moving]
+        made = replace(
+            last,
+            label="fallback",
+            n_samples=FALLBACK_CYCLES * last.reference.shape[0],
+            feedforward=feedforward,
+            feedback=self._promise.feedback,
+            gates=(*gates, *(Gate(0, axis, True, 0.0) for axis in moving)),
+            learning=(),
+            settings={**last.settings, "phase": "fallback"},
+        )
+        try:
+            check_segment(made, self._limits)
+        except ConfigError:
+            return None
+        return made, best.number
+
+    def _cycles(self, segment: Segment, record: Record) -> Iterator[_Cycle]:
+        period, moving, held = segment.reference.shape[0], list(self._promise.moving), list(self._promise.held)
+        after = self._after_step(segment)
+        for first in range(0, segment.n_samples - period + 1, period):
+            rows = slice(first, first + period)
+            command, reading = (self._read(record, role, rows) for role in ("input", "output"))
+            current = self._read(record, "current", rows) if self._names["current"] else None
+            error = segment.reference - reading
+            self._count += 1
+            yield _Cycle(
+                self._count,
+                segment,
+                command,
+                command @ self._limits.to_current.T if current is None else current,
+                np.sqrt(np.mean(error[:, moving] ** 2, axis=0)),
+                np.max(np.abs(error[:, held]) * after, axis=0, initial=0.0),
+            )
+
+    def _read(self, record: Record, role: str, rows: slice) -> Array:
+        return np.stack([record.channels[name][rows] for name in self._names[role]], axis=1)
+
+    def _after_step(self, segment: Segment) -> Array:
+        """Return where in the period (period, n_held) a step is over: 1 there, 0 while the axis moves."""
+        starts = [int(segment.settings[f"position_{k}_at"]) for k in (2, 1)]
+        period, dwell = segment.reference.shape[0], int(segment.settings["dwell_samples"])
+        over = np.zeros((period, len(self._promise.held)))
+        for column, axis in enumerate(self._promise.held):
+            for start in starts:
+                rows = np.arange(start, start + dwell) % period
+                way = segment.reference[rows, axis]
+                on_the_way = np.flatnonzero(np.abs(way - way[-1]) > 0.1 * CONVERGED_RAD)
+                arrival = int(on_the_way[-1]) + 1 if on_the_way.size else 0
+                over[rows[max(arrival, self._promise.step_samples) :], column] = 1.0
+        return over
+
+    def _overload(self, cycle: _Cycle) -> str:
+        coil = self._limits.coil
+        if coil is None:
+            return ""
+        rms = np.sqrt(np.mean(cycle.current**2, axis=0))
+        power = dissipated_w(rms, coil)
+        if not power <= POWER_W:
+            return f"the coils dissipate {power:.3g} W, the limit is {POWER_W:g} W"
+        force = coil.force_constant_n_a * rms
+        if not np.all(force <= coil.continuous_force_n):
+            worst = int(np.argmax(force))
+            return f"actuator {worst + 1} gives {force[worst]:.3g} N (rms), the limit is {coil.continuous_force_n:g} N"
+        return ""
+
+    def _divergence(self, cycle: _Cycle) -> str:
+        if self._before is None:
+            return ""
+        for k, axis in enumerate(self._promise.moving):
+            learning = cycle.segment.learning[axis] if axis < len(cycle.segment.learning) else None
+            if learning is None or not learning.active or not learning.gain:
+                continue
+            before, now = self._before.error_rad[k], cycle.error_rad[k]
+            bound = self._bound(k, learning.gain, before)
+            self._broken[k] = 0 if now <= bound else self._broken[k] + 1
+            if self._broken[k] >= PATIENCE:
+                return (
+                    f"learning of {self._axes[axis]} does not converge: after {1e6 * before:.3g} µrad the error (rms) "
+                    f"is {1e6 * now:.3g} µrad, the limit is {1e6 * bound:.3g} µrad"
+                )
+        return ""
+
+    def _bound(self, k: int, gain: float, before_rad: float) -> float:
+        """Return the largest error (rms) that may follow `before_rad`; where nothing is proven it may wander."""
+        left = self._promise.shrinks_to[k]
+        if left >= 1.0:
+            return self._least[k] + STRAY_RAD
+        return (1.0 - gain * (1.0 - left)) * before_rad + CONVERGED_RAD
+
+    def _stray(self, cycle: _Cycle) -> str:
+        strays = not np.all(cycle.after_rad <= STRAY_RAD)
+        self._strayed = self._strayed + 1 if strays else 0
+        learns = any(one is not None and one.active for one in cycle.segment.learning)
+        # what is still being learned may stray at first, but no longer than it takes to bring the bench back in time
+        allowed = MOST_CYCLES - 1 if self._best is None else CYCLES_AT_ONCE - 1
+        if not strays or (learns and self._strayed <= allowed):
+            return ""
+        worst = int(np.argmax(cycle.after_rad))
+        return (
+            f"after its step {self._axes[self._promise.held[worst]]} is off by {1e6 * cycle.after_rad[worst]:.3g} "
+            f"µrad, the limit is {1e6 * STRAY_RAD:g} µrad"
+        )
+
+    def _is_better(self, cycle: _Cycle) -> bool:
+        if not np.all(cycle.after_rad <= STRAY_RAD):
+            return False
+        return self._best is None or bool(np.linalg.norm(cycle.error_rad) < np.linalg.norm(self._best.error_rad))
+
+
+def dissipated_w(rms_a: Array, coil: Coil) -> float:
+    """Return the mean dissipation of coils that carry `rms_a` (n_a,), a part or whole cycles long; section 6.2.1."""
+    return float(np.sum((coil.force_constant_n_a / coil.steepness_n_sqrt_w * rms_a) ** 2))
+
+
+def _start(segment: Segment) -> int:
+    return int(segment.settings["position_2_at"])

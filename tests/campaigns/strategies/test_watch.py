@@ -1,0 +1,174 @@
+"""What is judged of a chop that learns, cycle by cycle, against records whose errors are known."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from campaigns.strategies.watch import CONVERGED_RAD, Promise, Watch
+from sim_backend.bench import Gate, Learning, Record, Segment
+from sim_backend.control.blocks import DiscreteFilter
+from sim_backend.control.feedback import theta_controller
+from sim_backend.simbench import SimBench
+from tests.small_bench import bench_model
+
+RATE_HZ, PERIOD, DWELL, STEP = 10_000.0, 2000, 1000, 50
+LEVEL = 8e-3
+BENCH = SimBench(bench_model(), 0)
+LOOPS = (None, theta_controller(), None)
+PROMISE = Promise(moving=(1,), shrinks_to=(0.5,), held=(0, 1), step_samples=STEP, feedback=LOOPS)
+PLAIN = DiscreteFilter(np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros((0, 2)), 1.0, RATE_HZ)
+
+
+def segment(gain: float | None = 1.0, cycles: int = 1, label: str = "learning", shift: int = 0) -> Segment:
+    """A chop of θy, its learning with this gain, frozen for None."""
+    reference = np.zeros((PERIOD, 3))
+    reference[:DWELL, 1] = LEVEL
+    learning = Learning(PLAIN, 1.0 if gain is None else gain, 0, PERIOD, active=gain is not None)
+    return Segment(
+        label=label,
+        n_samples=cycles * PERIOD,
+        reference=np.roll(reference, -shift, axis=0),
+        feedforward=np.zeros((PERIOD, 3)),
+        feedback=(None, theta_controller(), None),
+        gates=(Gate(0, 1, True, 0.0),),
+        learning=(None, learning, None),
+        settings={
+            "dwell_samples": DWELL,
+            "position_2_at": (-shift) % PERIOD,
+            "position_1_at": (DWELL - shift) % PERIOD,
+        },
+    )
+
+
+def record(of: Segment, error_rad: float = 0.0, torque_nm: float = 0.0, at: slice = slice(None)) -> Record:
+    """What is measured where θy is off by a constant error within a part of each cycle, under a constant torque."""
+    n = of.n_samples
+    channels = {name: np.zeros(n) for name in ("command_theta_x", "command_z", "theta_x", "z")}
+    off = np.zeros(PERIOD)
+    off[at] = error_rad
+    channels["theta_y"] = np.tile(of.reference[:, 1] - off, n // PERIOD)
+    channels["command_theta_y"] = np.full(n, torque_nm)
+    for name, share in zip(("current_A1", "current_A2", "current_A3"), BENCH.limits.to_current[:, 1], strict=True):
+        channels[name] = np.full(n, share * torque_nm)
+    return Record(of, channels)
+
+
+def judged(errors: list[float], gains: list[float | None]) -> list[str]:
+    watch = Watch(PROMISE, BENCH)
+    return [watch.failure(segment(g), record(segment(g), e)) for e, g in zip(errors, gains, strict=True)]
+
+
+def test_an_error_that_shrinks_as_promised_goes_on_and_ends_within_the_band():
+    errors = [40e-6, 20e-6, 10e-6, 5e-6, 2.5e-6, 1e-6, 1.6e-6, 0.9e-6]
+    assert judged(errors, [0.0] + [1.0] * 7) == [""] * 8
+
+
+def test_an_error_that_shrinks_too_little_stops_after_two_cycles():
+    *before, last = judged([40e-6, 30e-6, 22e-6], [0.0, 1.0, 1.0])
+    assert before == ["", ""]
+    # half of 30 µrad and the band of 1.7 µrad
+    assert "cycle 3 (learning): learning of theta_y does not converge: after 30 µrad" in last
+    assert "is 22 µrad, the limit is 16.7 µrad" in last
+    # with half the gain three quarters may be left
+    assert judged([40e-6, 31e-6, 24e-6], [0.0, 0.5, 0.5]) == ["", "", ""]
+
+
+def test_one_cycle_beyond_the_bound_is_noise():
+    assert judged([40e-6, 30e-6, 16e-6, 12e-6, 6e-6], [0.0, 1.0, 1.0, 1.0, 1.0]) == [""] * 5
+
+
+def test_learning_that_promises_nothing_may_wander_but_not_undo_what_it_has_reached():
+    paper = dataclasses.replace(PROMISE, shrinks_to=(1.0,), held=())
+
+    def said(*errors: float) -> list[str]:
+        watch = Watch(paper, BENCH)
+        return [watch.failure(segment(0.1), record(segment(0.1), e)) for e in errors]
+
+    assert said(8e-3, 4e-3, 10e-6, 40e-6, 59e-6, 20e-6) == [""] * 6
+    *before, last = said(8e-3, 4e-3, 10e-6, 70e-6, 80e-6)
+    assert before == [""] * 4 and "the limit is 60 µrad" in last
+
+
+def test_what_strays_after_the_step_is_stopped_and_what_moves_is_not():
+    for at, strays in ((slice(0, STEP), False), (slice(STEP, STEP + 1), True), (slice(DWELL - 1, DWELL), True)):
+        frozen = segment(None, label="chop")
+        said = Watch(PROMISE, BENCH).failure(frozen, record(frozen, 60e-6, at=at))
+        assert bool(said) == strays
+    assert "after its step theta_y is off by 60 µrad, the limit is 50 µrad" in said
+
+
+def test_a_tilt_that_does_not_move_is_judged_as_well():
+    frozen = segment(None, label="chop")
+    seen = record(frozen)
+    seen.channels["theta_x"][700] = 51e-6
+    assert "theta_x is off by 51 µrad" in Watch(PROMISE, BENCH).failure(frozen, seen)
+
+
+def test_learning_may_stray_at_first_but_for_three_cycles_at_most():
+
+    stops = judged([400e-6, 200e-6, 100e-6], [0.0, 1.0, 1.0])
+    assert stops[:2] == ["", ""] and "after its step" in stops[2]
+    assert judged([90e-6, 45e-6, 22e-6], [0.0, 1.0, 1.0]) == ["", "", ""]
+    # with a cycle to fall back to, the one that does so is the third
+    stops = judged([40e-6, 60e-6, 60e-6], [0.0, 1.0, 1.0])
+    assert stops[1] == "" and stops[2] != ""
+
+
+@pytest.mark.parametrize(("torque_nm", "says"), [(0.1, ""), (0.3, "the coils dissipate"), (0.16, "N (rms)")])
+def test_power_and_force_are_those_of_equation_6_2(torque_nm: float, says: str):
+    limits = BENCH.limits
+    current = limits.to_current[:, 1] * torque_nm
+    power, force = float(np.sum((5.7 / 7.9 * current) ** 2)), float(5.7 * np.abs(current).max())
+    soft = dataclasses.replace(limits.coil, continuous_force_n=3.0) if says == "N (rms)" else limits.coil
+    assert ("dissipate" in says) == (power > 1.0) and (says == "N (rms)") == (force > soft.continuous_force_n)
+    watch = Watch(PROMISE, BENCH)
+    watch._limits = dataclasses.replace(limits, coil=soft)  # noqa: SLF001
+    said = watch.failure(segment(), record(segment(), torque_nm=torque_nm))
+    assert says in said and bool(said) == bool(says)
+
+
+def test_a_bench_that_does_not_know_its_coils_is_judged_by_its_error_alone():
+    watch = Watch(PROMISE, SimBench(bench_model(hardware=False), 0))
+    assert watch.failure(segment(), record(segment(), torque_nm=50.0)) == ""
+
+
+def test_the_fallback_plays_the_drive_of_the_best_cycle_where_the_moves_are():
+    watch, ramp = Watch(PROMISE, BENCH), np.linspace(0.0, 0.05, PERIOD)
+    for error, gain in ((20e-6, 0.0), (8e-6, 1.0), (30e-6, 1.0)):
+        seen = record(segment(gain), error)
+        seen.channels["command_theta_y"] = ramp if error == 8e-6 else 2.0 * ramp
+        assert watch.failure(segment(gain), seen) == ""
+    last = segment(None, cycles=2, label="chop", shift=300)
+    made, number = watch.fallback(last)
+    assert number == 2 and made.n_samples == PERIOD and made.learning == ()
+    np.testing.assert_array_equal(np.roll(made.feedforward[:, 1], 300), ramp)
+    np.testing.assert_array_equal(made.reference, last.reference)
+    assert Gate(0, 1, True, 0.0) in made.gates and made.feedback is LOOPS
+
+
+def test_without_a_good_cycle_there_is_nothing_to_fall_back_to():
+    watch = Watch(PROMISE, BENCH)
+    watch.failure(segment(0.0), record(segment(0.0), 100e-6))
+    assert watch.fallback(segment(0.0)) is None
+
+
+def test_it_asks_for_what_a_plan_does_not_record():
+    watch = Watch(PROMISE, BENCH)
+    bare = dataclasses.replace(segment(), record=("theta_x", "theta_y", "temperature"))
+    asked = watch.asked(bare)
+    assert {"command_theta_y", "theta_y", "z", "temperature"} <= set(asked.record)
+    assert watch.asked(segment()).record == ()  # all of them already
+    # a part of a cycle is not judged
+    part = dataclasses.replace(segment(None), n_samples=PERIOD - 1)
+    assert watch.failure(part, Record(part, {})) == ""
+
+
+def test_the_band_is_the_one_that_a_chop_settles_to():
+    from analysis.measurements.settling import BAND_RAD
+    from analysis.recorded.requirements import POWER_W
+    from campaigns.strategies import watch
+
+    assert CONVERGED_RAD == BAND_RAD and watch.POWER_W == POWER_W
