@@ -51,8 +51,8 @@ class Controller:
         return {
             one.dof: xr.Dataset(
                 {
-                    "reference": ("time", one.motion_rad, {"units": "rad"}),
-                    "torque": ("time", one.drive_nm, {"units": "N m"}),
+                    "reference": ("time", one.price.motion_rad, {"units": "rad"}),
+                    "torque": ("time", one.price.drive_nm, {"units": "N m"}),
                 },
                 {"time": ("time", one.time_s, {"units": "s"})},
             )

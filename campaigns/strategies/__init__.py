@@ -63,7 +63,7 @@ def _played_by(strategy: str) -> Strategy:
 
 
 def is_watched(name: str) -> bool:
-    """Tell whether every cycle of a strategy is judged: those that learn, or play a designed controller, are, and those of other packages."""
+    """Tell whether every cycle of a strategy is judged: all but those of a feed-forward under feedback alone are."""
     return not STRATEGIES.get(name, "").startswith("feedforward:")
 
 
