@@ -47,16 +47,8 @@ def chop(
     """
     from mccdcli.own_controller import chop_plan
 
-    chosen = {
-        "alpha_deg": alpha,
-        "from_rad": form[0],
-        "to_rad": form[1],
-        "strategy": strategy,
-        "cycles": cycles,
-        "frequency_hz": frequency,
-        "model": model,
-        "controller": controller,
-    }
+    chosen = {"strategy": strategy, "alpha_deg": alpha, "from_rad": form[0], "to_rad": form[1], "cycles": cycles}
+    chosen |= {"frequency_hz": frequency, "model": model, "controller": controller}
     plan = chop_plan("chop", {**chosen, **settings}, bench, seed, dry_run=dry_run, as_json=as_json)
     if isinstance(plan, int):
         return plan

@@ -16,6 +16,7 @@ from mccdcli.trials import count, play
 if TYPE_CHECKING:
     from analysis.design.api import Designed
     from analysis.design.stages import StageResult
+    from campaigns.log import Run
     from campaigns.plans import Plan
     from sim_backend.bench import Limits
 
@@ -72,17 +73,14 @@ def design(
 
     \b
     Examples:
-      mccd design --model nominal.toml --out design
       mccd design --model nominal.toml --log nominal.runs/sweep-theta_x.h5 --log hysteresis.h5 --stages
       mccd design --model nominal.toml --max-power 0.15 --out thrifty
       mccd settle --strategy designed --controller design/controller.toml
     """
-    # the model first, and what designs last: a wrong name and a dry run do not wait for it
     from campaigns.plans import make_plan
     from sim_backend.model import load_model
 
-    if settling is not None and max_power is not None:
-        raise click.UsageError("--settling and --max-power both choose the move; give one of them")
+    _require_one(settling, max_power)
     nominal, plan = load_model(model), make_plan("rest", {})
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
@@ -91,7 +89,6 @@ def design(
     from analysis.design.api import Options, design_controller
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.uncertainty import Tolerance
-    from campaigns.log import read_run
     from campaigns.progress import part_of
 
     options = Options(
@@ -99,12 +96,9 @@ def design(
     )
     folder = prepare_folder(out or Path("design"))
     with ExitStack() as stack:
-        runs = [stack.enter_context(read_run(path)) for path in given]
-        if not any(run.header.test == plan.name for run in runs):
-            log, code = _at_rest(plan, bench, folder, seed)
-            if code:
-                return code
-            runs.append(stack.enter_context(read_run(log)))
+        runs = _logs(stack, plan, given, bench, folder, seed)
+        if isinstance(runs, int):
+            return runs
         limits, axes = _what_it_may(bench, seed)
         with progress("designing") as report:
             first = part_of(report, 0.0, 0.5 if stages else 0.9)  # designing takes about as long as playing
@@ -117,6 +111,27 @@ def design(
     said = {**document(designed, rows), "files": {"controller": path, **files}}
     emit(said, as_json=as_json, text=_text(designed, rows, [path, *files.values()]))
     return 0
+
+
+def _require_one(settling: float | None, max_power: float | None) -> None:
+    """Raise UsageError where both say which move to take."""
+    if settling is not None and max_power is not None:
+        raise click.UsageError("--settling and --max-power both choose the move; give one of them")
+
+
+def _logs(
+    stack: ExitStack, plan: Plan, given: tuple[Path, ...], bench: str, folder: Path, seed: int
+) -> list[Run] | int:
+    """Return the logs to design from, open while the stack is, a rest recorded if none was given; else an exit code."""
+    from campaigns.log import read_run
+
+    runs = [stack.enter_context(read_run(path)) for path in given]
+    if not any(run.header.test == plan.name for run in runs):
+        log, code = _at_rest(plan, bench, folder, seed)
+        if code:
+            return code
+        runs.append(stack.enter_context(read_run(log)))
+    return runs
 
 
 def _tell_unswept(designed: Designed) -> None:
