@@ -17,7 +17,7 @@ from campaigns.playing.interrupts import Interrupts
 from campaigns.strategies.watch import Watch
 from campaigns.version import tool_commit, tool_version
 from sim_backend.bench import Bench, Record, Segment
-from sim_backend.errors import CheckError
+from sim_backend.errors import CheckError, MccdError
 
 Report = Callable[[float, float, str], None]
 """Called with samples played, samples in all, and the label of what is being played."""
@@ -141,10 +141,13 @@ def _fall_back(watch: Watch, last: Segment, bench: Bench, writer: LogWriter, sig
     """Bring the bench back to its last good drive and return what was done, and what to do."""
     found = watch.fallback(last)
     if found is None:
-        done = "no cycle before was good, so the bench was made safe at once"
+        done = "there was no good cycle or no stable feedback to go back to, so the bench was made safe at once"
     else:
-        _play(found[0], found[0], bench, writer, signals)
-        done = f"the drive of cycle {found[1]} was played under feedback, then the bench was made safe"
+        try:
+            _play(found[0], found[0], bench, writer, signals)
+            done = f"the drive of cycle {found[1]} was played under feedback, then the bench was made safe"
+        except MccdError as error:  # why it was stopped must still be told
+            done = f"the drive of cycle {found[1]} could not be played ({error}), so the bench was made safe at once"
     return f"{done}; {writer.path} holds what was recorded; identify this bench again and design anew"
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from campaigns.strategies.design import Design
     from campaigns.strategies.stages import Stage, Strategy, Task
     from campaigns.strategies.watch import Promise
+    from sim_backend.control.blocks import DiscreteFilter
 
 # Each name with the module beside this and the function in it: a name is checked without importing what plays it.
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
@@ -69,8 +70,7 @@ def is_watched(name: str) -> bool:
 
 def promise_of(name: str, task: Task, design: Design) -> Promise:
     """Return what a strategy by name promises of a chop, one of those that are watched."""
-    from campaigns.strategies.design import feedback_of  # a name alone is checked without numpy
-    from campaigns.strategies.stages import move_samples, moving
+    from campaigns.strategies.stages import move_samples, moving  # a name alone is checked without numpy
     from campaigns.strategies.watch import Promise
 
     controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
@@ -82,8 +82,22 @@ def promise_of(name: str, task: Task, design: Design) -> Promise:
         shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
         held=tuple(i for i, one in enumerate(controls) if one is not None and learned),
         step_samples=move_samples(task, design),
-        feedback=tuple(feedback_of(dof, design.rate_hz) for dof in task.axes),
+        feedback=_brings_back(task, design, axes),
     )
+
+
+def _brings_back(task: Task, design: Design, moving: tuple[int, ...]) -> tuple[DiscreteFilter | None, ...] | None:
+    """Return the paper's feedback of every axis, None where it would make one that moves unstable."""
+    from campaigns.strategies.design import feedback_of
+
+    feedback = tuple(feedback_of(dof, design.rate_hz) for dof in task.axes)
+    try:
+        for axis in moving:
+            if (loop := feedback[axis]) is not None:
+                design.require_stable(task.axes[axis], loop)
+    except ConfigError:
+        return None
+    return feedback
 
 
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:

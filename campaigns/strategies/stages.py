@@ -85,8 +85,8 @@ class Stage:
 
     @property
     def learns(self) -> bool:
-        """Whether an input is being learned: what is heard now acts in the next period."""
-        return any(one is not None and one.active and one.gain > 0.0 for one in self.learning)
+        """Whether an input is being learned, or listened to first: what is heard now acts in the next period."""
+        return any(one is not None and one.active for one in self.learning)
 
 
 Strategy = Callable[[Task, "Design"], tuple[Stage, ...]]

@@ -37,6 +37,12 @@ STRAY_RAD = 50e-6
 CONVERGED_RAD = 1.7e-6
 """Error (rms over a cycle) that learning need not shrink any further: the band in which a chop has settled."""
 
+FLOOR_RAD = 10.0 * CONVERGED_RAD
+"""Error (rms) below which learning need not shrink it: behind a filter it ends at a floor, not at nothing."""
+
+MOST_MISSING = 0.5
+"""Part of a cycle's readings that may be missing."""
+
 PATIENCE = 2
 """Cycles in a row that break the bound of convergence before it counts: noise breaks it once, growth goes on."""
 
@@ -48,19 +54,22 @@ class Promise:
     `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
     most, 1 where nothing is proven: then learning may undo STRAY_RAD of what it has reached. The error of the axes
     `held` stays below STRAY_RAD except while they move, `step_samples` or longer. `feedback` of every axis is what
-    brings the bench back: the paper's, for the one in force may be what fails.
+    brings the bench back: the paper's, for the one in force may be what fails; None where it is unstable as well.
     """
 
     moving: tuple[int, ...]
     shrinks_to: tuple[float, ...]
     held: tuple[int, ...]
     step_samples: int
-    feedback: tuple[DiscreteFilter | None, ...]
+    feedback: tuple[DiscreteFilter | None, ...] | None
 
 
 @dataclass(frozen=True)
 class _Cycle:
-    """One cycle as it was played: `error_rad` (n_moving,) is rms, `after_rad` (n_held,) the largest after the step."""
+    """One cycle as it was played: `error_rad` (n_moving,) is rms, `after_rad` (n_held,) the largest after the step.
+
+    Both are of the readings that are numbers; `missing` is the part that are not.
+    """
 
     number: int
     segment: Segment
@@ -68,6 +77,7 @@ class _Cycle:
     current: Array
     error_rad: Array
     after_rad: Array
+    missing: float
 
 
 class Watch:
@@ -97,7 +107,9 @@ class Watch:
     def failure(self, segment: Segment, record: Record) -> str:
         """Return why a played segment must be the last one, empty where it need not; part of a cycle is not judged."""
         for cycle in self._cycles(segment, record):
-            why = self._overload(cycle) or self._divergence(cycle) or self._stray(cycle)
+            if self._before is not None and not _alike(self._before.segment, segment):
+                self._before, self._least = None, np.full_like(self._least, np.inf)
+            why = self._blind(cycle) or self._overload(cycle) or self._divergence(cycle) or self._stray(cycle)
             if why:
                 return f"cycle {cycle.number} ({segment.label}): {why}"
             self._before, self._least = cycle, np.minimum(self._least, cycle.error_rad)
@@ -108,10 +120,10 @@ class Watch:
     def fallback(self, last: Segment) -> tuple[Segment, int] | None:
         """Return what brings the bench back after `last`: the drive of the best cycle under the paper's feedback.
 
-        The number of that cycle comes with it. None where no cycle was good.
+        The number of that cycle comes with it. None where no cycle was good, or that feedback is unstable here.
         """
-        best = self._best
-        if best is None:
+        best, feedback = self._best, self._promise.feedback
+        if best is None or feedback is None:
             return None
         moving = list(self._promise.moving)
         shift = _start(last) - _start(best.segment)
@@ -123,7 +135,7 @@ class Watch:
             label="fallback",
             n_samples=FALLBACK_CYCLES * last.reference.shape[0],
             feedforward=feedforward,
-            feedback=self._promise.feedback,
+            feedback=feedback,
             gates=(*gates, *(Gate(0, axis, True, 0.0) for axis in moving)),
             learning=(),
             settings={**last.settings, "phase": "fallback"},
@@ -142,14 +154,18 @@ class Watch:
             command, reading = (self._read(record, role, rows) for role in ("input", "output"))
             current = self._read(record, "current", rows) if self._names["current"] else None
             error = segment.reference - reading
+            known = np.isfinite(error)
+            current = command @ self._limits.to_current.T if current is None else current
             self._count += 1
             yield _Cycle(
                 self._count,
                 segment,
                 command,
-                command @ self._limits.to_current.T if current is None else current,
-                np.sqrt(np.mean(error[:, moving] ** 2, axis=0)),
-                np.max(np.abs(error[:, held]) * after, axis=0, initial=0.0),
+                # where an amplifier's reading is missing, what it was told
+                np.where(np.isfinite(current), current, command @ self._limits.to_current.T),
+                _rms(error[:, moving]),
+                np.max(np.where(known[:, held], np.abs(error[:, held]), 0.0) * after, axis=0, initial=0.0),
+                1.0 - float(known[:, sorted({*moving, *held})].mean(axis=0).min(initial=1.0)),
             )
 
     def _read(self, record: Record, role: str, rows: slice) -> Array:
@@ -168,6 +184,11 @@ class Watch:
                 arrival = int(on_the_way[-1]) + 1 if on_the_way.size else 0
                 over[rows[max(arrival, self._promise.step_samples) :], column] = 1.0
         return over
+
+    def _blind(self, cycle: _Cycle) -> str:
+        if cycle.missing <= MOST_MISSING:
+            return ""
+        return f"{cycle.missing:.0%} of the readings of an axis are missing, the limit is {MOST_MISSING:.0%}"
 
     def _overload(self, cycle: _Cycle) -> str:
         coil = self._limits.coil
@@ -188,24 +209,30 @@ class Watch:
             return ""
         for k, axis in enumerate(self._promise.moving):
             learning = cycle.segment.learning[axis] if axis < len(cycle.segment.learning) else None
-            if learning is None or not learning.active or not learning.gain:
+            gain = learning.gain if learning is not None and learning.active else None
+            if gain == 0.0:  # it listens
                 continue
             before, now = self._before.error_rad[k], cycle.error_rad[k]
-            bound = self._bound(k, learning.gain, before)
+            bound = self._bound(k, gain or 0.0, before)
             self._broken[k] = 0 if now <= bound else self._broken[k] + 1
             if self._broken[k] >= PATIENCE:
+                what = f"learning of {self._axes[axis]} does not converge" if gain else f"{self._axes[axis]} strays"
                 return (
-                    f"learning of {self._axes[axis]} does not converge: after {1e6 * before:.3g} µrad the error (rms) "
-                    f"is {1e6 * now:.3g} µrad, the limit is {1e6 * bound:.3g} µrad"
+                    f"{what}: after {1e6 * before:.3g} µrad the error (rms) is {1e6 * now:.3g} µrad, the limit is "
+                    f"{1e6 * bound:.3g} µrad"
                 )
         return ""
 
     def _bound(self, k: int, gain: float, before_rad: float) -> float:
-        """Return the largest error (rms) that may follow `before_rad`; where nothing is proven it may wander."""
-        left = self._promise.shrinks_to[k]
-        if left >= 1.0:
-            return self._least[k] + STRAY_RAD
-        return (1.0 - gain * (1.0 - left)) * before_rad + CONVERGED_RAD
+        """Return the largest error (rms) that may follow `before_rad`.
+
+        Where nothing is proven, or learned, it may wander; near the floor of what is learned it must not grow.
+        """
+        left, wandering = self._promise.shrinks_to[k], self._least[k] + STRAY_RAD
+        if left >= 1.0 or not gain:
+            return float(wandering)
+        proven = 1.0 - gain * (1.0 - left) if before_rad > FLOOR_RAD else 1.0
+        return float(min(proven * before_rad + CONVERGED_RAD, wandering))
 
     def _stray(self, cycle: _Cycle) -> str:
         strays = not np.all(cycle.after_rad <= STRAY_RAD)
@@ -225,6 +252,18 @@ class Watch:
         if not np.all(cycle.after_rad <= STRAY_RAD):
             return False
         return self._best is None or bool(np.linalg.norm(cycle.error_rad) < np.linalg.norm(self._best.error_rad))
+
+
+def _alike(one: Segment, other: Segment) -> bool:
+    """Tell whether two segments chop over the same way, so that the errors of one are a measure for the other."""
+    return np.array_equal(np.ptp(one.reference, axis=0), np.ptp(other.reference, axis=0))
+
+
+def _rms(error: Array) -> Array:
+    """Return the rms (m,) of the errors (n, m) that are numbers, 0 where none is."""
+    known = np.isfinite(error)
+    power = np.sum(np.where(known, error, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.asarray(np.sqrt(power))
 
 
 def dissipated_w(rms_a: Array, coil: Coil) -> float:

@@ -146,11 +146,12 @@ def test_waiting_is_a_time_and_learning_ends_early_on_request(path):
         return [part for part in parts if part[0] not in ("approach", "chop")]
 
     learning = [(f"learning {k}", 1) for k in (1, 2, 3, 4)]
-    assert phases() == [("settling in", 2), *learning]
+    listening = [("settling in", 1), ("settling in", 1)]
+    assert phases() == [*listening, *learning]
     assert phases(frequency_hz=0.5) == [("settling in", 1), *learning]  # a period of 2 s is wait enough
-    assert phases(tuning={"learning_s": 0.4}) == [("settling in", 2), *learning[:2]]
-    assert phases(tuning={"learning_s": 0.01}) == [("settling in", 2), *learning[:1]]
-    assert phases(tuning={"learning_s": 60.0}) == [("settling in", 2), *learning]
+    assert phases(tuning={"learning_s": 0.4}) == [*listening, *learning[:2]]
+    assert phases(tuning={"learning_s": 0.01}) == [*listening, *learning[:1]]
+    assert phases(tuning={"learning_s": 60.0}) == [*listening, *learning]
 
 
 def test_what_was_learned_stays_when_learning_ends(path):
@@ -243,4 +244,4 @@ def test_steps_are_one_cycle_while_they_are_learned_and_two_afterwards(path):
     plan = make_plan("settling", {"strategy": "designed", "controller": path, "alpha_deg": 90.0, "cycles": 6})
     cycles = [(s.label, s.n_samples // PERIOD) for s in checked_segments(plan, SimBench(bench_model(), 0))]
     chop = [("chop 1", 1), ("chop 2", 2), ("chop 3", 2), ("chop 4", 1)]
-    assert cycles[1:] == [("settling in", 2), *((f"learning {k}", 1) for k in (1, 2, 3, 4)), *chop]
+    assert cycles[1:] == [("settling in 1", 1), ("settling in 2", 1), *((f"learning {k}", 1) for k in (1, 2, 3, 4)), *chop]

@@ -172,3 +172,45 @@ def test_the_band_is_the_one_that_a_chop_settles_to():
     from campaigns.strategies import watch
 
     assert CONVERGED_RAD == BAND_RAD and watch.POWER_W == POWER_W
+
+
+def test_near_its_floor_an_error_need_not_shrink_but_must_not_grow():
+    assert judged([12e-6] * 4, [0.0, 1.0, 1.0, 1.0]) == [""] * 4
+    *before, last = judged([10e-6, 12e-6, 14e-6], [0.0, 1.0, 1.0])
+    assert before == ["", ""] and "the limit is 13.7 µrad" in last
+
+
+def test_what_is_not_learned_must_not_run_away():
+    linear = dataclasses.replace(PROMISE, held=())
+
+    def said(*errors: float) -> list[str]:
+        watch, frozen = Watch(linear, BENCH), segment(None, label="chop")
+        return [watch.failure(frozen, record(frozen, e)) for e in errors]
+
+    assert said(300e-6, 340e-6, 320e-6, 345e-6) == [""] * 4
+    *before, last = said(300e-6, 360e-6, 370e-6)
+    assert before == ["", ""] and "theta_y strays" in last and "the limit is 350 µrad" in last
+
+
+def test_another_chop_begins_anew():
+    watch, small, large = Watch(dataclasses.replace(PROMISE, held=()), BENCH), segment(None), segment(None)
+    small = dataclasses.replace(small, reference=0.1 * small.reference)
+    assert watch.failure(small, record(small, 1e-6)) == ""
+    assert [watch.failure(large, record(large, 100e-6)) for _ in range(3)] == [""] * 3
+
+
+@pytest.mark.parametrize("channel", ["theta_y", "theta_x", "current_A1"])
+def test_single_readings_that_are_missing_stop_nothing_and_many_do(channel: str):
+    watch, frozen = Watch(PROMISE, BENCH), segment(None, label="chop")
+    seen = record(frozen, 1e-6, torque_nm=0.01)
+    seen.channels[channel] = seen.channels[channel].copy()
+    seen.channels[channel][[10, 900, 1500]] = np.nan
+    assert [watch.failure(frozen, seen) for _ in range(3)] == [""] * 3
+    seen.channels[channel][: PERIOD // 2 + 1] = np.nan
+    assert ("50% of the readings" in watch.failure(frozen, seen)) == channel.startswith("theta")
+
+
+def test_without_a_stable_feedback_nothing_is_gone_back_to():
+    watch = Watch(dataclasses.replace(PROMISE, feedback=None), BENCH)
+    assert watch.failure(segment(), record(segment(), 1e-6)) == ""
+    assert watch.fallback(segment()) is None
