@@ -244,4 +244,5 @@ def test_steps_are_one_cycle_while_they_are_learned_and_two_afterwards(path):
     plan = make_plan("settling", {"strategy": "designed", "controller": path, "alpha_deg": 90.0, "cycles": 6})
     cycles = [(s.label, s.n_samples // PERIOD) for s in checked_segments(plan, SimBench(bench_model(), 0))]
     chop = [("chop 1", 1), ("chop 2", 2), ("chop 3", 2), ("chop 4", 1)]
-    assert cycles[1:] == [("settling in 1", 1), ("settling in 2", 1), *((f"learning {k}", 1) for k in (1, 2, 3, 4)), *chop]
+    waited = [("settling in 1", 1), ("settling in 2", 1)]
+    assert cycles[1:] == [*waited, *((f"learning {k}", 1) for k in (1, 2, 3, 4)), *chop]
