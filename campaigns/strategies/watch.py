@@ -237,7 +237,7 @@ class Watch:
     def _stray(self, cycle: _Cycle) -> str:
         strays = not np.all(cycle.after_rad <= STRAY_RAD)
         self._strayed = self._strayed + 1 if strays else 0
-        learns = any(one is not None and one.active for one in cycle.segment.learning)
+        learns = _learns(cycle.segment)
         # what is still being learned may stray at first, but no longer than it takes to bring the bench back in time
         allowed = MOST_CYCLES - 1 if self._best is None else CYCLES_AT_ONCE - 1
         if not strays or (learns and self._strayed <= allowed):
@@ -255,8 +255,16 @@ class Watch:
 
 
 def _alike(one: Segment, other: Segment) -> bool:
-    """Tell whether two segments chop over the same way, so that the errors of one are a measure for the other."""
-    return np.array_equal(np.ptp(one.reference, axis=0), np.ptp(other.reference, axis=0))
+    """Tell whether the errors of one segment are a measure for the other: the same way, both while learning or not.
+
+    What was learned may be played without the feedback under which it was, and then errs otherwise.
+    """
+    ways = [np.ptp(segment.reference, axis=0) for segment in (one, other)]
+    return np.array_equal(*ways) and _learns(one) == _learns(other)
+
+
+def _learns(segment: Segment) -> bool:
+    return any(one is not None and one.active for one in segment.learning)
 
 
 def _rms(error: Array) -> Array:

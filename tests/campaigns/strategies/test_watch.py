@@ -214,3 +214,10 @@ def test_without_a_stable_feedback_nothing_is_gone_back_to():
     watch = Watch(dataclasses.replace(PROMISE, feedback=None), BENCH)
     assert watch.failure(segment(), record(segment(), 1e-6)) == ""
     assert watch.fallback(segment()) is None
+
+
+def test_what_was_learned_may_err_otherwise_where_it_is_played_in_another_way():
+    watch = Watch(dataclasses.replace(PROMISE, shrinks_to=(1.0,), held=()), BENCH)
+    learning, frozen = segment(0.1), segment(None, label="chop")
+    assert [watch.failure(learning, record(learning, 1e-6)) for _ in range(2)] == ["", ""]
+    assert [watch.failure(frozen, record(frozen, 1.2e-3)) for _ in range(3)] == [""] * 3
