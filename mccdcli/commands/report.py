@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from mccdcli.junit import Case, remove_earlier, write_junit
+from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import NewPath, common_options
 from mccdcli.output import BAD, GOOD, emit, say, table
 from mccdcli.progress import progress
@@ -87,7 +87,7 @@ def report(
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
-    remove_earlier(junit)
+    prepare_junit(junit)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 
     folder = out or Path("report")
