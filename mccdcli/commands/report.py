@@ -39,7 +39,9 @@ OWN_LOGS: Final = "310 MB"
     help="Also design a controller from the campaign's logs, play it, and set its results beside the others.",
 )
 @click.option(
-    "--check", is_flag=True, help="Exit with 1 if a predicted number leaves its tolerance or ours exceeds a bound."
+    "--check",
+    is_flag=True,
+    help="Exit with 1 if a predicted number leaves its tolerance, is not determined, or exceeds a bound.",
 )
 @click.option(
     "--known-misses",
@@ -69,8 +71,8 @@ def report(
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
-    controller to OUT/designed. With --check, each predicted number outside its tolerance and each bound exceeded is
-    named; those in --known-misses do not fail, and one of them that passes again is told.
+    controller to OUT/designed. With --check, each predicted number outside its tolerance or not determined is named,
+    and each bound exceeded; those in --known-misses do not fail, and one of them that passes again is told.
 
     \b
     Examples:
