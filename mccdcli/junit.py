@@ -23,12 +23,13 @@ class Case(NamedTuple):
     skipped: str = ""
 
 
-def prepare_junit(path: Path | None) -> None:
+def prepare_junit(path: Path | None, out: Path) -> None:
     """Remove the file of an earlier run, before anything can fail: it would pass for the result of this one.
 
-    Raises ConfigError where something else stands there, OSError where none can be written; both before any work.
+    `out` is the folder that the command makes first. Raises ConfigError where something else stands there, OSError
+    where none can be written; both before any work.
     """
-    if path is not None:
+    if path is not None and (out.exists() or path.parent.resolve() != out.resolve()):
         require_new_or_own(path, lambda begin: begin.startswith(_BEGIN.encode()), "JUnit file of mccd")
         path.unlink(missing_ok=True)
 

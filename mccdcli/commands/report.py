@@ -89,10 +89,10 @@ def report(
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
-    prepare_junit(junit)
+    folder = out or Path("report")
+    prepare_junit(junit, folder)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 
-    folder = out or Path("report")
     logs = folder / "campaign"
     then = f", and then about {OWN_LOGS} in {folder / 'designed'}" if own else ""
     played = play_campaign(loaded, logs, bench, seed, resume=(logs / STATE_FILE).exists(), then=then)

@@ -35,7 +35,7 @@ def free_run(tmp_path, *effects):
 
 def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal):
     run, out = free_run(tmp_path), tmp_path / "out"
-    junit = tmp_path / "diagnosis.xml"
+    junit = out / "checks.xml"  # in the folder that is made
     checked = ("--expect", "consistent", "--junit", str(junit))
     done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json", *checked)
     assert done.returncode == 0, done.stderr
