@@ -7,7 +7,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mccdcli.output import visible
-from sim_backend.safe_write import write_text
+from sim_backend.safe_write import require_new_or_own, write_text
+
+_HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
+_BEGIN = f'{_HEAD}<testsuites>\n  <testsuite name="mccd '
+"""How every file of ours begins: the name of a suite is that of a command."""
 
 
 class Case(NamedTuple):
@@ -19,9 +23,14 @@ class Case(NamedTuple):
     skipped: str = ""
 
 
-def remove_earlier(path: Path | None) -> None:
-    """Remove the file of an earlier run, before anything can fail: it would pass for the result of this one."""
-    if path is not None:
+def prepare_junit(path: Path | None, out: Path) -> None:
+    """Remove the file of an earlier run, before anything can fail: it would pass for the result of this one.
+
+    `out` is the folder that the command makes first. Raises ConfigError where something else stands there, OSError
+    where none can be written; both before any work.
+    """
+    if path is not None and (out.exists() or path.parent.resolve() != out.resolve()):
+        require_new_or_own(path, lambda begin: begin.startswith(_BEGIN.encode()), "JUnit file of mccd")
         path.unlink(missing_ok=True)
 
 
@@ -45,4 +54,4 @@ def write_junit(path: Path, suite: str, cases: Sequence[Case]) -> Path:
                 ElementTree.SubElement(element, kind, {"message": visible(why)})
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")
-    return write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
+    return write_text(path, f"{_HEAD}{text}\n")

@@ -35,7 +35,7 @@ def load_plugin(group: str, name: str) -> Any:
     point = _points(group)[name]
     try:
         return point.load()
-    except Exception as error:  # the code of others fails in any way
+    except (Exception, SystemExit) as error:  # the code of others fails in any way
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise ConfigError(f"{_told(point)} cannot be imported ({reason}); repair or uninstall the package") from None
 

@@ -11,14 +11,18 @@ import errno
 import io
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from sim_backend.errors import ConfigError
+from sim_backend.small_files import open_regular
 
 NAME_SHOWN = 40
 """Characters of the final name that the hidden one begins with: it stays shorter than the 255 bytes of a name."""
+
+OWN_BYTES = 1024
+"""Of a file that may be replaced: by so many it is known as one of ours."""
 
 READABLE = 0o666
 """Permissions of a new file before the user's umask takes some away."""
@@ -122,6 +126,27 @@ def require_ordinary(path: Path) -> None:
     if special:
         what = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, a pipe or an open stream"
         raise ConfigError(f"{path} is {what} and no file that could be written; name a new file in an ordinary folder")
+
+
+def require_new_or_own(path: Path, is_own: Callable[[bytes], bool], what: str) -> None:
+    """Raise ConfigError unless `path` can be written and holds nothing, or what `is_own` by its first bytes.
+
+    What would be written in the end is told now, before any work: `what` names it. Raises OSError that names `path`
+    where its folder takes no file.
+    """
+    require_ordinary(path)
+    if path.exists():
+        try:
+            with open(open_regular(path), "rb") as file:
+                begin = file.read(OWN_BYTES)
+        except OSError:  # whoever may not read it does not know what it is
+            begin = b"?"
+        if begin and not is_own(begin):
+            raise ConfigError(f"{path} exists and is no {what}; give another name")
+    hidden = hidden_name(path)
+    with _named(path, hidden):
+        os.close(os.open(hidden, os.O_WRONLY | _NEW, READABLE))
+        os.unlink(hidden)
 
 
 def require_no_link(path: Path) -> None:

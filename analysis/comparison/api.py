@@ -35,13 +35,21 @@ def is_run(path: str) -> bool:
 
 
 def is_diagnosis(path: str) -> bool:
-    """Tell whether a path is a folder that holds a diagnosis, or the JSON file of one."""
+    """Tell whether a path is a folder that holds a diagnosis, or the JSON file of one.
+
+    Raises DataError for a file of that name that cannot be read.
+    """
     file = Path(path)
     if file.is_dir():
         return (file / DIAGNOSIS).is_file()
     if not file.is_file() or file.suffix.lower() != ".json":
         return False
-    found = document_in(file)
+    try:
+        found = document_in(file)
+    except DataError:
+        if file.name == DIAGNOSIS:
+            raise
+        return False  # whoever else reads JSON says what is wrong
     return isinstance(found, dict) and str(found.get("schema")).startswith(DIAGNOSIS_SCHEMA)
 
 

@@ -10,11 +10,23 @@ from analysis.comparison.table import Comparison
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
 from campaigns.version import tool_commit, tool_version
-from sim_backend.safe_write import write_text
+from sim_backend.safe_write import require_new_or_own, write_text
+
+GENERATOR = b'<meta name="generator" content="mccd compare">'
+"""By this line of the template a page is known as one of these."""
+
+
+def require_page(path: Path) -> None:
+    """Raise ConfigError where a page would take the place of anything but an earlier one, one of what is compared too.
+
+    Raises OSError where its folder takes no file.
+    """
+    require_new_or_own(path, lambda begin: GENERATOR in begin, "page of `mccd compare`")
 
 
 def write_comparison(found: Comparison, path: Path) -> Path:
-    """Write the page, replacing a file of that name, and return its path."""
+    """Write the page, replacing one of that name, and return its path; raises as `require_page`."""
+    require_page(path)
     drawings = [
         (canvas, Markup(inlined(canvas.svg(), f"c{i}", str(escape(canvas.title)))))
         for i, canvas in enumerate(found.figures)

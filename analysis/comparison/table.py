@@ -44,15 +44,23 @@ class Row:
     @property
     def differs(self) -> bool:
         """Whether the values are not the same."""
-        if self.difference is None:
+        if self.difference is None or self.first is None or self.second is None:
             return self.first != self.second
+        if not math.isfinite(self.difference):  # of one that is no finite number, or of both
+            return self.first != self.second and not (_is_nan(self.first) and _is_nan(self.second))
         return abs(self.difference) > SAME * max(abs(float(self.first or 0.0)), abs(float(self.second or 0.0)))
 
     def texts(self) -> tuple[str, str, str, str, str]:
         """Return what people read: the value, both numbers, their difference and the unit."""
         change = self.difference
         whole = isinstance(self.first, int) and isinstance(self.second, int)
-        told = "" if change is None or not self.differs else f"{change:.0f}" if whole else shown(change)
+        told = (
+            ""
+            if change is None or not math.isfinite(change) or not self.differs
+            else f"{change:.0f}"
+            if whole
+            else shown(change)
+        )
         if told and self.first:
             told += f" ({100.0 * (change or 0.0) / abs(float(self.first)):+.3g} %)"
         if self.sigmas is not None:
@@ -112,8 +120,14 @@ def _text(value: Value, std: float | None) -> str:
         return NONE
     if isinstance(value, str):
         return value
+    if not math.isfinite(value):
+        return "NaN" if _is_nan(value) else f"{'-' if value < 0 else ''}∞"
     told = shown(float(value), None, std) if not isinstance(value, int) else str(value)
     return f"{told} ± {shown(std)}" if std is not None and math.isfinite(std) and std > 0.0 else told
+
+
+def _is_nan(value: Value) -> bool:
+    return isinstance(value, float) and math.isnan(value)
 
 
 def _finite(value: Value) -> Value:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from analysis.design.api import Designed
@@ -121,13 +123,16 @@ def _move(designed: Designed) -> Canvas:
 
 
 def _price(designed: Designed) -> Canvas:
+    # a bench that does not say what its coils dissipate has no power to show
+    stated = not any(math.isnan(one.price.power_w) for one in designed.axes)
     canvas = Canvas(
         "The price of a fast move",
-        f"Power and peak current of a 5 Hz chop over {1e3 * designed.options.reach_rad:g} mrad, by the time in which "
+        f"{'Power and peak current' if stated else 'Peak current'} of a 5 Hz chop over "
+        f"{1e3 * designed.options.reach_rad:g} mrad, by the time in which "
         "its moves arrive. The circle is this design, the cross what the paper reached (over 8.5 mrad).",
-        rows=2,
+        rows=2 if stated else 1,
         columns=len(designed.axes),
-        size=(4.2 * len(designed.axes), 5.0),
+        size=(4.2 * len(designed.axes), 5.0 if stated else 2.8),
         share_x=True,
     )
     for i, one in enumerate(designed.axes):
@@ -136,9 +141,10 @@ def _price(designed: Designed) -> Canvas:
             ("power (W)", [p.power_w for p in one.curve], one.price.power_w, PAPER[one.dof][1]),
             ("peak current (A)", [p.peak_a for p in one.curve], one.price.peak_a, PAPER[one.dof][2]),
         )
-        for row, (label, values, own, paper) in enumerate(rows):
+        shown = rows if stated else rows[1:]
+        for row, (label, values, own, paper) in enumerate(shown):
             at = i + row * len(designed.axes)
-            axes = canvas.panel(at, NAMES[one.dof], "settling (ms)" if row else "", label)
+            axes = canvas.panel(at, NAMES[one.dof], "settling (ms)" if row == len(shown) - 1 else "", label)
             canvas.line(at, "this project", arrival, values, color=OURS, linewidth=1.2)
             canvas.points(at, "this design", [1e3 * one.price.move.arrival_s], [own], color=OURS, markersize=6.0)
             canvas.points(at, "paper", [1e3 * PAPER[one.dof][0]], [paper], color=COLOURS[1], marker="x", markersize=7.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
             ("", "bound of any linear feedback, µrad", f"{1e6 * f.least_rad:.3f}", ""),
             ("", "reference arrives after, ms", f"{1e3 * one.price.move.arrival_s:.1f}", f"{1e3 * SETTLING_S:g}"),
             ("", "peak current, A", f"{one.price.peak_a:.2f}", f"{designed.limit_a:g}"),
-            ("", "power of a 5 Hz chop, W", f"{one.price.power_w:.3f}", f"{POWER_W:g}"),
+            ("", "power of a 5 Hz chop, W", _power_told(one.price.power_w), f"{POWER_W:g}"),
             ("", "peak of |S|, dB", f"{f.peak_db[0]:.2f}, worst plant {f.peak_db.max():.2f}", "5"),
             (
                 "",
@@ -144,6 +145,10 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
             ("", "error left after a period, worst", f"{one.learning.largest:.3f}", f"{SURE_FACTOR:g}"),
         ]
     return rows
+
+
+def _power_told(power_w: float) -> str:
+    return "not stated by the bench" if math.isnan(power_w) else f"{power_w:.3f}"
 
 
 AXIS_HEADS = ("axis", "expected", "value", "limit")

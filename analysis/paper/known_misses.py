@@ -69,15 +69,19 @@ def outcomes(tables: Mapping[str, Table], known: Known) -> tuple[Outcome, ...]:
 
 def _outcome(key: str, row: Row, reason: str | None) -> Outcome:
     name = row.number.row
-    if row.inside is None:
-        missing = "not measured" if row.determined else "not determined"
-        return Outcome(key, name, "not measured", f"{missing} by this campaign")
+    if row.inside is None and row.determined:
+        return Outcome(key, name, "not measured", "not measured by this campaign")
     if row.inside:
         return Outcome(key, name, "passed" if reason is None else "passes now")
-    said = _missed(row)
+    # a prediction that its own noise hides is no more confirmed than one that is missed
+    said = _missed(row) if row.determined else f"not determined by this campaign{_uncertain(row)}"
     return (
         Outcome(key, name, "failed", said) if reason is None else Outcome(key, name, "known miss", f"{said}: {reason}")
     )
+
+
+def _uncertain(row: Row) -> str:
+    return f" ({row.ours:.3g} ± {row.std:.3g} {row.number.unit}".rstrip() + "); repeat it, or list it as known"
 
 
 def _missed(row: Row) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unicodedata import category
+
 from sim_backend.errors import ConfigError
 
 MAX_CHANNELS = 4096
@@ -34,16 +36,25 @@ CHUNK_SLOTS = 67
 READER_BYTES = 384 * 2**20
 """What the process that looks at a foreign file may take, beside Python and its libraries."""
 
-
 MAX_NOTE_CHARS = 500
+
+NO_NOTE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode categories that no note may hold: controls, invisible signs, halves of signs, ends of lines."""
 
 
 def check_note(note: str) -> None:
     """Raise ConfigError for a note that is no single line of up to MAX_NOTE_CHARS characters."""
     if len(note) > MAX_NOTE_CHARS:
         raise ConfigError(f"the note has {len(note)} characters of at most {MAX_NOTE_CHARS}: shorten it")
-    if not note.isprintable():
+    if any(category(sign) in NO_NOTE for sign in note):
         raise ConfigError(f"the note {note[:60]!r} holds line breaks or control characters: write it in one line")
+
+
+def readable_note(note: str) -> str:
+    """Return the note of a log with what `check_note` would not take written out, in MAX_NOTE_CHARS characters."""
+    told = "".join(ascii(sign)[1:-1] if category(sign) in NO_NOTE else sign for sign in note)
+    grown = len(note) <= MAX_NOTE_CHARS < len(told)
+    return f"{told[: MAX_NOTE_CHARS - 1]}…" if grown else told
 
 
 def check_text(text: str, what: str) -> None:

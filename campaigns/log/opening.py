@@ -21,7 +21,7 @@ from campaigns.log.guard import (
     refuse,
     text_attribute,
 )
-from campaigns.log.limits import MAX_SEGMENT_TABLE_BYTES, MAX_SEGMENTS
+from campaigns.log.limits import MAX_SEGMENT_TABLE_BYTES, MAX_SEGMENTS, readable_note
 from campaigns.log.read import NoMemoryError, Run, without_memory
 from campaigns.log.schema import (
     CHANNELS,
@@ -118,6 +118,7 @@ def _header(path: Path, file: h5py.File) -> Header:
         )
     }
     texts |= {name: text_attribute(file, name, path, default="") for name in ("status_reason", "ended_utc", "note")}
+    texts["note"] = readable_note(texts["note"])
     if texts["status"] == OPEN_STATUS and not has_writer(path):
         texts["status"], texts["status_reason"] = "crashed", "its writer ended without closing it"
     seed = number_attribute(file, "seed", path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any, Protocol
 
 import h5py
@@ -170,8 +170,10 @@ def check_status(status: str) -> None:
 def check_time(text: str, what: str) -> None:
     """Raise ConfigError unless `text` is an ISO 8601 time with its zone."""
     try:
-        zone = datetime.fromisoformat(text).tzinfo
-    except ValueError:
+        time = datetime.fromisoformat(text)
+        zone = time.tzinfo
+        time.astimezone(UTC)  # it may lie before the first year or after the last there
+    except (ValueError, OverflowError):
         zone = None
     if zone is None:
         raise ConfigError(f"{what} is {text[:40]!r}: write ISO 8601 with a zone, as in 2026-03-01T12:00:00+00:00")

@@ -7,12 +7,13 @@ Other packages may add to the list (`sim_backend.plugins`).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from sim_backend.errors import ConfigError, did_you_mean
-from sim_backend.plugins import load_plugin, plugin_names, refusal
+from sim_backend.plugins import plugin_names
 
 if TYPE_CHECKING:
     from campaigns.strategies.design import Design
@@ -53,11 +54,9 @@ def check_strategy(name: str, controller: str | None) -> None:
 def _played_by(strategy: str) -> Strategy:
     """Return the function that plays a strategy, imported now."""
     if strategy not in STRATEGIES:
-        found = load_plugin("strategies", strategy)
-        if not callable(found):
-            raise refusal("strategies", strategy, "is no function of a task and a design")
-        of_a_package: Strategy = found
-        return of_a_package
+        from campaigns.strategies.plugin import stages_of_plugin
+
+        return partial(stages_of_plugin, strategy)
     module, _, function = STRATEGIES[strategy].partition(":")
     own: Strategy = getattr(import_module(f"{__name__}.{module}"), function)
     return own
@@ -103,7 +102,8 @@ def _brings_back(task: Task, design: Design, moving: tuple[int, ...]) -> tuple[D
 def stages_of(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
     """Return the stages of a strategy by name, one that `check_strategy` knows.
 
-    Raises ConfigError for a controller whose loop is unstable on the design model.
+    Raises ConfigError for a controller whose loop is unstable on the design model, and for a strategy of another
+    package that fails or returns no sound stages.
     """
     stages = _played_by(strategy)(task, design)
     loops = {(dof, id(loop)): loop for stage in stages for dof, loop in zip(task.axes, stage.feedback, strict=True)}

@@ -45,7 +45,7 @@ def chop(
       mccd chop --alpha 120 --form 0:+8.5 --out chop-120.h5
       mccd chop --form=-8.5:+8.5 --strategy mbff --json
     """
-    from mccdcli.own_controller import chop_plan
+    from mccdcli.own_controller import chop_plan, told_to_design_anew
 
     chosen = {"strategy": strategy, "alpha_deg": alpha, "from_rad": form[0], "to_rad": form[1], "cycles": cycles}
     chosen |= {"frequency_hz": frequency, "model": model, "controller": controller}
@@ -55,7 +55,8 @@ def chop(
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0
-    played = play(plan, bench, out or Path("chop.h5"), seed)
+    with told_to_design_anew(plan):
+        played = play(plan, bench, out or Path("chop.h5"), seed)
     if played.exit_code:
         return played.exit_code
 

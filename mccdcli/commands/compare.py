@@ -36,6 +36,10 @@ def compare(first: str, second: str, out: Path | None, as_json: bool) -> None:
     """
     from analysis.comparison import compare as compared
 
+    if out is not None:
+        from analysis.comparison.page import require_page
+
+        require_page(out)
     with progress("comparing") as report:
         report(0.0, 2.0, f"{first} and {second}")
         found = compared(first, second)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from mccdcli.junit import Case, remove_earlier, write_junit
+from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import BenchAddress, NewPath, Real, RealRange, WholeRange, common_options
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
@@ -102,13 +102,14 @@ def diagnose(
     from sim_backend.model import load_model
 
     _require_one(runs, table_file, bench, level, held=held)
-    remove_earlier(junit)
+    folder = out or Path("diagnosis")
+    prepare_junit(junit, folder)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
     settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
     if table_file is not None:
-        found = _of_table(table_file, model, out or Path("diagnosis"), settings, level, held=held, as_json=as_json)
+        found = _of_table(table_file, model, folder, settings, level, held=held, as_json=as_json)
     else:
-        found = _of_logs(runs, nominal, model, out or Path("diagnosis"), settings, rows, bench, as_json=as_json)
+        found = _of_logs(runs, nominal, model, folder, settings, rows, bench, as_json=as_json)
     return _concluded(found, nominal, expect, junit)
 
 

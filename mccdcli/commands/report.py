@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from mccdcli.junit import Case, remove_earlier, write_junit
+from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import NewPath, common_options
 from mccdcli.output import BAD, GOOD, emit, say, table
 from mccdcli.progress import progress
@@ -39,7 +39,9 @@ OWN_LOGS: Final = "310 MB"
     help="Also design a controller from the campaign's logs, play it, and set its results beside the others.",
 )
 @click.option(
-    "--check", is_flag=True, help="Exit with 1 if a predicted number leaves its tolerance or ours exceeds a bound."
+    "--check",
+    is_flag=True,
+    help="Exit with 1 if a predicted number leaves its tolerance, is not determined, or exceeds a bound.",
 )
 @click.option(
     "--known-misses",
@@ -69,8 +71,8 @@ def report(
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
-    controller to OUT/designed. With --check, each predicted number outside its tolerance and each bound exceeded is
-    named; those in --known-misses do not fail, and one of them that passes again is told.
+    controller to OUT/designed. With --check, each predicted number outside its tolerance or not determined is named,
+    and each bound exceeded; those in --known-misses do not fail, and one of them that passes again is told.
 
     \b
     Examples:
@@ -87,10 +89,10 @@ def report(
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
-    remove_earlier(junit)
+    folder = out or Path("report")
+    prepare_junit(junit, folder)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 
-    folder = out or Path("report")
     logs = folder / "campaign"
     then = f", and then about {OWN_LOGS} in {folder / 'designed'}" if own else ""
     played = play_campaign(loaded, logs, bench, seed, resume=(logs / STATE_FILE).exists(), then=then)

@@ -46,7 +46,7 @@ def settle(
       mccd settle --strategy mbff --alpha 0 --json
       mccd settle --strategy designed --controller design/controller.toml --alpha 0
     """
-    from mccdcli.own_controller import chop_plan
+    from mccdcli.own_controller import chop_plan, told_to_design_anew
 
     chosen = {
         "strategy": strategy,
@@ -63,7 +63,8 @@ def settle(
     if dry_run:
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0
-    played = play(plan, bench, out or Path("settle.h5"), seed)
+    with told_to_design_anew(plan):
+        played = play(plan, bench, out or Path("settle.h5"), seed)
     if played.exit_code:
         return played.exit_code
 

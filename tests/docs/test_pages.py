@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -42,6 +43,13 @@ def test_every_block_that_is_left_out_says_why() -> None:
     for page in PAGES:
         for block in blocks(page):
             assert not block.left_out or len(block.left_out) > 15, page
+
+
+def test_every_decision_has_a_number_of_its_own() -> None:
+    names = sorted(path.name for path in (DOCS / "decisions").glob("[0-9]*.md"))
+    assert len(names) > 30 and all(re.match(r"\d{4}-[a-z0-9-]+\.md$", name) for name in names)
+    shared = [pair for pair in pairwise(names) if pair[0][:4] == pair[1][:4]]
+    assert shared == []
 
 
 def spoken() -> list[tuple[str, str]]:

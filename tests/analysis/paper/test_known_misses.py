@@ -10,7 +10,7 @@ import pytest
 
 from analysis.paper.known_misses import load_known_misses, outcomes
 from analysis.paper.numbers import PaperNumber, PaperTable, paper_tables
-from analysis.paper.rows import build_table
+from analysis.paper.rows import Ours, build_table
 from sim_backend.errors import ConfigError
 
 README = Path(__file__).parents[3] / "README.md"
@@ -27,19 +27,25 @@ def number(key: str, label: str = "predicted", value: float | None = 10.0) -> Pa
 
 
 def test_every_state_of_a_number() -> None:
-    numbers = tuple(map(number, ("in", "out", "known", "better", "absent"))) + (number("copied", "input"),)
+    keys = ("in", "out", "known", "better", "absent", "noisy", "known noisy")
+    numbers = (*map(number, keys), number("copied", "input"))
+    noisy = Ours(9.5, std=20.0)
     table = build_table(
         "1",
         PaperTable(title="t", note="", rows=numbers),
-        {"in": 10.5, "out": 12.0, "known": 8.0, "better": 9.5, "copied": 99.0},
+        {"in": 10.5, "out": 12.0, "known": 8.0, "better": 9.5, "copied": 99.0, "noisy": noisy, "known noisy": noisy},
     )
     known = {("1", "row known"): "softer spring", ("1", "row better"): "was 7 once"}
+    known["1", "row known noisy"] = "one step is too few"
+    unsure = "not determined by this campaign (9.5 ± 20 Hz); repeat it, or list it as known"
     found = {one.row: (one.state, one.said) for one in outcomes({"1": table}, known)}
     assert found == {
         "row in": ("passed", ""),
         "row out": ("failed", "12 Hz, not within 1 of 10 Hz"),
         "row known": ("known miss", "8 Hz, not within 1 of 10 Hz: softer spring"),
         "row better": ("passes now", ""),
+        "row noisy": ("failed", unsure),
+        "row known noisy": ("known miss", f"{unsure}: one step is too few"),
         "row absent": ("not measured", "not measured by this campaign"),
     }
 

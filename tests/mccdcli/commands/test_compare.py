@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from analysis.comparison.table import Row
 from campaigns.log import Channel, LogWriter
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
@@ -178,6 +179,8 @@ def test_diagnoses_show_verdict_cause_parameters_and_gain(tmp_path: Path, capsys
         (("text.txt", "a.toml"), 2, "text.txt is none of these"),
         (("broken.toml", "a.toml"), 2, "not valid TOML"),
         (("other.json", "old"), 2, "other.json"),
+        (("cut.json", "a.toml"), 2, "in double quotes: line 1 column 28 (char 27); mend that place"),
+        (("cut/diagnosis.json", "old"), 4, "cut/diagnosis.json: not valid JSON"),
         (("old", "old"), 4, "is no diagnosis of the form mccd-diagnosis/1"),
         (("short", "short"), 4, "short/diagnosis.json: Object missing required field"),
         (("foreign.h5", "foreign.h5"), 4, "foreign.h5"),
@@ -194,6 +197,9 @@ def test_what_cannot_be_compared_is_told_in_one_line(
     Path("broken.toml").write_text("[[[")
     Path("other.json").write_text('{"some": "thing"}')
     diagnosis(tmp_path / "old", "named", schema="mccd-diagnosis/0")
+    Path("cut.json").write_text('{"schema": "mccd-model/1", ')
+    Path("cut").mkdir()
+    Path("cut/diagnosis.json").write_text('{"schema": "mccd-diag')
     Path("short").mkdir()
     Path("short/diagnosis.json").write_text('{"schema": "mccd-diagnosis/1"}')
     import h5py
@@ -203,6 +209,61 @@ def test_what_cannot_be_compared_is_told_in_one_line(
     assert main(["compare", *words]) == code
     out, err = capsys.readouterr()
     assert says in err and err.count("\n") == 1 and out == ""
+
+
+@pytest.mark.parametrize("out", ["a.toml", "b.toml", "link.toml", "report.html", "old/diagnosis.json", "text.txt"])
+def test_a_page_takes_the_place_of_no_other_file(
+    out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    models(tmp_path)
+    Path("link.toml").symlink_to("a.toml")
+    Path("report.html").write_text("<!doctype html>\n<html><p>mine</p></html>\n")
+    Path("text.txt").write_text("text")
+    diagnosis(tmp_path / "old", "named")
+    before = Path(out).read_bytes()
+    assert main(["compare", "a.toml", "b.toml", "--out", out]) == 2
+    assert f"{out} exists and is no page of `mccd compare`; give another name" in capsys.readouterr().err
+    assert Path(out).read_bytes() == before and Path("link.toml").is_symlink()
+
+
+def test_a_page_replaces_an_earlier_one_and_its_folder_is_asked_for_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    models(tmp_path)
+    assert main(["compare", "a.toml", "b.toml", "--out", "page.html"]) == 0
+    assert main(["compare", "a.toml", "a.toml", "--out", "page.html"]) == 0
+    assert "<h1>a.toml and a.toml</h1>" in Path("page.html").read_text(encoding="utf-8")
+    capsys.readouterr()
+    # neither of the two is looked at where the page has no place
+    assert main(["compare", "no.toml", "none.toml", "--out", "nowhere/page.html"]) == 4
+    assert "nowhere/page.html: No such file or directory" in capsys.readouterr().err
+
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "differs", "texts"),
+    [
+        (NAN, 1.0, True, ("NaN", "1.000")),
+        (1.0, INF, True, ("1.000", "∞")),
+        (-INF, INF, True, ("-∞", "∞")),
+        (INF, NAN, True, ("∞", "NaN")),
+        (NAN, None, True, ("NaN", "—")),
+        (NAN, NAN, False, ("NaN", "NaN")),
+        (INF, INF, False, ("∞", "∞")),
+        (1, INF, True, ("1", "∞")),
+        (1.0, 1.0 + 1e-12, False, ("1.000", "1.000")),
+    ],
+)
+def test_what_is_no_finite_number_differs_from_one(
+    first: float | None, second: float | None, differs: bool, texts: tuple[str, str]
+) -> None:
+    row = Row("value", first, second)
+    assert row.differs is differs
+    assert row.texts()[1:4] == (*texts, "")
 
 
 @pytest.fixture(scope="module")

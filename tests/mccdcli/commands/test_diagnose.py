@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from campaigns.log import Channel, LogWriter
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
+from mccdcli.junit import Case, write_junit
 from sim_backend.model import EffectEntry, dump_model, load_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import NOISE, bench_model
@@ -33,7 +35,7 @@ def free_run(tmp_path, *effects):
 
 def test_a_model_that_is_right_ends_with_0_and_all_files(mccd, tmp_path, nominal):
     run, out = free_run(tmp_path), tmp_path / "out"
-    junit = tmp_path / "diagnosis.xml"
+    junit = out / "checks.xml"  # in the folder that is made
     checked = ("--expect", "consistent", "--junit", str(junit))
     done = mccd("diagnose", str(run), "--model", str(nominal), "-o", str(out), "--json", *checked)
     assert done.returncode == 0, done.stderr
@@ -113,11 +115,51 @@ def test_a_model_of_other_channels_is_a_matter_of_configuration(mccd, tmp_path, 
 def test_dead_and_short_records_are_a_matter_of_data(mccd, tmp_path, one_axis):
     dead = other_log(tmp_path, theta_x=np.zeros(500))
     junit = tmp_path / "diagnosis.xml"
-    junit.write_text("that of last night, which passed")
+    write_junit(junit, "mccd diagnose", [Case("of last night", "which passed")])
     more = ("-o", str(tmp_path / "out"), "--junit", str(junit))
     done = mccd("diagnose", str(dead), "--model", str(one_axis), *more)
     assert_refused(done, 4, "other.h5", "theta_x", "constant at 0")
     assert not junit.exists()
+
+
+@pytest.mark.parametrize("taken", ["text", "log", "model", "another suite", "folder", "link to a log"])
+def test_a_junit_file_takes_the_place_of_nothing_else(mccd, tmp_path, one_axis, taken):
+    run = other_log(tmp_path)
+    where = {"log": run, "model": one_axis}.get(taken, tmp_path / "here.xml")
+    if taken == "text":
+        where.write_text("a letter")
+    elif taken == "another suite":
+        where.write_text('<?xml version="1.0" encoding="utf-8"?><testsuites name="pytest tests"></testsuites>')
+    elif taken == "folder":
+        where.mkdir()
+    elif taken == "link to a log":
+        where.symlink_to(run)
+    before = None if where.is_dir() else where.read_bytes()
+    done = mccd("diagnose", str(run), "--model", str(one_axis), "-o", str(tmp_path / "out"), "--junit", str(where))
+    assert done.returncode == 2 and done.stdout == "", done.stderr
+    if taken == "folder":  # the option itself says so
+        return
+    assert_refused(done, 2, str(where), "exists and is no JUnit file", "give another name")
+    assert where.read_bytes() == before and not (tmp_path / "out").exists()
+
+
+def test_a_junit_file_is_never_a_device(mccd, tmp_path, one_axis):
+    run = other_log(tmp_path)
+    device = tmp_path / "pipe"
+    os.mkfifo(device)
+    (tmp_path / "stdout").symlink_to("/proc/self/fd/1")
+    for name in ("pipe", "stdout"):
+        done = mccd("diagnose", str(run), "--model", str(one_axis), "--junit", str(tmp_path / name))
+        assert_refused(done, 2, name, "no file that could be written")
+        assert os.path.lexists(tmp_path / name)
+
+
+def test_a_junit_file_that_cannot_be_written_is_told_before_the_work(mccd, tmp_path, one_axis):
+    run = other_log(tmp_path)
+    given = ("-o", str(tmp_path / "out"), "--junit", str(tmp_path / "nowhere" / "a.xml"))
+    done = mccd("diagnose", str(run), "--model", str(one_axis), *given)
+    assert_refused(done, 4, "nowhere/a.xml", "No such file or directory")
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_unknown_effect_to_leave_out_is_refused(mccd, tmp_path, one_axis):

@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from campaigns.log import Channel, LogWriter, read_run, recover
+from campaigns.log import Channel, LogWriter, read_run, recover, sidecar_of
 from campaigns.log.limits import MAX_NOTE_CHARS
 from mccdcli.main import main
 from sim_backend.errors import ConfigError
@@ -87,9 +87,12 @@ def test_every_file_that_is_no_sound_log_is_a_line_that_says_so(folder: Path) ->
     (folder / "cut.h5").write_bytes(whole[: len(whole) // 3])
     with h5py.File(write(folder / "long.h5", "chop", "2026-03-02T06:30:00+00:00"), "r+") as file:
         file.attrs["note"] = "x" * (MAX_NOTE_CHARS + 1)
+    for name, started in (("first.h5", "0001-01-01T00:00:00+14:00"), ("last.h5", "9999-12-31T23:59:59-14:00")):
+        with h5py.File(write(folder / name, "chop", "2026-03-02T06:30:00+00:00"), "r+") as file:
+            file.attrs["started_utc"] = started
     os.mkfifo(folder / "pipe.h5")
     (folder / "gone.h5").symlink_to(folder / "nothing")
-    bad = {"text.h5", "foreign.h5", "cut.h5", "long.h5", "pipe.h5", "gone.h5"}
+    bad = {"text.h5", "foreign.h5", "cut.h5", "long.h5", "pipe.h5", "gone.h5", "first.h5", "last.h5"}
     begun = time.monotonic()
     for more in ([], ["--test", "sinesweep"], ["--status", "unreadable"]):
         done = mccd("log", "list", str(folder), "--json", *more, command=REAL, timeout=100.0)
@@ -99,6 +102,7 @@ def test_every_file_that_is_no_sound_log_is_a_line_that_says_so(folder: Path) ->
         assert {one["status"] for one in told.values() if one["error"]} == {"unreadable"}
     assert time.monotonic() - begun < 100.0
     assert "schema" in told["foreign.h5"]["error"] and "note" in told["long.h5"]["error"]
+    assert all("started_utc" in told[name]["error"] for name in ("first.h5", "last.h5"))
     text = mccd("log", "list", str(folder), command=REAL).stdout.splitlines()
     assert len(text) == 1 + 3 + len(bad)
 
@@ -147,6 +151,35 @@ def test_a_note_goes_from_the_command_into_log_show_list_and_recovery(tmp_path: 
     recover(tmp_path / "run.h5", tmp_path / "saved.h5")
     with read_run(tmp_path / "saved.h5") as run:
         assert run.header.note == note
+
+
+def test_a_note_may_have_the_spaces_that_keyboards_give(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    note = "5\u00a0m cable, 12\u202f500\u2009Hz"
+    write(folder / "spaces.h5", "chop", "2026-03-02T06:30:00+00:00", note=note)
+    (one,) = listed(capsys, str(folder), "--note", "cable")
+    assert one["note"] == note and one["error"] == ""
+
+
+@pytest.mark.parametrize(
+    ("note", "read"),
+    [
+        ("two\nlines", r"two\nlines"),
+        ("\u202eback", r"\u202eback"),
+        ("a\u2028b\x1b[2J", r"a\u2028b\x1b[2J"),
+        ("\x1b" * 200, r"\x1b" * 124 + r"\x1" + "…"),
+    ],
+)
+def test_a_log_whose_note_no_program_of_ours_writes_is_read_with_it_written_out(
+    note: str, read: str, folder: Path, tmp_path: Path
+) -> None:
+    with h5py.File(folder / "a.h5", "r+") as file:
+        file.attrs["note"] = note
+    sidecar_of(folder / "a.h5").unlink()  # whoever wrote that may have kept no checksum
+    with read_run(folder / "a.h5") as run:
+        assert run.header.note == read and len(read) <= MAX_NOTE_CHARS
+    recover(folder / "a.h5", tmp_path / "saved.h5")
+    with pytest.raises(ConfigError, match="in one line"):
+        LogWriter.create(tmp_path / "new.h5", CHANNELS, test="t", bench={}, note=note)
 
 
 def test_every_run_of_a_campaign_and_an_import_keep_the_note(tmp_path: Path) -> None:
