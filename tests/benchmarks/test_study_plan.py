@@ -74,7 +74,8 @@ def test_the_page_for_users_says_what_the_plan_says() -> None:
     assert f"would take {wall} and {wall_power}, {disk} of disk" in said
     assert f"{workers.removesuffix(' GB')} and {workers_power} of memory for the workers" in said
     free = named("study-shares")["shares"]["without_lock_share"]
-    assert f"{1 / (1 - free):.1f} times the speed of one" in said and f"only {100 * free:.0f} %" in said
+    threads = [row(named("study-cost")["threads"], study=s, workers=4)["trials_per_s"] for s in ("spread", "power")]
+    assert f"Four threads finish {threads[0]:.1f} and {threads[1]:.2f}, because only {100 * free:.0f} %" in said
 
 
 def test_the_newest_dispatch_is_that_of_the_most_workers_and_trials() -> None:
