@@ -2,7 +2,7 @@
 
     python -m benchmarks.study_plan benchmarks/results/study-cost-2026-11-21.json
 
-docs/studies.md holds what this prints; `tests/benchmarks/test_study_plan.py` compares the two.
+`benchmarks/results/study-plan-*.md` holds what this prints; `tests/benchmarks/test_study_plan.py` compares the two.
 """
 
 from __future__ import annotations

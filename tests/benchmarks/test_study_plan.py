@@ -12,8 +12,9 @@ import pytest
 from benchmarks.study_plan import Cost, table, time_text
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
 FOLDER = ROOT / "benchmarks" / "results"
+PAGE = max(FOLDER.glob("study-plan-*.md")).read_text(encoding="utf-8")
+SUMMARY = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
 
 
 def named(prefix: str) -> dict[str, Any]:
@@ -60,6 +61,21 @@ def test_the_plan_follows_from_keys_of_the_result(study: str) -> None:
         (size["trials.sqlite"] + size["trials.csv"]) / 1000.0, rel=0.05
     )
     assert cells["summary and files"] == [time_text(million["conclude_s"])] * 3
+
+
+def test_the_page_for_users_says_what_the_plan_says() -> None:
+    spread, power = (
+        [row.split(" | ")[2:4] for row in table(named("study-cost"), s).splitlines()] for s in ("spread", "power")
+    )
+    rate, wall, _, _, workers, _, disk, _ = (one[0] for one in spread[2:])
+    rate_power, wall_power, _, _, workers_power, *_ = (one[0] for one in power[2:])
+    said = " ".join(SUMMARY.split())
+    assert f"finish {rate} trials of" in said and f"or {rate_power} diagnoses" in said
+    assert f"would take {wall} and {wall_power}, {disk} of disk" in said
+    assert f"{workers.removesuffix(' GB')} and {workers_power} of memory for the workers" in said
+    free = named("study-shares")["shares"]["without_lock_share"]
+    threads = [row(named("study-cost")["threads"], study=s, workers=4)["trials_per_s"] for s in ("spread", "power")]
+    assert f"Four threads finish {threads[0]:.1f} and {threads[1]:.2f}, because only {100 * free:.0f} %" in said
 
 
 def test_the_newest_dispatch_is_that_of_the_most_workers_and_trials() -> None:
