@@ -187,8 +187,10 @@ def test_a_report_shows_markup_as_text(here: Path) -> None:
     assert [path for path in linked if path.is_symlink()] == []
     page = Page((here / "out" / "index.html").read_text(encoding="utf-8"))
     assert_harmless(page)
-    for shown in (bench, f"{run}.h5", f"mccd {SCRIPT}", COMMENT, IMAGE):
+    # identifiers are cut to eight characters, and whole in what is shown beside the pointer
+    for shown in (bench, f"{run}.h5", f"mccd {SCRIPT}", COMMENT[:8], IMAGE[:8]):
         assert shown in page.text
+    assert {COMMENT, IMAGE} <= {attributes.get("title") for _, attributes in page.elements}
     assert_drawings_harmless(here / "out")
     for table in (here / "out" / "tables").glob("*.html"):
         assert_harmless(Page(table.read_text(encoding="utf-8")))
