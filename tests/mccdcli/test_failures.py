@@ -126,9 +126,9 @@ def test_wrong_usage_is_one_line_that_says_where_help_is(mccd) -> None:
 
 
 def test_a_mistyped_command_is_answered_with_the_nearest(mccd) -> None:
-    done = mccd("completon")
+    done = mccd("idenify")
     assert done.returncode == 2
-    assert done.stderr == ("mccd: error: No such command 'completon'. Did you mean 'completion'? (see 'mccd --help')\n")
+    assert done.stderr == ("mccd: error: No such command 'idenify'. Did you mean 'identify'? (see 'mccd --help')\n")
 
 
 def test_no_command_shows_the_help_and_counts_as_wrong_usage(mccd) -> None:
