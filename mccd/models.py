@@ -144,16 +144,6 @@ def core_model(model: Model | core.Model | str | Path) -> core.Model:
     return model if isinstance(model, core.Model) else core.load_model(model)
 
 
-def _row(mode: core.Mode) -> tuple[float, ...]:
-    hz, hz_std = _with_std(mode.frequency_hz)
-    decay, decay_std = _with_std(mode.decay_rate_1_s)
-    if hz == 0.0:
-        return hz, hz_std, math.nan, math.nan, decay, decay_std
-    zeta = decay / (2.0 * math.pi * hz)
-    zeta_std = math.hypot(decay_std / (2.0 * math.pi * hz), zeta * hz_std / hz)
-    return hz, hz_std, zeta, zeta_std, decay, decay_std
-
-
-def _with_std(value: core.Value) -> tuple[float, float]:
-    std = value.std if isinstance(value, core.Quantity) else None
-    return core.number(value), math.nan if std is None else std
+def _row(mode: core.Mode) -> list[float]:
+    known = (*core.with_std(mode.frequency_hz), *mode.damping_ratio(), *core.with_std(mode.decay_rate_1_s))
+    return [math.nan if value is None else value for value in known]

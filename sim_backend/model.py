@@ -11,6 +11,7 @@ wrote the file).
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -51,6 +52,11 @@ def number(value: Value) -> float:
     return value.value if isinstance(value, Quantity) else float(value)
 
 
+def with_std(value: Value) -> tuple[float, float | None]:
+    """Return the plain number of a value and its standard deviation, None where that is not known."""
+    return number(value), value.std if isinstance(value, Quantity) else None
+
+
 class Port(_Strict, frozen=True, kw_only=True):
     """One input or output: channel name, unit, and the degree of freedom that pairs inputs with outputs."""
 
@@ -69,6 +75,16 @@ class Mode(_Strict, frozen=True, kw_only=True):
     output: dict[str, Value]
     input_direct: dict[str, Value] = {}
     output_rate: dict[str, Value] = {}
+
+    def damping_ratio(self) -> tuple[float | None, float | None]:
+        """Return ζ and its standard deviation; None where either is not known, both of a rigid body."""
+        (hz, hz_std), (decay, decay_std) = with_std(self.frequency_hz), with_std(self.decay_rate_1_s)
+        if not hz:
+            return None, None
+        zeta = decay / (2.0 * math.pi * hz)
+        if hz_std is None or decay_std is None:
+            return zeta, None
+        return zeta, math.hypot(decay_std / (2.0 * math.pi * hz), zeta * hz_std / hz)
 
 
 class EffectEntry(_Strict, frozen=True, kw_only=True):

@@ -12,10 +12,12 @@ from analysis.comparison.bode import Curve, bode_figures
 from analysis.comparison.table import Comparison, Part, Row, Value, beside
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array
-from sim_backend.model import Mode, Model, Quantity, load_model, number
-from sim_backend.model import Value as Number
+from sim_backend.model import Mode, Model, load_model, number, with_std
 
 POINTS = 600
+
+_NOTHING: tuple[float | None, float | None] = (None, None)
+"""Value and standard deviation of what one of both models lacks."""
 
 
 def compare_models(first: str, second: str) -> Comparison:
@@ -43,8 +45,8 @@ def _ports(one: Model, other: Model) -> tuple[Row, ...]:
 def _modes(one: Model, other: Model) -> tuple[Row, ...]:
     rows: list[Row] = []
     for k, (a, b) in enumerate(_matched(one, other), start=1):
-        frequency = [_told(None if mode is None else mode.frequency_hz) for mode in (a, b)]
-        damping = [_damping(mode) for mode in (a, b)]
+        frequency = [_NOTHING if mode is None else with_std(mode.frequency_hz) for mode in (a, b)]
+        damping = [_NOTHING if mode is None else mode.damping_ratio() for mode in (a, b)]
         name = _name(k, next(mode for mode in (a, b) if mode is not None))
         rows.append(beside(f"{name}, frequency", (f[0] for f in frequency), "Hz", (f[1] for f in frequency)))
         rows.append(beside(f"{name}, damping ratio ζ", (z[0] for z in damping), "", (z[1] for z in damping)))
@@ -86,25 +88,6 @@ def _matched(one: Model, other: Model) -> list[tuple[Mode | None, Mode | None]]:
     return sorted(pairs, key=lambda pair: _place(next(mode for mode in pair if mode is not None)))
 
 
-def _told(value: Number | None) -> tuple[float | None, float | None]:
-    if value is None:
-        return None, None
-    return number(value), value.std if isinstance(value, Quantity) else None
-
-
-def _damping(mode: Mode | None) -> tuple[float | None, float | None]:
-    """Return ζ with its standard deviation; none of a rigid body."""
-    if mode is None:
-        return None, None
-    (hz, hz_std), (decay, decay_std) = _told(mode.frequency_hz), _told(mode.decay_rate_1_s)
-    if not hz or decay is None:
-        return None, None
-    zeta = decay / (2.0 * math.pi * hz)
-    if hz_std is None or decay_std is None:
-        return zeta, None
-    return zeta, math.hypot(decay_std / (2.0 * math.pi * hz), zeta * hz_std / hz)
-
-
 def _gains(one: Model, other: Model) -> tuple[Row, ...]:
     found = [_static(model) for model in (one, other)]
     return tuple(
@@ -133,7 +116,7 @@ def _delays(one: Model, other: Model) -> tuple[Row, ...]:
     rows = []
     for name in dict.fromkeys(port.name for model in (one, other) for port in model.inputs):
         told = [
-            _told(model.delay_s.get(name, 0.0)) if name in {p.name for p in model.inputs} else (None, None)
+            with_std(model.delay_s.get(name, 0.0)) if name in {p.name for p in model.inputs} else _NOTHING
             for model in (one, other)
         ]
         if any(value for value, _ in told):
@@ -145,7 +128,7 @@ def _effects(one: Model, other: Model) -> tuple[Row, ...]:
     found = [_parameters(model) for model in (one, other)]
     rows = []
     for name in dict.fromkeys(name for each in found for name in each):
-        both = [each.get(name, (None, None)) for each in found]
+        both = [each.get(name, _NOTHING) for each in found]
         rows.append(beside(name, (value for value, _ in both), "", (std for _, std in both)))
     return tuple(rows)
 
@@ -158,7 +141,7 @@ def _parameters(model: Model) -> dict[str, tuple[Value, float | None]]:
         while any(name.startswith(place) for name in told):  # several of one kind at one location
             place += " '"
         for name, value in entry.parameters.items():
-            told[f"{place}: {name}"] = _told(value)
+            told[f"{place}: {name}"] = with_std(value)
         if not entry.parameters:
             told[place] = "yes", None
     return told

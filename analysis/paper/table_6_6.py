@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.measurements.power import CoilPower
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
 from analysis.paper.table_6_7 import FORMS
@@ -89,13 +90,18 @@ def _settling(measured: Measured, strategy: str) -> dict[str, Ours]:
     return ours
 
 
-def _drive(measured: Measured, strategy: str) -> dict[str, Ours]:
-    """A 5 Hz chop of 8.5 mrad, the worse axis."""
+def powers_of(measured: Measured, strategy: str) -> list[CoilPower]:
+    """Return what the 5 Hz chop of each axis takes, none where it was not played or no current was measured."""
     phases = [measured.settle(strategy, alpha) for alpha in ALPHA_OF.values()]
     try:
-        powers = [p.power(FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W) for p in phases if p is not None]
+        return [p.power(FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W) for p in phases if p is not None]
     except DataError:  # a bench that measures no currents
-        return {}
+        return []
+
+
+def _drive(measured: Measured, strategy: str) -> dict[str, Ours]:
+    """A 5 Hz chop of 8.5 mrad, the worse axis."""
+    powers = powers_of(measured, strategy)
     if not powers:
         return {}
     return {

@@ -10,10 +10,10 @@ from analysis.paper.loop_shape import loop_margins_of
 from analysis.paper.measured import RATE_HZ, Measured
 from analysis.paper.numbers import paper_tables
 from analysis.paper.rows import Ours
+from analysis.paper.table_6_6 import powers_of
 from analysis.recorded.settle import FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W
 from analysis.recorded.sweep import difference_of
 from sim_backend.control.feedback import LEARNING_GAIN_FACTOR
-from sim_backend.errors import DataError
 
 PEAK_CURRENT_A = 9.0
 STEP_S = 5e-3
@@ -89,11 +89,7 @@ def _temperature(measured: Measured) -> dict[str, Ours]:
 
 def _continuous_force(measured: Measured) -> dict[str, Ours]:
     """Return the rms force of the busiest actuator in the 5 Hz chop, the worse axis."""
-    phases = [measured.settle("hybrid", alpha) for alpha in (0.0, 90.0)]
-    try:
-        powers = [p.power(FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W) for p in phases if p is not None]
-    except DataError:  # a bench that measures no currents
-        return {}
+    powers = powers_of(measured, "hybrid")
     if not powers:
         return {}
     busiest_w = max(float(np.max(p.actuator_w)) for p in powers)
