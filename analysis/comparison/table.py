@@ -109,10 +109,10 @@ def beside(what: str, values: Iterable[Value], unit: str = "", std: Iterable[flo
     return Row(what, first, second, unit, (first_std, second_std))
 
 
-def rows_of(first: dict[str, Value], second: dict[str, Value], unit: str = "") -> tuple[Row, ...]:
+def rows_of(first: dict[str, Value], second: dict[str, Value]) -> tuple[Row, ...]:
     """Return a row for every name of either, in their order."""
     names: Sequence[str] = [*first, *(name for name in second if name not in first)]
-    return tuple(Row(name, first.get(name), second.get(name), unit) for name in names)
+    return tuple(Row(name, first.get(name), second.get(name)) for name in names)
 
 
 def _text(value: Value, std: float | None) -> str:

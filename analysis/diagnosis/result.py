@@ -165,11 +165,10 @@ class NextExperiment:
 
 @dataclass(frozen=True)
 class Choice:
-    """What to do next, or None, with the reason; `best_sigma` is the largest separation of all that was considered."""
+    """What to do next, or None, with the reason."""
 
     experiment: NextExperiment | None
     reason: str
-    best_sigma: float
 
 
 @dataclass(frozen=True)

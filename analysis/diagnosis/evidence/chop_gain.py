@@ -21,6 +21,8 @@ from sim_backend.bench import Bench
 from sim_backend.errors import MccdError
 from sim_backend.model import Model
 
+STRATEGY = "hybrid"
+
 ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}
 """Direction of a chop that moves this axis alone."""
 
@@ -44,7 +46,6 @@ def chop_gains(
     model: Model,
     *,
     seed: int,
-    strategy: str = "hybrid",
     size_rad: float = 8.5e-3,
     cycles: int = 10,
 ) -> tuple[ChopGain, ...]:
@@ -56,8 +57,8 @@ def chop_gains(
     driven = {p.dof for p in model.inputs} & {p.dof for p in model.outputs}
     gains = []
     for axis in (a for a in ALPHA_DEG if a in driven):
-        both = [_chopped(open_bench, design, axis, seed, strategy, size_rad, cycles) for design in (nominal, extended)]
-        gains.append(ChopGain(axis, strategy, both[0][0], both[1][0], both[0][1], both[1][1]))
+        both = [_chopped(open_bench, design, axis, seed, size_rad, cycles) for design in (nominal, extended)]
+        gains.append(ChopGain(axis, STRATEGY, both[0][0], both[1][0], both[0][1], both[1][1]))
     return tuple(gains)
 
 
@@ -72,12 +73,12 @@ def chops_or_why(
 
 
 def _chopped(
-    open_bench: Callable[[], Bench], design: str, axis: str, seed: int, strategy: str, size_rad: float, cycles: int
+    open_bench: Callable[[], Bench], design: str, axis: str, seed: int, size_rad: float, cycles: int
 ) -> tuple[float, float]:
     # it brings all strategies of control with it, seconds of start-up that few diagnoses need
     from analysis.recorded.settle import settle_of
 
-    settings = {"strategy": strategy, "alpha_deg": ALPHA_DEG[axis], "to_rad": size_rad, "cycles": cycles}
+    settings = {"strategy": STRATEGY, "alpha_deg": ALPHA_DEG[axis], "to_rad": size_rad, "cycles": cycles}
     plan = make_plan("settling", {**settings, "model": design})
     bench = open_bench()
     try:

@@ -73,7 +73,7 @@ def choose(
         face = face_of(bench, model, found.setting.data.rate_hz)
         return _chosen(hypotheses, model, found.setting, face, done)
     except MccdError as error:
-        return Choice(None, f"no next experiment can be chosen: {error}", 0.0)
+        return Choice(None, f"no next experiment can be chosen: {error}")
 
 
 def _chosen(
@@ -81,22 +81,20 @@ def _chosen(
 ) -> Choice:
     names = tuple(h.label for h in hypotheses)
     if not math.isclose(rate_of(bench), setting.data.rate_hz, rel_tol=1e-6):
-        return Choice(
-            None, f"the data were sampled at {setting.data.rate_hz:g} Hz, the bench at {rate_of(bench):g}", 0.0
-        )
+        return Choice(None, f"the data were sampled at {setting.data.rate_hz:g} Hz, the bench at {rate_of(bench):g}")
     # coarse steps are enough to see which plan is best, and several times quicker
     quick = Comparison.of(hypotheses, model, replace(setting, substeps=max(setting.substeps // COARSER, 1)), bench)
     scored = [(quick.worst(offer), offer) for offer in _offers(quick, done)]
     if not scored:
-        return Choice(None, "no plan keeps the limits of the bench", 0.0)
+        return Choice(None, "no plan keeps the limits of the bench")
     _, offer = max(scored, key=_merit)
     comparison = replace(quick, setting=setting)
     sigma = comparison.worst(replace(offer, played=comparison.played(offer.plan) or offer.played))
     if sigma < LEAST:
         reason = f"no plan tells {' from '.join(names)}: the best, {offer.plan.name}, would do so by {sigma:.2g} sigma"
-        return Choice(None, reason, sigma)
+        return Choice(None, reason)
     experiment = NextExperiment(offer.plan.name, offer.plan.changes(), names, sigma, offer.duration_s)
-    return Choice(experiment, _reason(offer.plan, bench, model), sigma)
+    return Choice(experiment, _reason(offer.plan, bench, model))
 
 
 def _reason(plan: Plan, bench: Bench, model: Model) -> str:

@@ -133,7 +133,7 @@ def _starts(
 ) -> list[tuple[Candidate, Array]]:
     """Return the starts of one candidate that promise most, with their sizes in natural units."""
     scored = []
-    for candidate in _candidates(setting, base, effect, where):
+    for candidate in _candidates(setting, effect, where):
         columns = _columns(setting, base, footing, candidate)
         if columns is None:
             continue
@@ -163,7 +163,7 @@ def _columns(setting: Setting, base: Fit, footing: _Footing, candidate: Candidat
     return np.stack(columns, axis=1) if columns and np.all(np.isfinite(columns)) else None
 
 
-def _candidates(setting: Setting, base: Fit, effect: type[Effect], where: str) -> list[Candidate]:
+def _candidates(setting: Setting, effect: type[Effect], where: str) -> list[Candidate]:
     """Return a candidate with every combination of starts of its shapes."""
     lines = setting.lines
     moving = setting.linear.omega_rad_s[setting.linear.omega_rad_s > 0.0]

@@ -184,7 +184,7 @@ class Whittle:
         """Return minus the log-likelihood of a spectrum `model` (n_y, k)."""
         return 0.5 * float(np.sum(self.spectrum.count * (np.log(model) + self.spectrum.power / model)))
 
-    def floor(self, terms: int, start: Array | None = None) -> tuple[Array, float]:
+    def floor(self, terms: int) -> tuple[Array, float]:
         """Return the floor (n_y, k) of so many terms and its log-likelihood."""
         basis = self._basis(terms)
         theta = np.asarray(np.linalg.lstsq(basis, np.log(self.spectrum.power).T, rcond=None)[0].T, dtype=float)
