@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from analysis.diagnosis.pipeline import Options
 from analysis.diagnosis.pipeline import diagnose as _diagnose
 from analysis.diagnosis.records.checks import check_enough, check_inputs, check_outputs, without_copies, without_cut_off
-from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.records.dataset import Dataset, Record, Window, period_within
 from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.result import Diagnosis
 from campaigns.facts.clipping import cut_off_in
@@ -54,7 +54,13 @@ def diagnose(
     if temperature_k is not None:
         warm = [np.ascontiguousarray(t, dtype=float) for t in temperature_k]
     records = [
-        Record(f"record {i}", u, y, (Window(f"record {i}", 0, u.shape[0], i in held_out, _whole(period, u)),), t)
+        Record(
+            f"record {i}",
+            u,
+            y,
+            (Window(f"record {i}", 0, u.shape[0], i in held_out, period_within(period, u.shape[0])),),
+            t,
+        )
         for i, (u, y, t) in enumerate(zip(us, ys, warm, strict=True))
     ]
     check_outputs(records, [p.name for p in model.outputs], "outputs")
@@ -71,10 +77,6 @@ def diagnose(
     check_enough(held, "the records")
     found = _diagnose(Dataset(float(rate_hz), held).seen_by(model), model, options or Options())
     return replace(found, notes=(*notes, *copies, *([note] if note else []), *found.notes))
-
-
-def _whole(period: int, u: Array) -> int:
-    return period if 1 < period <= u.shape[0] else 0
 
 
 def _records(values: ArrayLike | Sequence[ArrayLike], channels: int, what: str) -> list[Array]:

@@ -180,8 +180,7 @@ def _banded(f: Array, power: Array) -> tuple[Array, Array]:
 
 
 def _segments(data: Dataset, before: Sequence[Array], noise_rms: Array, files: Mapping[str, str]) -> list[_Segment]:
-    places = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.stop > w.start]
-    titles = [f"{files.get(data.records[i].name, data.records[i].name)}: {w.label}" for i, w in places]
+    titles = [f"{files.get(data.records[i].name, data.records[i].name)}: {w.label}" for i, w in data.windows]
     size = np.where(noise_rms > 0.0, noise_rms, 1.0)
     found = [
         _Segment(
@@ -190,7 +189,7 @@ def _segments(data: Dataset, before: Sequence[Array], noise_rms: Array, files: M
             w,
             np.sqrt(np.mean(before[i][w.start : w.stop] ** 2, axis=0)) / size,
         )
-        for name, (i, w) in zip(distinct(titles), places, strict=True)
+        for name, (i, w) in zip(distinct(titles), data.windows, strict=True)
     ]
     return sorted(found, key=lambda s: -float(np.max(s.outputs)))
 

@@ -63,7 +63,7 @@ def residual_figures(
     names = file_names([port.dof for port in model.outputs])
     for o, port in enumerate(model.outputs):
         i, w = max(
-            ((i, w) for i, r in enumerate(data.records) for w in r.windows),
+            data.windows,
             key=lambda place: float(np.mean(before[place[0]][place[1].start : place[1].stop, o] ** 2)),
         )
         old, new = (x[i][w.start : w.stop, o] for x in (before, after))

@@ -102,8 +102,7 @@ def _place(diagnosis: Diagnosis, model: Model, effect: Effect) -> tuple[int, Win
     target = effect.where.rpartition("->")[2]
     outputs, inputs = [p.dof for p in model.outputs], [p.dof for p in model.inputs]
     changed = [b - a for b, a in zip(diagnosis.before, diagnosis.after, strict=True)]
-    windows = [(i, w) for i, r in enumerate(diagnosis.data.records) for w in r.windows if w.stop > w.start]
-    windows = [(i, w) for i, w in windows if w.held_out] or windows
+    windows = diagnosis.data.judged
     if not windows:
         return None
     size = np.array([np.sum(changed[i][w.start : w.stop] ** 2, axis=0) for i, w in windows])

@@ -89,8 +89,7 @@ def opening_figure(
 
 def _worst(data: Dataset, before: Sequence[Array], noise_rms: Array) -> _Stretch | None:
     """Return where the nominal model misses most in units of the noise, a few swings of the output long."""
-    windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.stop > w.start]
-    windows = [(i, w) for i, w in windows if w.held_out] or windows
+    windows = data.judged
     if not windows:
         return None
     size = np.where(noise_rms > 0.0, noise_rms, 1.0)

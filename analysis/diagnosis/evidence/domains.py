@@ -97,7 +97,7 @@ def evidence(
 
     `model` gives the outputs' names and units. A domain that no run can show (temperature, say) is empty.
     """
-    rows = _noise_rows(data) if whitener.repeats else 0
+    rows = data.noise_rows if whitener.repeats else 0
     plant = discretise(model.linear(), data.rate_hz)
     shown: list[tuple[int, list[_Series]]] = []
     for run in dict.fromkeys(r.name for r in data.records):
@@ -132,11 +132,6 @@ def _curves(o: int, joined: list[_Series]) -> list[tuple[str, Domain]]:
     if len(joined) > 1:
         out.append(("cross-axis", _cross_axis(o, joined)))
     return out
-
-
-def _noise_rows(data: Dataset) -> int:
-    """Return how many rows the differences between periods gave."""
-    return sum(max(w.repeated[1] - 1, 0) * w.period for r in data.records for w in r.windows)
 
 
 def _force(plant: DiscreteModel, o: int, model: Model) -> Force | None:

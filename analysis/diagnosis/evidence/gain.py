@@ -47,7 +47,7 @@ def gain_of(
     in which a window begins can add under `first` and `extended`, the linear models that left `before` and `after`, is
     taken out of it.
     """
-    windows = [(i, w) for i, r in enumerate(data.records) for w in r.windows if w.held_out]
+    windows = [(i, w) for i, w in data.windows if w.held_out]
     if not windows:
         return None
     # what a start adds dies away, and would pass for noise that differs between periods; so would motion that the

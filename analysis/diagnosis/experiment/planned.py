@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.records.dataset import Record, Window
+from analysis.diagnosis.records.dataset import Record, Window, period_within
 from campaigns.plans import Plan, checked_segments
 from campaigns.plans.base import Reach
 from sim_backend.bench import Bench, Segment
@@ -100,8 +100,7 @@ def play_on_paper(
         return None
     windows, at = [], 0
     for segment in segments:
-        period = segment.settings.get("period_samples", 0)
-        repeats = int(period) if isinstance(period, int | float) and 1 < period <= segment.n_samples else 0
+        repeats = period_within(segment.settings.get("period_samples"), segment.n_samples)
         windows.append(Window(segment.label, at, at + segment.n_samples, "held-out" in segment.label, repeats))
         at += segment.n_samples
     warm = warm and "temperature" in played[0].channels

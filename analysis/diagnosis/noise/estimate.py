@@ -63,12 +63,6 @@ def even_weights(data: Dataset, residuals: Sequence[Array], noise: float) -> Whi
     return Whitener(1.0 / np.maximum(rms, np.finfo(float).tiny)[:, None], False, even=noise)
 
 
-def rows_of_noise(data: Dataset) -> int:
-    """Return how many rows, over all outputs, differences of periods show of noise alone."""
-    parts = [_differences(data, r, np.zeros(r.n)) for r in data.records]
-    return data.n_outputs * sum(x.size for found in parts for x, _ in found)
-
-
 def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:
     """Return the whitener with the levels of low bands, for which its filter is too short.
 

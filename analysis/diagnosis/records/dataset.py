@@ -36,6 +36,11 @@ class Window:
         return self.start + first * self.period, whole - first
 
 
+def period_within(value: object, rows: int) -> int:
+    """Return the period in samples that a setting's `value` states; 0 where it is none that fits into so many rows."""
+    return int(value) if isinstance(value, int | float) and 1 < value <= rows else 0
+
+
 @dataclass(frozen=True)
 class Record:
     """One unbroken stretch of measurement: `u` (n, n_u), `y` (n, n_y), `temperature_k` (n,) or None.
@@ -133,6 +138,21 @@ class Dataset:
     def n_outputs(self) -> int:
         """Number of outputs."""
         return int(self.records[0].y.shape[1])
+
+    @property
+    def windows(self) -> list[tuple[int, Window]]:
+        """Every window that has rows, with the number of its record."""
+        return [(i, w) for i, r in enumerate(self.records) for w in r.windows if w.stop > w.start]
+
+    @property
+    def judged(self) -> list[tuple[int, Window]]:
+        """The windows that are held out, all of them where none is."""
+        return [(i, w) for i, w in self.windows if w.held_out] or self.windows
+
+    @property
+    def noise_rows(self) -> int:
+        """How many rows, of one output, differences of periods show of noise alone."""
+        return sum(max(w.repeated[1] - 1, 0) * w.period for _, w in self.windows)
 
     def for_fitting(self) -> Dataset:
         """Return the records of which some rows may be fitted: the others cost time and decide nothing."""

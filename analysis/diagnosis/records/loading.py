@@ -24,7 +24,7 @@ from analysis.diagnosis.records.checks import (
     without_copies,
     without_cut_off,
 )
-from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.records.dataset import Dataset, Record, Window, period_within
 from analysis.diagnosis.records.holding import with_held_out
 from campaigns.facts import facts_of, remarks_on, usable_segments
 from campaigns.log import Run, read_run, sha256_of
@@ -173,7 +173,7 @@ def _common_rate(runs: Sequence[Run]) -> float:
 
 def _stretches(run: Run) -> list[_Stretch]:
     windows = [
-        Window(s.label, s.start, s.stop, s.held_out, _period(s.settings.get("period_samples"), s.stop - s.start))
+        Window(s.label, s.start, s.stop, s.held_out, period_within(s.settings.get("period_samples"), s.stop - s.start))
         for s in usable_segments(run)
         if s.rows
     ]
@@ -182,10 +182,6 @@ def _stretches(run: Run) -> list[_Stretch]:
     if _continuous(run):
         return [_Stretch(windows[0].start, windows[-1].stop, tuple(windows))]
     return [_Stretch(w.start, w.stop, (w,)) for w in windows]
-
-
-def _period(value: object, rows: int) -> int:
-    return int(value) if isinstance(value, int | float) and 1 < value <= rows else 0
 
 
 def _continuous(run: Run) -> bool:

@@ -6,7 +6,6 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.noise.estimate import rows_of_noise
 from analysis.diagnosis.search.gram import IMITATED
 from analysis.diagnosis.search.rounds import Found
 
@@ -57,5 +56,6 @@ def uncertainty(found: Found) -> float:
 
     Both are known from so many numbers: what is left from all rows, the level from what differs between periods.
     """
-    seen = max(rows_of_noise(found.setting.data), 1)
+    data = found.setting.data
+    seen = max(data.n_outputs * data.noise_rows, 1)
     return float(4.0 * np.sqrt(2.0 / found.tuned.rows + 2.0 / seen))
