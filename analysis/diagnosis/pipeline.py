@@ -15,12 +15,10 @@ from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.testimony import Testimony, hear
-from analysis.diagnosis.fitting.balance import plainly_better, tune, tuned_beside
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on
+from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on, steps_of
 from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
-from analysis.diagnosis.fitting.steps import steps_of
-from analysis.diagnosis.fitting.told import left_however_tuned
 from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.experiment.hypotheses import Hypothesis
 from analysis.diagnosis.fitting.fit import Setting, residuals_of, simulated
-from analysis.diagnosis.fitting.sensitivity import exact_sensitivities
+from analysis.diagnosis.fitting.refit import exact_sensitivities
 from analysis.diagnosis.fitting.starts import Start, stack_white, start_of
 from analysis.diagnosis.nominal.prior import root_of
 from analysis.diagnosis.nominal.tuning import sensitivities, turned

@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fitting.aligned import moved_mode, narrow_modes
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated, sum_of_states
-from analysis.diagnosis.fitting.numbered import numbered
+from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, residuals_on, simulated, sum_of_states
+from analysis.diagnosis.fitting.modes import moved_mode, narrow_modes, numbered
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
 from analysis.diagnosis.noise.whitener import Whitener, louder
 from analysis.diagnosis.nominal.tuning import turned
-from analysis.diagnosis.records.dataset import Record
+from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.linear import ModalModel
 
 Array = NDArray[np.float64]
@@ -222,3 +221,23 @@ def _white_rows(setting: Setting, record: Record, values: Array, start: Start) -
     """Return the fitted rows of `values` (n, n_y), whitened, the unknown start projected out: (n_y, rows)."""
     white = start.project(stack_white(setting.whitener, record, values[:, :, None])[:, 0])
     return np.asarray(white.reshape(values.shape[1], -1))
+
+
+def left_however_tuned(data: Dataset, setting: Setting, fit: Fit, noise: Whitener) -> Sequence[Array]:
+    """Return what a model leaves (n, n_y) of every record of `data` in that noise, `fit` told all held-out rows.
+
+    Numbers are known to what the fitted rows told of them. On rows of another motion that may be an error of many
+    noises which follows the motion; it is none of the model as long as numbers that suit all rows leave none.
+    """
+    told = tuple(replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in data.records)
+    known = {id(r.y): state for r, state in zip(setting.data.records, setting.states, strict=True)}
+    rest = np.zeros((setting.nominal.n_blocks, 2))
+    setting = replace(
+        setting,
+        data=replace(data, records=told),
+        whitener=noise,
+        states=tuple(known.get(id(r.y), rest) for r in told),
+        begin=fit.change,
+    )
+    setting = replace(setting, starts=starts_of(setting.data, linear_of(setting, fit), noise))
+    return residuals_on(setting.data, setting, again(setting, fit))

@@ -1,8 +1,13 @@
-"""Gauss-Newton descent in a trusted region, from normal equations, stopped in units of likelihood.
+"""Descents: Gauss-Newton in a trusted region from normal equations, and along a parameter whose misfit has a cusp.
 
 General least-squares routines stop when a sum of squares changes little *relative* to itself. Here the sum of squares
 is a likelihood: a change of a tenth is convergence at any size, and a change of a hundred is evidence even where it
 is 1e-4 of the whole.
+
+A command is rounded to one step or to another. Near the true step those samples come out wrong that lie near a
+threshold, one after another as the distance grows, so the misfit rises like a roof on both sides: there is no slope to
+descend along, and the curvature at a point, that of samples which all stay on their level, is far too large. Such a
+parameter is sought without slopes, and its deviation is read off the misfit itself.
 """
 
 from __future__ import annotations
@@ -35,6 +40,17 @@ _ROUNDING = 1e-15
 _ENOUGH = 0.05
 """How well the logarithm of a damping is found."""
 
+_DISTANCES, _FINEST = 48, 2.0**-24
+"""How many distances are tried on either side, and the smallest in parts of the widest."""
+
+_PASSES = 20
+
+_FLAT = 6.0
+"""Rise of the objective at the widest distance that ends a likelihood: a twentieth is left."""
+
+_SPARSE = 3
+"""One in so many distances is tried first: while those still gain, the ones between are not needed."""
+
 
 class Evaluated(Protocol):
     """A point of the descent; `objective` is what is made small."""
@@ -45,6 +61,8 @@ class Evaluated(Protocol):
 
 
 Point = TypeVar("Point", bound=Evaluated)
+
+
 At = TypeVar("At", bound=Evaluated, contravariant=True)
 
 
@@ -237,3 +255,62 @@ def inverse_of(precision: Array) -> Array:
     scale = np.sqrt(np.diag(precision))
     values, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
     return np.asarray((vectors / np.maximum(values, _ROUNDING)) @ vectors.T / np.outer(scale, scale))
+
+
+def sharpened(objective: Callable[[float], float], at: float, reach: float, close: float) -> tuple[float, float]:
+    """Return where `objective`, twice a negative log-likelihood, is least within `reach` of `at`, and the deviation.
+
+    A step that gains less than `close` is none. The standard deviation is that of the likelihood itself, all else being
+    held; infinite where it does not end.
+    """
+    distances = _distances(reach)
+    for _ in range(_PASSES):
+        step, higher = _around(objective, at, distances, close)
+        if not step:
+            break
+        at += step
+    else:
+        higher = _around(objective, at, distances, np.inf)[1]
+    return at, _deviation(distances, higher)
+
+
+def approached(objective: Callable[[float], float], at: float, reach: float, close: float) -> float:
+    """Return a point near which `sharpened` would end, by steps of the sparse distances alone."""
+    distances = _distances(reach)[::_SPARSE]
+    for _ in range(_PASSES):
+        step, _ = _around(objective, at, distances, close)
+        if not step:
+            break
+        at += step
+    return at
+
+
+def _distances(reach: float) -> Array:
+    return reach * np.geomspace(1.0, _FINEST, _DISTANCES)
+
+
+def _around(objective: Callable[[float], float], at: float, distances: Array, close: float) -> tuple[float, Array]:
+    """Return the best step that gains `close`, zero for none, and by how much `objective` is higher around, (2, n).
+
+    Some of that is not known, and infinite, where there is such a step.
+    """
+    here, higher = objective(at), np.full((2, distances.size), np.inf)
+    for first in range(_SPARSE):
+        some = distances[first::_SPARSE]
+        higher[:, first::_SPARSE] = [[objective(at + side * d) - here for d in some] for side in (-1.0, 1.0)]
+        side, lowest = np.unravel_index(int(np.argmin(higher)), higher.shape)
+        if higher[side, lowest] < -close:
+            return float((-1.0, 1.0)[side] * distances[lowest]), higher
+    return 0.0, higher
+
+
+def _deviation(distances: Array, higher: Array) -> float:
+    """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways.
+
+    Infinite where the likelihood does not end there: the data say nothing then.
+    """
+    if float(np.min(higher[:, 0])) < _FLAT:
+        return np.inf
+    at = np.concatenate([[0.0], distances[::-1]])
+    likelihood = np.append(2.0, np.exp(-0.5 * np.maximum(higher[:, ::-1], 0.0)).sum(axis=0))
+    return float(np.sqrt(np.trapezoid(likelihood * at**2, at) / np.trapezoid(likelihood, at)))

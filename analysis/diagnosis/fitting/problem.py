@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import Scale
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.cusp import approached, sharpened
-from analysis.diagnosis.fitting.descent import Descent, Slopes, inverse_of
+from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.nominal.prior import factor_of, root_of

@@ -20,9 +20,8 @@ from analysis.diagnosis.fitting.balance import (
     sharpened,
     squares_of,
 )
-from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
-from analysis.diagnosis.fitting.steps import steps_for, steps_in_noise
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.pruning import lead_of, needed, pruned

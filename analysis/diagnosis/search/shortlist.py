@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.motions import measured_motion
 from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
-from analysis.diagnosis.fitting.sensitivity import exact_sensitivities, plain_sensitivities
+from analysis.diagnosis.fitting.refit import exact_sensitivities, plain_sensitivities
 from analysis.diagnosis.search.gram import IMITATED, Gram
 from analysis.diagnosis.search.matched import wanted_inputs
 from analysis.diagnosis.search.screening import Footing, Noise, gram_of

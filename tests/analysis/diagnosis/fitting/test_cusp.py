@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from analysis.diagnosis.fitting.cusp import approached, sharpened
+from analysis.diagnosis.fitting.descent import approached, sharpened
 
 TRUE, SLOPE = 0.3, 1e6
 """Where the roof stands, and by how much the misfit rises per unit."""

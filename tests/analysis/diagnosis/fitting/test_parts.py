@@ -13,8 +13,7 @@ from analysis.diagnosis.fitting.balance import settle
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.parts import parts_of, setting_of
 from analysis.diagnosis.fitting.problem import Problem
-from analysis.diagnosis.fitting.refit import in_parts, refit
-from analysis.diagnosis.fitting.sensitivity import exact_sensitivities
+from analysis.diagnosis.fitting.refit import exact_sensitivities, in_parts, refit
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Whitener

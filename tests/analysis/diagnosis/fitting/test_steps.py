@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.fitting.steps import steps_for
+from analysis.diagnosis.fitting.fit import steps_for
 from sim_backend.effects import make_effect
 from tests.analysis.diagnosis.residuals import RATE_HZ, RESONANCE_HZ, moved, setting_of
 

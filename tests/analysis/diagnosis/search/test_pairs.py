@@ -12,7 +12,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from analysis.diagnosis.fitting.balance import again
 from analysis.diagnosis.fitting.leeway import Leeway, form_error
-from analysis.diagnosis.fitting.sensitivity import exact_sensitivities
+from analysis.diagnosis.fitting.refit import exact_sensitivities
 from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.search.pruning import alone

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.diagnosis.fitting.numbered import numbered
+from analysis.diagnosis.fitting.modes import numbered
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.nominal.tuning import imitation, knobs_of, turned
 from sim_backend.linear import ModalModel
