@@ -14,7 +14,7 @@ import analysis.diagnosis.result as core
 import sim_backend.model
 from analysis.diagnosis.answer.output import extended_model, prepare_folder, write_files
 from analysis.diagnosis.api import diagnose as diagnose_arrays
-from analysis.diagnosis.experiment.testimony import load_logs
+from analysis.diagnosis.experiment.reference_sensor import load_logs
 from analysis.diagnosis.pipeline import Options
 from analysis.diagnosis.pipeline import diagnose as judge
 from analysis.diagnosis.records.loading import Source

@@ -20,9 +20,8 @@ from typing import Any
 from analysis.diagnosis.answer.output import document, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.evidence.chop_gain import ChopGain, chops_or_why
-from analysis.diagnosis.experiment.face import Face
-from analysis.diagnosis.experiment.first_experiment import first_plan
-from analysis.diagnosis.experiment.testimony import load_logs
+from analysis.diagnosis.experiment.planned import Face, first_plan
+from analysis.diagnosis.experiment.reference_sensor import load_logs
 from analysis.diagnosis.pipeline import Options, diagnose
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import sha256_of

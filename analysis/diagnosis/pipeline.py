@@ -14,7 +14,7 @@ from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
-from analysis.diagnosis.experiment.testimony import Testimony, hear
+from analysis.diagnosis.experiment.reference_sensor import Testimony, hear
 from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on, steps_of
 from analysis.diagnosis.fitting.leeway import leeway_of

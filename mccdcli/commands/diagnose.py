@@ -14,7 +14,7 @@ from mccdcli.progress import progress
 
 if TYPE_CHECKING:
     from analysis.diagnosis.evidence.chop_gain import ChopGain
-    from analysis.diagnosis.experiment.face import Face
+    from analysis.diagnosis.experiment.planned import Face
     from sim_backend.model import Model
 
 
@@ -129,7 +129,7 @@ def _of_logs(
 
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.answer.page import write_page
-    from analysis.diagnosis.experiment.testimony import load_logs
+    from analysis.diagnosis.experiment.reference_sensor import load_logs
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
     from sim_backend.memory import keep_long_arrays
@@ -227,7 +227,7 @@ def _face(bench: str, seed: int) -> Face:
     """What a bench may be asked: its own limits bound the next experiment."""
     from contextlib import closing
 
-    from analysis.diagnosis.experiment.face import Face
+    from analysis.diagnosis.experiment.planned import Face
     from campaigns.benches import open_bench
 
     with closing(open_bench(bench, seed)) as opened:

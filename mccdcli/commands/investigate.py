@@ -102,7 +102,7 @@ def investigate(
 def _chosen(bench: str, seed: int, model: Any) -> Any:
     from contextlib import closing
 
-    from analysis.diagnosis.experiment.first_experiment import first_plan
+    from analysis.diagnosis.experiment.planned import first_plan
     from campaigns.benches import open_bench
 
     with closing(open_bench(bench, seed)) as opened:

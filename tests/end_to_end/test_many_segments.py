@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from analysis.diagnosis.experiment.testimony import load_logs
+from analysis.diagnosis.experiment.reference_sensor import load_logs
 from analysis.diagnosis.pipeline import diagnose
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from analysis.diagnosis.experiment.hypotheses import Hypothesis, tied_hypotheses
 from analysis.diagnosis.experiment.planned import (
     LEVELS,
-    MARGIN,
     Played,
     Room,
     face_of,
     play_as,
     reach_of,
     records_motion,
+    room_of,
 )
+from analysis.diagnosis.experiment.reference_sensor import Witness, watched_outputs
 from analysis.diagnosis.experiment.separation import information, prediction, separation, with_spread
-from analysis.diagnosis.experiment.witness import Witness, watched_outputs
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.result import Choice, NextExperiment
 from analysis.diagnosis.search.rounds import Found
@@ -111,17 +111,6 @@ def _merit(pair: tuple[float, Offer]) -> tuple[bool, float]:
     sigma, offer = pair
     enough = sigma >= ENOUGH
     return enough, sigma**2 / offer.duration_s if enough else sigma
-
-
-def room_of(bench: Bench, setting: Setting) -> Room:
-    """Return what a proposal may use: the bench's limits; where it states none, what was recorded already."""
-    travel = np.full(setting.data.n_outputs, np.inf)
-    for o, dof in enumerate(setting.places.outputs):
-        if dof in bench.axes:
-            travel[o] = bench.limits.reference[bench.axes.index(dof)]
-    seen = np.max([np.max(np.abs(r.y), axis=0) for r in setting.data.records], axis=0)
-    # the margin is for the limits of a bench; what was recorded did no harm
-    return Room(np.where(np.isfinite(travel), travel, seen / MARGIN), float(bench.limits.current_a))
 
 
 def _axes(hypotheses: Sequence[Hypothesis], bench: Bench, setting: Setting) -> tuple[str, ...]:

@@ -1,9 +1,13 @@
-"""A plan played on paper: what a bench that behaves like a hypothesis would record, and whether it keeps its limits."""
+"""A plan played on paper: what a bench that behaves like a hypothesis would record, and whether it keeps its limits.
+
+Nothing moves: a bench is asked for its public face alone. An investigation starts with as much motion as that allows,
+and periods that repeat.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import msgspec
 import numpy as np
@@ -11,11 +15,15 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.records.dataset import Record, Window, period_within
 from campaigns.plans import Plan, checked_segments
-from campaigns.plans.base import Reach
-from sim_backend.bench import Bench, Segment
+from campaigns.plans.base import Reach, rate_of
+from campaigns.plans.multisine import Multisine
+from sim_backend.assembly import places_of, retuned
+from sim_backend.bench import Bench, Identity, Limits, Segment, Signal
+from sim_backend.bench import Record as BenchRecord
+from sim_backend.effects import Aux, effect_class, make_effect
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
-from sim_backend.model import Model
+from sim_backend.model import Model, number
 from sim_backend.simbench import SimBench
 
 if TYPE_CHECKING:  # they bring the whole search, for which a first experiment does not wait
@@ -52,6 +60,17 @@ class Played:
 def face_of(bench: Bench | None, model: Model, rate_hz: float) -> Bench:
     """Return `bench`, or where none is given the one that `model` describes, sampled at `rate_hz`."""
     return bench or SimBench(msgspec.structs.replace(model, sample_rate_hz=rate_hz), 0)
+
+
+def room_of(bench: Bench, setting: Setting) -> Room:
+    """Return what a proposal may use: the bench's limits; where it states none, what was recorded already."""
+    travel = np.full(setting.data.n_outputs, np.inf)
+    for o, dof in enumerate(setting.places.outputs):
+        if dof in bench.axes:
+            travel[o] = bench.limits.reference[bench.axes.index(dof)]
+    seen = np.max([np.max(np.abs(r.y), axis=0) for r in setting.data.records], axis=0)
+    # the margin is for the limits of a bench; what was recorded did no harm
+    return Room(np.where(np.isfinite(travel), travel, seen / MARGIN), float(bench.limits.current_a))
 
 
 def records_motion(plan: Plan, bench: Bench, model: Model) -> bool:
@@ -146,3 +165,63 @@ def reach_of(
         stated = np.isfinite(bench.limits.reference).any() and np.isfinite(most)
         command[at] = most if stated else min(most, largest[i])
     return Reach(axes, command)
+
+
+@dataclass(frozen=True)
+class Face:
+    """A bench's identity, channels, axes and limits: all that plans and proposals need."""
+
+    identity: Identity
+    signals: tuple[Signal, ...]
+    axes: tuple[str, ...]
+    limits: Limits
+
+    @classmethod
+    def of(cls, bench: Bench) -> Self:
+        """Return the face of a bench."""
+        return cls(bench.identity, bench.signals, bench.axes, bench.limits)
+
+    def play(self, segment: Segment) -> BenchRecord:
+        """Raise ConfigError: there is no bench behind it."""
+        raise ConfigError(f"segment '{segment.label}' cannot be played: the bench has been let go; open it again")
+
+    def safe(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def first_plan(bench: Bench, model: Model) -> Plan:
+    """Return a multisine on all axes that bench and `model` share: its repeated periods tell noise from motion.
+
+    It has the largest amplitude that keeps the limits by `model`; on a bench that states none, the plan's own. Raises
+    ConfigError when bench and model share no axis.
+    """
+    places = places_of(model)
+    axes = tuple(axis for axis in bench.axes if axis in places.inputs)
+    if not axes:
+        raise ConfigError(
+            f"the bench has the axes {', '.join(bench.axes)}, model '{model.name}' has {', '.join(places.inputs)}; "
+            "give a model of this bench"
+        )
+    limits = dict(zip(bench.axes, bench.limits.reference.tolist(), strict=True))
+    room = Room(np.array([limits.get(dof, np.inf) for dof in places.outputs]), float(bench.limits.current_a))
+    usual = Multisine()
+    own = np.array([usual.force_rms_n if axis == "z" else usual.torque_rms_nm for axis in places.inputs])
+    effects = [
+        make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()})
+        for e in model.effects
+        if effect_class(e.effect).aux is not Aux.EXOGENOUS
+    ]
+    reach = reach_of(axes, bench, retuned(model.linear(), effects, places), places.inputs, room, 3.5 * own)
+    kept = [e for e in model.effects if effect_class(e.effect).aux is not Aux.EXOGENOUS]
+    quiet = msgspec.structs.replace(model, effects=kept, sample_rate_hz=rate_of(bench))
+    for level in LEVELS:
+        plan = next(iter(Multisine.offers(bench, reach.scaled(level))))
+        if play_on_paper(plan, bench, quiet, room) is not None:
+            return plan
+    raise ConfigError(
+        f"by model '{model.name}' no multisine keeps the bench's limits, not at {LEVELS[-1]:g} of its reach at rest; "
+        "choose the first plan with --first and --set"
+    )

@@ -22,8 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.motions import moved_as
-from analysis.diagnosis.candidates.signature import Motion, force_along
+from analysis.diagnosis.candidates.signature import Motion, force_along, moved_as
 from analysis.diagnosis.fitting.problem import Point, Problem
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import Knob, sensitivities, turned

@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.motions import measured_motion
-from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates
+from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates, measured_motion
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.fitting.refit import exact_sensitivities, plain_sensitivities
 from analysis.diagnosis.search.gram import IMITATED, Gram

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.motions import as_simulated
+from analysis.diagnosis.candidates.signature import as_simulated
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.levels import BAND_ROWS
 from analysis.diagnosis.nominal.responses import played

@@ -10,8 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from analysis.diagnosis.experiment.face import Face
-from analysis.diagnosis.experiment.first_experiment import first_plan
+from analysis.diagnosis.experiment.planned import Face, first_plan
 from analysis.diagnosis.investigation import Quest, investigate
 from analysis.diagnosis.pipeline import Options
 from campaigns.log import read_run

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from analysis.diagnosis.candidates.signature import Candidate, Scales, unit_sizes
 from analysis.diagnosis.experiment.hypotheses import Hypothesis
 from analysis.diagnosis.experiment.planned import Played, Room, play_as, records_motion
+from analysis.diagnosis.experiment.reference_sensor import Witness, whitened_error
 from analysis.diagnosis.experiment.separation import information, left_over, prediction, separation, with_spread
-from analysis.diagnosis.experiment.witness import Witness, whitened_error
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
