@@ -21,7 +21,7 @@ from analysis.diagnosis.experiment.planned import Played, Room, face_of, play_as
 from analysis.diagnosis.experiment.separation import information, with_spread
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.records.another_bench import check_same_bench
+from analysis.diagnosis.records.checks import check_same_bench
 from analysis.diagnosis.records.loading import MAX_ROWS, Loaded, Source, check_finite, load_runs
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE

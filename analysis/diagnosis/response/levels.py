@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.tuning import knobs_of
 from analysis.diagnosis.response.fits import Setting, fit_nominal
-from analysis.diagnosis.response.lines import Lines
-from analysis.diagnosis.response.noise import noise_of
+from analysis.diagnosis.response.lines import Lines, noise_of
 from analysis.diagnosis.result import Domain
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from sim_backend.effects.dominant import dominant_block

@@ -10,8 +10,7 @@ import numpy as np
 from analysis.diagnosis.answer.figures import AFTER, BEFORE, Drawn, evidence_figures, file_names
 from analysis.diagnosis.answer.page import Figures, write_drawn
 from analysis.diagnosis.records.loading import Source
-from analysis.diagnosis.response.diagnose import Responses
-from analysis.diagnosis.response.evidence import by_frequency
+from analysis.diagnosis.response.diagnose import Responses, by_frequency
 from analysis.diagnosis.result import Diagnosis
 from analysis.pages.canvas import INK, QUIET, Canvas
 from sim_backend.model import Model

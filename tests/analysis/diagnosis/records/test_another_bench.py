@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.diagnosis.records.another_bench import check_same_bench
+from analysis.diagnosis.records.checks import check_same_bench
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.loading import Loaded, Source
 from sim_backend.errors import DataError
