@@ -252,7 +252,7 @@ def diagnose(
         answer = _answer(found, data, tuned, tuned, model, options.seed)
     gain, linear = answer.gain, turned(setting.nominal, setting.knobs, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
-    causes = (*causes_of(found, judgement, model), *spread.named(judgement, model))
+    causes = (*causes_of(found.best, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -12,7 +11,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.search.rounds import Found
-from analysis.diagnosis.verdict.judging import Judgement
+from analysis.diagnosis.verdict.judging import Judgement, names_of
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.model import EffectEntry, Mode, Model
@@ -115,11 +114,6 @@ def _suspect(found: Found) -> Hypothesis | None:
             if math.isfinite(fit.misfit):
                 return Hypothesis((candidate.effect.reported(),), fit)
     return None
-
-
-def names_of(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Return the names by which effects are reported, sorted, each once."""
-    return tuple(sorted({e.reported() for e in effects}))
 
 
 def _fit_of(found: Found, names: tuple[str, ...]) -> Fit | None:

@@ -17,10 +17,11 @@ from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal
 from analysis.diagnosis.response.levels import compare_levels, depends_on_level, describe_levels
 from analysis.diagnosis.response.lines import EVERY, Lines, Noise, noise_of
 from analysis.diagnosis.response.predicted import Predictor, changes_the_response
-from analysis.diagnosis.response.search import Found, Judged, causes_of, judged, of_levels, searched
+from analysis.diagnosis.response.search import Found, judged, of_levels, searched
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.rounds import Progress, silent
 from analysis.diagnosis.search.shortlist import SURE_LEAD
+from analysis.diagnosis.verdict.judging import Judgement, causes_of
 from analysis.pages.quantities import span
 from sim_backend.assembly import places_of, retuned
 from sim_backend.effects import effect_class, make_effect
@@ -134,7 +135,7 @@ def _answer(
     model: Model,
     path: Path,
     found: Found,
-    judgement: Judged,
+    judgement: Judgement,
     levels: tuple[Domain, ...],
     notes: tuple[str, ...],
     seed: int,
@@ -147,7 +148,7 @@ def _answer(
         evidence["level"] = levels
     dependent = depends_on_level(levels)
     gain = None if dependent else gain_of(lines, setting.noise, both[0], both[1], path.name, seed)
-    causes, n = causes_of(judgement, best, model), len(setting.knobs)
+    causes, n = causes_of(best, judgement, model), len(setting.knobs)
     std = np.sqrt(np.maximum(np.diag(setting.turn @ best.covariance[:n, :n] @ setting.turn.T), 0.0))
     said = sentence(judgement.verdict, causes, judgement.tied, gain, evidence)
     diagnosis = Diagnosis(
@@ -172,7 +173,7 @@ def _answer(
 
 
 def _notes(
-    setting: Setting, judgement: Judged, model: Model, found: Found, levels: tuple[Domain, ...]
+    setting: Setting, judgement: Judgement, model: Model, found: Found, levels: tuple[Domain, ...]
 ) -> tuple[str, ...]:
     """Return what a reader has to know of the table, the noise and the verdict."""
     nonlinear = [e.effect for e in model.effects if not changes_the_response(effect_class(e.effect))]

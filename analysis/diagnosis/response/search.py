@@ -16,16 +16,14 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal, slopes
 from analysis.diagnosis.response.predicted import changes_the_response
-from analysis.diagnosis.result import Cause, Verdict
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.rounds import Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
-from analysis.diagnosis.verdict.judging import cause_of, stand_in
+from analysis.diagnosis.verdict.judging import Judgement, names_of, stand_in, tie_of
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
-from sim_backend.model import Model
 
 Array = NDArray[np.float64]
 
@@ -220,44 +218,23 @@ def _view(setting: Setting) -> RecordView:
     return RecordView(2.0 * float(f.max()), still, still, still, still, None, lowest)
 
 
-@dataclass(frozen=True)
-class Judged:
-    """The verdict with numbers of the named effects, tied names, rivals by evidence, and what speaks against a name."""
-
-    verdict: Verdict
-    named: tuple[int, ...]
-    tied: tuple[tuple[str, ...], ...]
-    probability: float
-    rivals: tuple[tuple[str, float], ...]
-    objection: str = ""
-
-
-def judged(setting: Setting, found: Found) -> Judged:
+def judged(setting: Setting, found: Found) -> Judgement:
     """Return the verdict on what a search found in lines of one linear response."""
     best = found.best
     against = _objection(setting, found)
     gaps = _gaps(found)
     rivals = tuple(("+".join(label) or "none", -gap) for label, gap in gaps)
     if not best.candidates:
-        return Judged("unknown" if against else "consistent", (), (), _SUREST, (), against)
+        return Judgement("unknown" if against else "consistent", (), (), _SUREST, 1.0, (), against)
     weights = np.exp(-np.array([gap for _, gap in gaps]))
     probability = float(min(1.0 / (1.0 + weights.sum()), _SUREST))
     if against:
-        return Judged("unknown", (), (), probability, rivals, against)
+        return Judgement("unknown", (), (), probability, 1.0, rivals, against)
     if probability >= SURE:
-        return Judged("named", tuple(range(len(best.effects))), (), probability, rivals)
-    own = set(_label(best))
-    # the fewest rivals without which it would be sure
-    beyond = weights.sum() - np.cumsum(weights)
-    close = [set(label) for label, _ in gaps[: 1 + int(np.sum(beyond > np.exp(-SURE_LEAD)))]]
-    shared = own.intersection(*close)
-    tied = tuple(sorted(set().union(own, *close) - shared))
+        return Judgement("named", tuple(range(len(best.effects))), (), probability, 1.0, rivals)
+    shared, tied = tie_of(names_of(best.effects), gaps)
     sure = tuple(i for i, effect in enumerate(best.effects) if effect.reported() in shared)
-    return Judged("ambiguous", sure, (tied,), probability, rivals)
-
-
-def _label(one: Fit) -> tuple[str, ...]:
-    return tuple(sorted({effect.reported() for effect in one.effects}))
+    return Judgement("ambiguous", sure, (tied,), probability, 1.0, rivals)
 
 
 def _gaps(found: Found) -> list[tuple[tuple[str, ...], float]]:
@@ -265,9 +242,9 @@ def _gaps(found: Found) -> list[tuple[tuple[str, ...], float]]:
 
     What holds all that the best names and more is none: its prior has paid for more than it gained.
     """
-    own, gaps = _label(found.best), dict[tuple[str, ...], float]()
+    own, gaps = names_of(found.best.effects), dict[tuple[str, ...], float]()
     for one in found.fits:
-        label = _label(one)
+        label = names_of(one.effects)
         if not set(own) <= set(label):
             gap = max(found.best.evidence - one.evidence, 0.0)
             gaps[label] = min(gaps.get(label, np.inf), gap)
@@ -300,12 +277,7 @@ def _names(best: Fit) -> str:
     return f", with {' and '.join(f'{e.reported()} at {e.where}' for e in best.effects)}," if best.effects else ""
 
 
-def causes_of(judgement: Judged, best: Fit, model: Model) -> tuple[Cause, ...]:
-    """Return the named causes with their parameters in units of the model's ports."""
-    return tuple(cause_of(i, best, model, judgement.probability) for i in judgement.named)
-
-
-def of_levels(remarks: Sequence[str]) -> Judged:
+def of_levels(remarks: Sequence[str]) -> Judgement:
     """Return the verdict on a response that depends on the level: no linear effect makes one, so none is named."""
     words = f"the response depends on the level of excitation, as that of no linear model does: {'; '.join(remarks)}"
-    return Judged("unknown", (), (), _SUREST, (), words)
+    return Judgement("unknown", (), (), _SUREST, 1.0, (), words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -90,15 +90,26 @@ def judge(
         return Judgement("ambiguous", sure, tuple(border.values()), probability, inflation, rivals, remainder=rest)
     if probability >= SURE:
         return Judgement("named", named, (), probability, inflation, rivals, remainder=rest)
-    own = set(_label(best, named))
-    # the fewest rivals without which it would be sure
+    shared, tied = tie_of(names_of([best.effects[i] for i in named]), gaps)
+    sure = tuple(i for i in named if best.effects[i].reported() in shared)
+    return Judgement("ambiguous", sure, (tied,), probability, inflation, rivals, remainder=rest)
+
+
+def tie_of(own: Collection[str], gaps: Sequence[tuple[tuple[str, ...], float]]) -> tuple[set[str], tuple[str, ...]]:
+    """Return which names are in the best hypothesis and in all that come near, and which others are in some of them.
+
+    `own` are those of the best; near are the fewest rivals, by rising `gaps`, without which it would be sure.
+    """
+    weights = np.exp(-np.array([gap for _, gap in gaps]))
     beyond = weights.sum() - np.cumsum(weights)
     close = [set(label) for label, _ in gaps[: 1 + int(np.sum(beyond > (1.0 - SURE) / SURE))]]
-    shared = own.intersection(*close)
-    tied = [tuple(sorted(own - shared)), *(tuple(sorted(c - shared)) for c in close)]
-    flat = tuple(sorted({name for group in tied for name in group}))
-    sure = tuple(i for i in named if best.effects[i].reported() in shared)
-    return Judgement("ambiguous", sure, (flat,), probability, inflation, rivals, remainder=rest)
+    shared = set(own).intersection(*close)
+    return shared, tuple(sorted(set().union(own, *close) - shared))
+
+
+def names_of(effects: Iterable[Effect]) -> tuple[str, ...]:
+    """Return the names by which effects are reported, sorted, each once."""
+    return tuple(sorted({effect.reported() for effect in effects}))
 
 
 def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
@@ -320,11 +331,6 @@ def _on_border(found: Found, named: tuple[int, ...]) -> dict[int, tuple[str, ...
     return tied
 
 
-def _label(fit: Fit, named: Sequence[int] | None = None) -> tuple[str, ...]:
-    chosen = range(len(fit.effects)) if named is None else named
-    return tuple(sorted({f"{fit.effects[i].reported()}" for i in chosen}))
-
-
 def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[tuple[str, ...], float]]:
     """Return rival names with the logarithm of the evidence by which the best one leads, closest first.
 
@@ -332,12 +338,12 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
     rivals of the first effect found.
     """
     known = found.setting.whitener.repeats
-    own, reference = _label(found.best, named), score(found.best, known)
+    own, reference = names_of([found.best.effects[i] for i in named]), score(found.best, known)
     gaps: dict[tuple[str, ...], float] = {}
     for rival in found.rivals:
         if len(rival.candidates) < len(named) or not rival.candidates:
             continue
-        label = _label(rival)
+        label = names_of(rival.effects)
         if set(own) <= set(label):
             continue
         gap = max(0.5 * (score(rival, known) - reference) / inflation, 0.0)
@@ -375,13 +381,13 @@ def _price(candidate: Candidate, gain: float) -> float:
     return float(0.5 * (sizes * np.log1p(gain / sizes) + shapes))
 
 
-def causes_of(found: Found, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
+def causes_of(best: Fitted, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
     """Return the named causes with their parameters in units of the model's ports."""
     spread = float(np.sqrt(judgement.inflation))
-    return tuple(cause_of(i, found.best, model, judgement.probability, spread) for i in judgement.named)
+    return tuple(_cause_of(i, best, model, judgement.probability, spread) for i in judgement.named)
 
 
-def cause_of(i: int, best: Fitted, model: Model, posterior: float, spread: float = 1.0) -> Cause:
+def _cause_of(i: int, best: Fitted, model: Model, posterior: float, spread: float) -> Cause:
     """Return effect `i` of a fit as a cause, its standard deviations `spread` times those of the fit."""
     effect = best.effects[i]
     u, y = units_at(model, effect.where)
