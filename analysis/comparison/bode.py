@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.pages.bode import PHASES_DEG, bode_canvas, draw_response, scale_axes
 from analysis.pages.canvas import COLOURS, Canvas
 from sim_backend.linear import Array
 
@@ -47,16 +48,12 @@ def bode_figures(names: tuple[str, str], curves: tuple[Sequence[Curve], Sequence
         output, source = place
         drawn = [each.get(place) for each in by_place]
         unit = next(one.unit for one in drawn if one is not None)
-        canvas = Canvas(f"Response {source} → {output}", "", rows=2, size=SIZE, share_x=True)
-        canvas.panel(0, f"{source} → {output}", "", f"magnitude ({unit})")
-        canvas.panel(1, "", "frequency (Hz)", "phase (°)")
+        canvas = bode_canvas(f"Response {source} → {output}", f"{source} → {output}", unit, SIZE)
         for name, style, one in zip(labels(names), STYLES, drawn, strict=True):
             if one is not None:
-                canvas.line(0, name, one.frequency_hz, np.abs(one.response), **style)
-                canvas.line(1, name, one.frequency_hz, _unbroken(np.degrees(np.angle(one.response))), **style)
-        canvas.axes[0].set_xscale("log")
-        canvas.axes[0].set_yscale("log")
-        canvas.axes[1].set_yticks([-180, -90, 0, 90, 180])
+                draw_response(canvas, name, one.frequency_hz, one.response, **style)
+        scale_axes(canvas)
+        canvas.axes[1].set_yticks(PHASES_DEG)
         canvas.legend(0, loc="best")
         figures.append(canvas)
     return tuple(figures)
@@ -66,10 +63,3 @@ def labels(names: tuple[str, str]) -> tuple[str, str]:
     """Return short names for a legend: the last parts of the paths that differ."""
     short = [name.rstrip("/").rpartition("/")[2] for name in names]
     return (short[0], short[1]) if short[0] != short[1] else (f"first: {short[0]}", f"second: {short[1]}")
-
-
-def _unbroken(phase_deg: Array) -> Array:
-    """Return a phase (n,) that is not drawn across the picture where it wraps."""
-    out = phase_deg.copy()
-    out[1:][np.abs(np.diff(phase_deg)) > 180.0] = np.nan
-    return out

@@ -163,6 +163,10 @@ class Canvas:
             for text in self.axes[i].legend(**where).get_texts():
                 text.set_parse_math(False)
 
+    def legend_above(self, i: int, columns: int = 3) -> None:
+        """Show the legend of panel `i` above its axes, beside the title, where it covers no curve."""
+        self.legend(i, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, borderpad=0.0, columnspacing=1.0)
+
     def numbers(self) -> pd.DataFrame:
         """Return every drawn point: panel, series, x with its label, y with its label."""
         import pandas as pd

@@ -10,7 +10,8 @@ from analysis.diagnosis.answer.figures import AFTER, BEFORE, Drawn
 from analysis.diagnosis.result import Diagnosis
 from analysis.frequency.averaged_spectra import averaged_spectra
 from analysis.frequency.frf import FrequencyResponse
-from analysis.pages.canvas import INK, Canvas
+from analysis.pages.bode import bode_canvas, per, scale_axes
+from analysis.pages.canvas import INK
 from sim_backend.assembly import places_of, retuned
 from sim_backend.errors import DataError
 from sim_backend.linear import ComplexArray
@@ -52,10 +53,7 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
         return None
     source, target = model.inputs[j], model.outputs[output]
     title = target.dof if source.dof == target.dof else f"{source.dof} → {target.dof}"
-    canvas = Canvas(f"Frequency response {title}", "", rows=2, size=SIZE, share_x=True)
-    unit = "" if (source.unit, target.unit) == ("1", "1") else f" ({target.unit} per {source.unit})"
-    canvas.panel(0, title, "", f"magnitude{unit}")
-    canvas.panel(1, "", "frequency (Hz)", "phase (°)")
+    canvas = bode_canvas(f"Frequency response {title}", title, per(target.unit, source.unit), SIZE)
     curve_f = np.geomspace(f[good[0]], f[good[-1]], CURVE_POINTS)
     models = _models(diagnosis, model, curve_f, output, j)
     # of all whole turns the one nearest to the nominal model, which has no gaps between its frequencies
@@ -67,11 +65,9 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     for name, colour, values in models:
         canvas.line(0, name, curve_f, np.abs(values), color=colour, linewidth=1.1)
         canvas.line(1, name, curve_f, _degrees(values), color=colour, linewidth=1.1)
-    for axes in canvas.axes:
-        axes.set_xscale("log")
-    canvas.axes[0].set_yscale("log")
+    scale_axes(canvas)
     canvas.axes[1].yaxis.set_major_locator(MultipleLocator(90.0))
-    canvas.legend(0, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, borderpad=0.0, columnspacing=1.0)
+    canvas.legend_above(0)
     caption = (
         f"Response of {target.dof} to {source.dof}: measured (averaged spectra of all records; frequencies where it is "
         f"known to {100.0 * KNOWN:.0f} % or better), the nominal model as given, and the linear part of the extended "

@@ -75,7 +75,7 @@ def residual_figures(
         canvas.line(0, "extended", *thinned(time_s, new * factor, MOST_POINTS), color=AFTER, linewidth=0.9)
         reach = 2.0 * float(noise_rms[o]) * factor
         canvas.band(0, -reach, reach, "noise, ±2σ")
-        _legend(canvas)
+        canvas.legend_above(0)
         held = ", which no fit has seen" if w.held_out else ""
         step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1
         drawn_of = f" Of every {step} samples the least and the greatest are drawn." if step > 1 else ""
@@ -104,11 +104,6 @@ def evidence_figures(
         canvas = _drawn(name, worst, same[0] if same else None, model)
         drawn.append(Drawn(f"evidence-{name}", f"By {name}", f"{worst.where} ({chance(worst.p_value)}).", canvas))
     return drawn
-
-
-def _legend(canvas: Canvas) -> None:
-    """Put the legend above the axes, beside the title, where it covers no curve."""
-    canvas.legend(0, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, borderpad=0.0, columnspacing=1.0)
 
 
 def by_category(name: str) -> bool:
@@ -142,7 +137,7 @@ def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Can
         if name == "frequency":
             canvas.axes[0].set_xscale("log")
     _floor(canvas, first)
-    _legend(canvas)
+    canvas.legend_above(0)
     return canvas
 
 

@@ -78,7 +78,7 @@ def opening_figure(
     reach = 2.0 * float(noise_rms[place.output]) * factor
     canvas.band(1, -reach, reach, "noise, ±2σ")
     for i in range(2):
-        canvas.legend(i, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, borderpad=0.0, columnspacing=1.0)
+        canvas.legend_above(i, 4)
     unseen = ", which no fit has seen" if place.window.held_out else ""
     caption = (
         f"{port.dof} in segment “{place.window.label}”{unseen}: the stretch where the nominal model misses most, its "

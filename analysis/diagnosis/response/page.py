@@ -12,6 +12,7 @@ from analysis.diagnosis.answer.page import Figures, write_drawn
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.response.diagnose import Responses, by_frequency
 from analysis.diagnosis.result import Diagnosis
+from analysis.pages.bode import PHASES_DEG, bode_canvas, draw_response, per, scale_axes
 from analysis.pages.canvas import INK, QUIET, Canvas
 from sim_backend.model import Model
 
@@ -41,10 +42,7 @@ def bode_figures(drawn: Responses, model: Model) -> list[Drawn]:
     for (o, i), (source, target), name in zip(places, pairs, names, strict=True):
         rows = np.flatnonzero((lines.output == o) & (lines.input == i))
         title = f"{source.dof} → {target.dof}"
-        canvas = Canvas(f"Response {title}", "", rows=3, size=SIZE, share_x=True)
-        unit = "" if (source.unit, target.unit) == ("1", "1") else f" ({target.unit} per {source.unit})"
-        canvas.panel(0, title, "", f"magnitude{unit}")
-        canvas.panel(1, "", "", "phase (°)")
+        canvas = bode_canvas(f"Response {title}", title, per(target.unit, source.unit), SIZE, rows=3)
         canvas.panel(2, "", "frequency (Hz)", "error ÷ response")
         _draw(canvas, drawn, rows)
         caption = (
@@ -70,21 +68,10 @@ def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
     for label, modelled, colour in (("nominal", drawn.nominal, BEFORE), ("extended", drawn.extended, AFTER)):
         # a model has one response: that at the lines of all levels together
         f, first = np.unique(lines.frequency_hz[rows], return_index=True)
-        curve = modelled[rows][first]
-        canvas.line(0, label, f, np.abs(curve), color=colour, linewidth=1.0)
-        canvas.line(1, label, f, _unbroken(np.degrees(np.angle(curve))), color=colour, linewidth=1.0)
+        draw_response(canvas, label, f, modelled[rows][first], color=colour, linewidth=1.0)
         off = np.abs(modelled[rows] - measured) / size
         canvas.points(2, label, lines.frequency_hz[rows], off, color=colour, marker=".", markersize=2.5)
-    for axes in canvas.axes:
-        axes.set_xscale("log")
-    canvas.axes[0].set_yscale("log")
+    scale_axes(canvas)
     canvas.axes[2].set_yscale("log")
-    canvas.axes[1].set_yticks([-180, -90, 0, 90, 180])
-    canvas.legend(0, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, borderpad=0.0, columnspacing=1.0)
-
-
-def _unbroken(phase_deg: np.ndarray) -> np.ndarray:
-    """Return a phase (n,) that is not drawn across the picture where it wraps."""
-    out = phase_deg.copy()
-    out[1:][np.abs(np.diff(phase_deg)) > 180.0] = np.nan
-    return out
+    canvas.axes[1].set_yticks(PHASES_DEG)
+    canvas.legend_above(0)
