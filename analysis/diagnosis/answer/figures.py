@@ -1,4 +1,4 @@
-"""The figures of a diagnosis: residual before and after in time, and in every domain against the noise."""
+"""The figures of a diagnosis: measured and simulated, the response, and the residual in time and in every domain."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
-from analysis.diagnosis.records.dataset import Dataset
-from analysis.diagnosis.result import Domain
-from analysis.pages.canvas import COLOURS, QUIET, Canvas, thinned
+from analysis.diagnosis.records.dataset import Dataset, Window
+from analysis.diagnosis.result import Diagnosis, Domain
+from analysis.frequency.averaged_spectra import averaged_spectra
+from analysis.frequency.frf import FrequencyResponse
+from analysis.pages.bode import bode_canvas, per, scale_axes
+from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
+from sim_backend.assembly import places_of, retuned
+from sim_backend.errors import DataError
+from sim_backend.linear import ComplexArray
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
@@ -30,6 +37,9 @@ MOST_POINTS = 1500
 SIZE = (4.4, 2.7)
 """Small enough to be read on a telephone, two beside each other on a desk."""
 
+TALL = (4.8, 3.9)
+"""Of a figure with two panels."""
+
 STEEP = 20.0
 
 QUANTITIES = {
@@ -43,6 +53,28 @@ QUANTITIES = {
     "cross-axis": "other axis",
     "level": "level of excitation",
 }
+
+SWINGS = 8
+"""Swings of the measured output that are drawn: more would lie on each other."""
+
+LEAST_ROWS = 200
+
+PIECES = 5
+"""Pieces, half overlapping, that the longest record is cut into: the more, the less noise and the coarser the lines."""
+
+MOST_ROWS = 16384
+
+WEAKEST = 1e-6
+"""Part of the strongest line's power below which an input says nothing of the response there."""
+
+KNOWN = 0.1
+"""Largest standard deviation of a point that is drawn, relative to the response."""
+
+LEAST_POINTS = 12
+
+PER_DECADE = 60
+
+CURVE_POINTS = 500
 
 
 @dataclass(frozen=True)
@@ -169,3 +201,165 @@ def _floor(canvas: Canvas, first: Domain) -> None:
     else:
         axes.set_ylim(0.0, 1.15 * max(top, 1.3 * level))
     axes.axhline(level, color=QUIET, linewidth=1.0, linestyle=(0, (4, 3)), label="noise")
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Rows of one output of one record."""
+
+    record: int
+    window: Window
+    output: int
+    rows: slice
+
+
+def opening_figure(
+    data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array, model: Model
+) -> Drawn | None:
+    """Return measured and simulated over each other where the nominal model misses most, held-out rows if there are.
+
+    `before` and `after` are each record's residuals (n, n_y), `noise_rms` has shape (n_y,). None without a window.
+    """
+    place = _worst(data, before, noise_rms)
+    if place is None:
+        return None
+    record, port = data.records[place.record], model.outputs[place.output]
+    y = record.y[place.rows, place.output]
+    old, new = (x[place.record][place.rows, place.output] for x in (before, after))
+    pairs = [("nominal", old, BEFORE)] + ([] if np.array_equal(old, new) else [("extended", new, AFTER)])
+    time_s = (np.arange(place.rows.start, place.rows.stop) - place.window.start) / data.rate_hz
+    canvas = Canvas(f"Measured and simulated, {port.dof}", "", rows=2, size=TALL, share_x=True)
+    size, unit = scaled(float(np.max(np.abs(y))), port.unit)
+    canvas.panel(0, port.dof, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
+    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=QUIET, linewidth=3.0, alpha=0.55)
+    factor, small = scaled(float(np.max(np.abs(old))), port.unit)
+    canvas.panel(1, "", "time in the segment (s)", f"measured − simulated ({small})")
+    for name, left, colour in pairs:
+        canvas.line(0, name, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
+        canvas.line(1, name, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
+    reach = 2.0 * float(noise_rms[place.output]) * factor
+    canvas.band(1, -reach, reach, "noise, ±2σ")
+    for i in range(2):
+        canvas.legend_above(i, 4)
+    unseen = ", which no fit has seen" if place.window.held_out else ""
+    caption = (
+        f"{port.dof} in segment “{place.window.label}”{unseen}: the stretch where the nominal model misses most, its "
+        "own numbers adjusted."
+    )
+    return Drawn("measured-and-simulated", canvas.title, caption, canvas)
+
+
+def _worst(data: Dataset, before: Sequence[Array], noise_rms: Array) -> _Stretch | None:
+    """Return where the nominal model misses most in units of the noise, a few swings of the output long."""
+    windows = data.judged
+    if not windows:
+        return None
+    size = np.where(noise_rms > 0.0, noise_rms, 1.0)
+    missed = [np.mean((before[i][w.start : w.stop] / size) ** 2, axis=0) for i, w in windows]
+    at = int(np.argmax([float(np.max(one)) for one in missed]))
+    (i, w), o = windows[at], int(np.argmax(missed[at]))
+    y = data.records[i].y[w.start : w.stop, o]
+    length = min(max(SWINGS * swing_rows(y), LEAST_ROWS), y.size)
+    total = np.concatenate([[0.0], np.cumsum(before[i][w.start : w.stop, o] ** 2)])
+    begin = w.start + int(np.argmax(total[length:] - total[:-length]))
+    return _Stretch(i, w, o, slice(begin, begin + length))
+
+
+def worst_output(data: Dataset, before: Sequence[Array], noise_rms: Array) -> int:
+    """Return the number of the output that the opening shows; the first where there is nothing to show."""
+    place = _worst(data, before, noise_rms)
+    return 0 if place is None else place.output
+
+
+def swing_rows(y: Array) -> int:
+    """Return the mean length in rows of one swing of `y` (n,) about its mean, half of all rows where it never turns."""
+    about = y - y.mean()
+    # half the rms on either side: what crosses by noise alone is no swing
+    beyond = np.sign(about)[np.abs(about) > 0.5 * float(np.std(y))]
+    turns = int(np.count_nonzero(np.diff(beyond)))
+    return max(2 * y.size // max(turns, 4), 1)
+
+
+def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None:
+    """Return magnitude and phase of the response of `output` to the input that drives it most.
+
+    None where the records tell no linear response: inputs that never move apart, or too few lines above the noise.
+    """
+    from matplotlib.ticker import MultipleLocator  # see `analysis.pages.canvas`
+
+    found = _measured(diagnosis, output)
+    if found is None:
+        return None
+    response, column, j = found
+    g, std = response.response[:, output, column], np.sqrt(response.noise_variance[:, output, column])
+    f = response.frequency_hz
+    good = _thinned_lines(f, np.where(np.abs(g) > 0.0, std / np.maximum(np.abs(g), 1e-300), np.inf))
+    if good.size < LEAST_POINTS:
+        return None
+    source, target = model.inputs[j], model.outputs[output]
+    title = target.dof if source.dof == target.dof else f"{source.dof} → {target.dof}"
+    canvas = bode_canvas(f"Frequency response {title}", title, per(target.unit, source.unit), TALL)
+    curve_f = np.geomspace(f[good[0]], f[good[-1]], CURVE_POINTS)
+    models = _models(diagnosis, model, curve_f, output, j)
+    # of all whole turns the one nearest to the nominal model, which has no gaps between its frequencies
+    near = np.interp(f[good], curve_f, _degrees(models[0][2]))
+    dots = {"color": INK, "marker": ".", "markersize": 2.5}
+    canvas.points(0, "measured", f[good], np.abs(g[good]), **dots)
+    turned = near + np.degrees(np.angle(g[good] * np.exp(-1j * np.radians(near))))
+    canvas.points(1, "measured", f[good], turned, **dots)
+    for name, colour, values in models:
+        canvas.line(0, name, curve_f, np.abs(values), color=colour, linewidth=1.1)
+        canvas.line(1, name, curve_f, _degrees(values), color=colour, linewidth=1.1)
+    scale_axes(canvas)
+    canvas.axes[1].yaxis.set_major_locator(MultipleLocator(90.0))
+    canvas.legend_above(0)
+    caption = (
+        f"Response of {target.dof} to {source.dof}: measured (averaged spectra of all records; frequencies where it is "
+        f"known to {100.0 * KNOWN:.0f} % or better), the nominal model as given, and the linear part of the extended "
+        "one. What depends on amplitude shows here as a mean over what was played."
+    )
+    return Drawn("bode", canvas.title, caption, canvas)
+
+
+def _models(diagnosis: Diagnosis, model: Model, f: Array, output: int, j: int) -> list[tuple[str, str, ComplexArray]]:
+    rate = diagnosis.data.rate_hz
+    extended = retuned(diagnosis.linear, diagnosis.effects, places_of(model))
+    return [
+        ("nominal", BEFORE, diagnosis.nominal.frequency_response(f, rate)[:, output, j]),
+        ("extended", AFTER, extended.frequency_response(f, rate)[:, output, j]),
+    ]
+
+
+def _measured(diagnosis: Diagnosis, output: int) -> tuple[FrequencyResponse, int, int] | None:
+    """Return the responses from all driven inputs, and that which moves `output` most: its column and its number."""
+    data = diagnosis.data
+    driven = np.flatnonzero(np.max([np.ptp(r.u, axis=0) for r in data.records], axis=0) > 0.0)
+    if driven.size == 0:
+        return None
+    longest = max(r.n for r in data.records)
+    piece = min(int(next_fast_len(max(longest // PIECES, 64), real=True)), MOST_ROWS) // 2 * 2
+    records = [np.concatenate([r.u[:, driven], r.y], axis=1) for r in data.records]
+    offset = np.concatenate(records).mean(axis=0)
+    try:
+        spectra = averaged_spectra(([x] for x in records), piece, offset.size, offset)
+        response = spectra.response(data.rate_hz, driven.size, data.n_outputs, WEAKEST)
+    except DataError:
+        return None
+    moved = data.u_scale()[driven] * np.median(np.abs(response.response[:, output]), axis=0)
+    column = int(np.argmax(moved))
+    return response, column, int(driven[column])
+
+
+def _thinned_lines(f: Array, spread: Array) -> NDArray[np.intp]:
+    """Return the numbers of the best-known line of each of `PER_DECADE` bands, of those that are known."""
+    known = np.flatnonzero(spread < KNOWN)
+    if known.size == 0:
+        return known
+    band = np.floor(PER_DECADE * np.log10(f[known])).astype(int)
+    order = np.lexsort((spread[known], band))
+    _, first = np.unique(band[order], return_index=True)
+    return np.sort(known[order[first]])
+
+
+def _degrees(response: ComplexArray) -> Array:
+    return np.asarray(np.degrees(np.unwrap(np.angle(response))))

@@ -15,8 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.explore import noise_density
-from analysis.diagnosis.answer.figures import AFTER, Drawn
-from analysis.diagnosis.answer.opening import SWINGS, swing_rows
+from analysis.diagnosis.answer.figures import AFTER, SWINGS, Drawn, swing_rows
 from analysis.diagnosis.evidence.bins import rate_of
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate

@@ -10,14 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup, escape
 
-from analysis.diagnosis.answer.bode import bode_figure
 from analysis.diagnosis.answer.difference import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
-from analysis.diagnosis.answer.figures import Drawn, evidence_figures, residual_figures
+from analysis.diagnosis.answer.figures import (
+    Drawn,
+    bode_figure,
+    evidence_figures,
+    opening_figure,
+    residual_figures,
+    worst_output,
+)
 from analysis.diagnosis.answer.mechanism import mechanism_figure
-from analysis.diagnosis.answer.opening import opening_figure, surety, worst_output
 from analysis.diagnosis.answer.output import DOMAINS, extended_model
-from analysis.diagnosis.answer.sentence import SIGNIFICANT
+from analysis.diagnosis.answer.sentence import SIGNIFICANT, surety
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from

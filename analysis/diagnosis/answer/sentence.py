@@ -1,10 +1,12 @@
-"""The one sentence with which a diagnosis opens: what is wrong, why, how sure, what fixing it gained."""
+"""A diagnosis in words: the sentence with which it opens, and how sure the answer is and why not surer."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Remainder, Verdict
+from analysis.diagnosis.result import Cause, Choice, Diagnosis, Domain, Gain, Remainder, Verdict
 from analysis.diagnosis.verdict.barely import barely_explained
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
@@ -16,6 +18,17 @@ SIGNIFICANT = 1e-3
 
 _MANY = 4
 """Places of one kind of cause that are all told."""
+
+_FAR_LESS = 5
+"""Powers of ten from which on the number before them says nothing more."""
+
+
+@dataclass(frozen=True)
+class Surety:
+    """How sure a diagnosis is, in words, and the reasons why it is not surer."""
+
+    how: tuple[str, ...]
+    why_not: tuple[str, ...]
 
 
 def sentence(
@@ -138,3 +151,54 @@ def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
     if not p < SIGNIFICANT:
         return "; the remarks say what is left"
     return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
+
+
+def surety(diagnosis: Diagnosis) -> Surety:
+    """Return how sure the answer of a diagnosis is and everything that keeps it from being surer."""
+    why_not = [_rival(diagnosis)]
+    if diagnosis.remainder is not None:
+        r = diagnosis.remainder
+        why_not.append(
+            f"{share(r.share)} of the squared error above the noise stays unexplained: {r.lives} "
+            f"({chance(r.significance)})."
+        )
+    if diagnosis.gain is None:
+        why_not.append("No segment was held out, so the gain could not be tested on data that no fit has seen.")
+    why_not += diagnosis.notes
+    return Surety(tuple(_how(diagnosis)), tuple(filter(None, why_not)))
+
+
+def _how(diagnosis: Diagnosis) -> list[str]:
+    said = [f"{c.effect} at {c.where}: {100.0 * c.probability:.1f} % probable." for c in diagnosis.causes]
+    if said:
+        said.append("That is the share of right answers among answers of equal evidence in blind trials.")
+    if diagnosis.verdict == "ambiguous":
+        said.append("That the model is wrong is sure; which of the tied causes it is, these data do not tell.")
+    least = least_by_chance(diagnosis.evidence)
+    if diagnosis.verdict == "unknown" and least is not None:
+        p, name, curve = least
+        said.append(f"That the model is wrong: by {name}, {curve.where} ({chance(p)}).")
+    if diagnosis.verdict == "consistent" and least is not None:
+        p, name, curve = least
+        if p >= SIGNIFICANT:
+            said.append(f"The residual stands out most by {name}, no more than by chance ({chance(p)}).")
+        else:
+            said.append(
+                f"The residual stands out most by {name}: {curve.where} ({chance(p)}). No effect of the library "
+                "explains more than noise may."
+            )
+    return said
+
+
+def _rival(diagnosis: Diagnosis) -> str:
+    """Return the second-best explanation of what was named; nothing where none was weighed."""
+    if diagnosis.verdict != "named" or not diagnosis.considered:
+        return ""
+    name, evidence = diagnosis.considered[0]
+    power = math.floor(-evidence / math.log(10.0))
+    times = f"10{_superscript(power)}" if power > _FAR_LESS else readable(math.exp(max(-evidence, 0.0)))
+    return f"The next best explanation, {name or 'nothing added'}, makes the data {times} times less likely."
+
+
+def _superscript(n: int) -> str:
+    return str(n).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from analysis.diagnosis.answer.bode import bode_figure
+from analysis.diagnosis.answer.figures import bode_figure, opening_figure, swing_rows
 from analysis.diagnosis.answer.mechanism import explained, mechanism_figure
-from analysis.diagnosis.answer.opening import opening_figure, surety, swing_rows
+from analysis.diagnosis.answer.sentence import surety
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Remainder
