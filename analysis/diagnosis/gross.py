@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
 from analysis.diagnosis.fitting.balance import settled_by
-from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.fit import Fit, Setting, left_by
 from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.inside import in_modes
@@ -86,8 +86,8 @@ def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
 
     Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
     """
-    setting = settled_by(setting, setting.nominal, _left(setting))
-    residuals = _left(setting)
+    setting = settled_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
+    residuals = left_by(setting, setting.nominal, ())
     ratio = above_noise(setting.data, residuals)
     if ratio <= _GROSS:
         return None
@@ -96,13 +96,8 @@ def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
     last = [e[-r.n :] for r, e in zip(data.records, residuals, strict=True)]
     whitener = even_weights(data, last, 1.0 / ratio)
     setting = replace(setting, data=data, whitener=whitener, states=rest)
-    setting = settled_by(setting, setting.nominal, _left(setting))
+    setting = settled_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     return setting, refit(setting, (), np.zeros(0), np.zeros(len(setting.knobs)), steps=0)
-
-
-def _left(setting: Setting) -> tuple[Array, ...]:
-    """Return what the nominal model leaves of every record, (n, n_y) each."""
-    return residuals_of(setting.data.records, simulated(setting, setting.nominal, ()))
 
 
 def _noises(found: Found) -> float:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, residuals_on, simulated, sum_of_states
+from analysis.diagnosis.fitting.fit import Fit, Setting, begun, left_by, linear_of, residuals_on
 from analysis.diagnosis.fitting.modes import moved_mode, narrow_modes, numbered
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
@@ -44,13 +44,8 @@ def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array],
         # noise would differentiate, and nothing slow would count any more
         rest = without_starts(setting.data, linear, setting.whitener, residuals)
         whitener = louder(whitener_from(setting.data, list(rest), order=order), setting.added)
-    starts = starts_of(setting.data, linear, whitener)
-    found = (
-        start.states(stack_white(whitener, record, residual[:, :, None])[:, 0])
-        for start, record, residual in zip(starts, setting.data.records, residuals, strict=True)
-    )
-    states = tuple(sum_of_states(old, new) for old, new in zip(setting.states, found, strict=True))
-    return replace(setting, whitener=whitener, starts=starts, states=states)
+    setting = replace(setting, whitener=whitener, starts=starts_of(setting.data, linear, whitener))
+    return replace(setting, states=begun(setting, setting.states, residuals))
 
 
 def in_noise(setting: Setting, whitener: Whitener, fit: Fit) -> Setting:
@@ -130,10 +125,8 @@ def plainly_better(setting: Setting, tuned: Fit) -> Fit:
 def _begun_plainly(setting: Setting, fit: Fit) -> Fit:
     """Return a fit without effects with the start states that leave the least of the readings."""
     linear = turned(setting.nominal, setting.knobs, fit.change)
-    left = residuals_of(setting.data.records, simulated(setting, linear, ()))
-    begun = settled_by(setting, linear, left, order=0)
-    left = residuals_of(setting.data.records, simulated(begun, linear, ()))
-    return replace(fit, residuals=left, states=begun.states)
+    setting = settled_by(setting, linear, left_by(setting, linear, ()), order=0)
+    return replace(fit, residuals=left_by(setting, linear, ()), states=setting.states)
 
 
 def _relative(setting: Setting, fit: Fit) -> float:

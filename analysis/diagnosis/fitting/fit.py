@@ -183,6 +183,18 @@ def residuals_of(records: Sequence[Record], moved: Sequence[Motion]) -> tuple[Ar
     return tuple(record.left_by(m.reading) for record, m in zip(records, moved, strict=True))
 
 
+def left_by(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> tuple[Array, ...]:
+    """Return what a simulation of `linear` with `effects` leaves of the readings of every record, (n, n_y) each."""
+    return residuals_of(setting.data.records, simulated(setting, linear, effects))
+
+
+def begun(setting: Setting, states: Sequence[Array], residuals: Sequence[Array]) -> tuple[Array, ...]:
+    """Return `states` (m, 2) per record and on top of them what explains `residuals` (n, n_y) of starts there best."""
+    own = zip(setting.data.records, residuals, setting.starts, strict=True)
+    found = [start.states(stack_white(setting.whitener, r, e[:, :, None])[:, 0]) for r, e, start in own]
+    return tuple(sum_of_states(old, new) for old, new in zip(states, found, strict=True))
+
+
 def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
@@ -204,18 +216,14 @@ def _begun_anew(setting: Setting, fit: Fit) -> tuple[Array, ...]:
 
     Every comparison takes out what a start can add; the simulation itself began where the fit before this one said.
     """
-    own = zip(setting.data.records, fit.residuals, setting.starts, strict=True)
-    found = [start.states(stack_white(setting.whitener, r, e[:, :, None])[:, 0]) for r, e, start in own]
-    states = tuple(sum_of_states(old, new) for old, new in zip(fit.states, found, strict=True))
-    linear = turned(setting.nominal, setting.knobs, fit.change)
-    records = setting.data.records
-    left = residuals_of(records, simulated(replace(setting, states=states), linear, fit.effects))
+    setting = replace(setting, states=begun(setting, fit.states, fit.residuals))
+    left = left_by(setting, turned(setting.nominal, setting.knobs, fit.change), fit.effects)
     left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, left)
 
     def squares(record: Record, residual: Array) -> float:
         return float(np.sum(stack_white(setting.whitener, record, residual[:, :, None]) ** 2))
 
-    pairs = zip(records, left, fit.residuals, strict=True)
+    pairs = zip(setting.data.records, left, fit.residuals, strict=True)
     return tuple(a if squares(record, a) < squares(record, b) else b for record, a, b in pairs)
 
 
@@ -239,7 +247,7 @@ def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -
     free, late = free_responses(model, record.n), answers_to_before(model, record.n)
     states, before = np.zeros((free.shape[2] // 2, 2)), np.zeros(late.shape[2])
     one = replace(setting, data=replace(data, records=(record,)))
-    (left,) = residuals_of([record], simulated(replace(one, states=(states,)), linear, effects))
+    (left,) = left_by(replace(one, states=(states,)), linear, effects)
     rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
     weight = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
 
@@ -253,7 +261,7 @@ def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -
         found, *_ = np.linalg.lstsq(columns / scale, (left[rows] * weight).reshape(-1), rcond=1e-9)
         more, late_by = np.split(found / scale, [free.shape[2]])
         there, before = states + more.reshape(-1, 2), before + late_by
-        (next_left,) = residuals_of([record], simulated(replace(one, states=(there,)), linear, effects))
+        (next_left,) = left_by(replace(one, states=(there,)), linear, effects)
         next_left -= late @ before
         if not squares(next_left) < _WORTH_A_STEP * squares(left):
             break
@@ -300,8 +308,7 @@ def steps_in_noise(setting: Setting, fit: Fit) -> int:
     """
     linear = turned(setting.nominal, setting.knobs, fit.change)
     there, finer = (
-        residuals_of(setting.data.records, simulated(one, linear, fit.effects))
-        for one in (setting, replace(setting, substeps=2 * setting.substeps))
+        left_by(one, linear, fit.effects) for one in (setting, replace(setting, substeps=2 * setting.substeps))
     )
     squares = sum(
         float(np.sum(stack_white(setting.whitener, record, (b - a)[:, :, None]) ** 2))

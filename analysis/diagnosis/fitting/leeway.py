@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import squares_of
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_of, simulated
+from analysis.diagnosis.fitting.fit import Fit, Setting, left_by, linear_of
 from analysis.diagnosis.noise.whitener import Whitener, runs_of
 from analysis.diagnosis.nominal.responses import played, response
 from analysis.diagnosis.nominal.tuning import turned
@@ -140,8 +140,8 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
         """Return what the other effects explain beside those that are `kept`."""
         if not kept or len(kept) == len(best.effects):
             return np.zeros_like(explained) if kept else explained
-        moved = simulated(setting, turned(setting.nominal, setting.knobs, best.change), kept)
-        return np.clip(squares_of(setting, residuals_of(setting.data.records, moved)) - left, 0.0, explained)
+        moved = left_by(setting, turned(setting.nominal, setting.knobs, best.change), kept)
+        return np.clip(squares_of(setting, moved) - left, 0.0, explained)
 
     by_law = beside(tuple(e for e in best.effects if e.exact))
     bent = beside(tuple(e for e in best.effects if e.linear_form))

@@ -9,12 +9,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.parameters import Scale
+from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
@@ -64,6 +65,12 @@ class Problem:
     setting: Setting
     candidates: tuple[Candidate, ...]
     scales: list[Scale]
+
+    @classmethod
+    def of(cls, setting: Setting, candidates: Sequence[Candidate], sizes: Array) -> tuple[Self, Array]:
+        """Return the problem of a hypothesis, and its effects' parameters on their scales at `sizes`: see `refit`."""
+        scales, start = parameters_of(candidates, sizes)
+        return cls(setting, tuple(candidates), scales), start
 
     def effects(self, x: Array) -> tuple[Effect, ...]:
         """Return the effects with the parameters in `x`."""

@@ -89,8 +89,7 @@ def refit(
 def in_parts(setting: Setting, candidates: Sequence[Candidate], sizes: Array) -> list[tuple[Part, Setting]]:
     """Return the parts into which a hypothesis falls, each with its setting: itself where it does not fall apart."""
     whole, found = [(whole_of(setting, candidates), setting)], []
-    scales, start = parameters_of(candidates, sizes)
-    problem = Problem(setting, tuple(candidates), scales)
+    problem, start = Problem.of(setting, candidates, sizes)
     try:
         parts = parts_of(setting, candidates, problem.effects(np.concatenate([np.zeros(len(setting.knobs)), start])))
     except ConfigError:  # screening asked for what cannot be: the fit begins elsewhere
@@ -121,13 +120,12 @@ def _quiet(setting: Setting, part: Part, own: Setting, exact: bool) -> Fit:
 
 def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, manner: _Manner) -> Fit:
     """Return the best fit of a hypothesis that is taken as one."""
-    scales, start = parameters_of(candidates, sizes)
-    problem = Problem(setting, tuple(candidates), scales)
+    problem, start = Problem.of(setting, candidates, sizes)
     n_knobs = len(setting.knobs)
     x = np.concatenate([change, start])
     if not np.isfinite(problem.evaluate(x).misfit):
         # screening asked for what cannot be: begin where the effect adds nothing
-        x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(scales, start, strict=True)]
+        x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(problem.scales, start, strict=True)]
     elif manner.strong:
         x = problem.shortened(x)
     slopes = Slopes(problem, strong=manner.strong, misled=manner.misled)
@@ -200,15 +198,14 @@ def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
 
 def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Array) -> list[Array]:
     """Return, per record, the columns of knobs and effect parameters of what is taken as one, (n, n_y, k)."""
-    scales, start = parameters_of(held, sizes)
-    problem = Problem(setting, tuple(held), scales)
+    problem, start = Problem.of(setting, held, sizes)
     x = np.concatenate([change, start])
     here, _ = problem.raw(x)  # the starts may have been found anew since the fit
 
     def column(i: int) -> list[Array]:
         # the slope by a step of rounding is that of a gain as long as no number is rounded otherwise: beside it a gain
         # would go anywhere
-        fixed = i >= change.size and held[scales[i - change.size].effect].effect.whole
+        fixed = i >= change.size and held[problem.scales[i - change.size].effect].effect.whole
         found = None if fixed else problem.slope(x, i, here)
         return [np.zeros_like(r) for r in here] if found is None else [-slope for slope in found]
 

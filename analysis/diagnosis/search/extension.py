@@ -8,7 +8,6 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -61,9 +60,8 @@ def _nearer(
     without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
 
     def better(there: Array) -> bool:
-        scales, own = parameters_of(candidates, np.concatenate([held, there[start.size :]]))
-        x = np.concatenate([there[: start.size], own])
-        return Problem(setting, tuple(candidates), scales).evaluate(x).objective < without
+        problem, own = Problem.of(setting, candidates, np.concatenate([held, there[start.size :]]))
+        return problem.evaluate(np.concatenate([there[: start.size], own])).objective < without
 
     far = np.concatenate([start, sizes])
     near = halved(far, np.concatenate([fit.change, np.zeros(sizes.size)]), better)
