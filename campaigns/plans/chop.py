@@ -11,7 +11,7 @@ import numpy as np
 from campaigns.plans.base import Plan, channels_of, longest_segment, rate_of
 from campaigns.sizes import samples_of, wave_samples
 from campaigns.strategies import check_strategy, is_watched, promise_of, stages_of
-from campaigns.strategies.stages import Task, Tuning, stage_segments
+from campaigns.strategies.stages import Task, Tuning, learns, stage_segments
 from campaigns.strategies.watch import CYCLES_AT_ONCE, Watch
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
@@ -91,7 +91,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             design.controller.require_bench(bench)
         for stage in stages_of(self.strategy, task, design):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
-            most = task.period if watched and stage.learns else longest
+            most = task.period if watched and learns(stage.learning) else longest
             # what learning has left is judged by its first cycle
             first = task.period if watched and stage.n_samples is None else most
             yield from stage_segments(task, stage, n_samples, most, record, settings, first)

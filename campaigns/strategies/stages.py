@@ -6,7 +6,7 @@ so that a chop from zero starts from rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -83,10 +83,10 @@ class Stage:
     learning: tuple[Learning | None, ...] = ()
     shift: int = 0
 
-    @property
-    def learns(self) -> bool:
-        """Whether an input is being learned, or listened to first: what is heard now acts in the next period."""
-        return any(one is not None and one.active for one in self.learning)
+
+def learns(learning: Sequence[Learning | None]) -> bool:
+    """Tell whether an input is being learned, or listened to first: what is heard now acts in the next period."""
+    return any(one is not None and one.active for one in learning)
 
 
 Strategy = Callable[[Task, "Design"], tuple[Stage, ...]]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.strategies.stages import learns
 from sim_backend.bench import Bench, Coil, Gate, Record, Segment, check_segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.errors import ConfigError
@@ -237,10 +238,9 @@ class Watch:
     def _stray(self, cycle: _Cycle) -> str:
         strays = not np.all(cycle.after_rad <= STRAY_RAD)
         self._strayed = self._strayed + 1 if strays else 0
-        learns = _learns(cycle.segment)
         # what is still being learned may stray at first, but no longer than it takes to bring the bench back in time
         allowed = MOST_CYCLES - 1 if self._best is None else CYCLES_AT_ONCE - 1
-        if not strays or (learns and self._strayed <= allowed):
+        if not strays or (learns(cycle.segment.learning) and self._strayed <= allowed):
             return ""
         worst = int(np.argmax(cycle.after_rad))
         return (
@@ -260,11 +260,7 @@ def _alike(one: Segment, other: Segment) -> bool:
     What was learned may be played without the feedback under which it was, and then errs otherwise.
     """
     ways = [np.ptp(segment.reference, axis=0) for segment in (one, other)]
-    return np.array_equal(*ways) and _learns(one) == _learns(other)
-
-
-def _learns(segment: Segment) -> bool:
-    return any(one is not None and one.active for one in segment.learning)
+    return np.array_equal(*ways) and learns(one.learning) == learns(other.learning)
 
 
 def _rms(error: Array) -> Array:
