@@ -14,7 +14,7 @@ from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.verdict.judging import Judgement, names_of
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Aux, Effect, Site
-from sim_backend.model import EffectEntry, Mode, Model
+from sim_backend.model import EffectEntry, Model, from_linear
 
 MOST = {"ambiguous": 3, "unknown": 2}
 """Hypotheses that an experiment is chosen for, by the verdict: the best and its closest rivals. Time grows with their
@@ -49,26 +49,22 @@ class Hypothesis:
         """
         effects = self.effects(setting)
         own = [e for e in effects if e in self.fit.effects]
-        linear = retuned(turned(setting.nominal, setting.knobs, self.fit.change), own, setting.places)
-        ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
-        modes = [
-            Mode(
-                label=f"mode {m + 1}",
-                frequency_hz=float(linear.omega_rad_s[m]) / (2.0 * math.pi),
-                decay_rate_1_s=float(linear.sigma_1_s[m]),
-                input=dict(zip(ins, linear.b[m].tolist(), strict=True)),
-                output=dict(zip(outs, linear.c[:, m].tolist(), strict=True)),
-                input_direct=dict(zip(ins, linear.b_direct[m].tolist(), strict=True)),
-                output_rate=dict(zip(outs, linear.c_rate[:, m].tolist(), strict=True)),
-            )
-            for m in range(linear.n_blocks)
-        ]
+        made = from_linear(
+            retuned(turned(setting.nominal, setting.knobs, self.fit.change), own, setting.places),
+            name=model.name,
+            title=model.title,
+            sample_rate_hz=setting.data.rate_hz,
+            inputs=model.inputs,
+            outputs=model.outputs,
+            origin="derived",
+            source="",
+        )
         return msgspec.structs.replace(
             model,
-            sample_rate_hz=setting.data.rate_hz,
-            modes=modes,
-            feedthrough={o: dict(zip(ins, row, strict=True)) for o, row in zip(outs, linear.d.tolist(), strict=True)},
-            delay_s=dict(zip(ins, linear.delay_s.tolist(), strict=True)),
+            sample_rate_hz=made.sample_rate_hz,
+            modes=made.modes,
+            feedthrough=made.feedthrough,
+            delay_s=made.delay_s,
             effects=[_entry(e) for e in effects if e.site is not Site.MODEL],
         )
 
