@@ -202,6 +202,8 @@ def diagnose(
         )
         return Diagnosis(found, nominal, ())
     several: Iterable[Run | str | Path] = [runs] if isinstance(runs, Run | str | Path) else runs
-    loaded, heard = load_logs([run.path if isinstance(run, Run) else run for run in several], nominal, max_rows=rows)
-    found = judge(loaded.data, nominal, options, heard=heard)
+    loaded, references = load_logs(
+        [run.path if isinstance(run, Run) else run for run in several], nominal, max_rows=rows
+    )
+    found = judge(loaded.data, nominal, options, references=references)
     return Diagnosis(replace(found, notes=(*loaded.notes, *found.notes)), nominal, loaded.sources)

@@ -20,7 +20,7 @@ from typing import Any
 from analysis.diagnosis.answer.output import document, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.evidence.chop_gain import ChopGain, chops_or_why
-from analysis.diagnosis.experiment.planned import Face, first_plan
+from analysis.diagnosis.experiment.planned import BenchDescription, first_plan
 from analysis.diagnosis.experiment.reference_sensor import load_logs
 from analysis.diagnosis.pipeline import Options, diagnose
 from campaigns.benches import bench_kind, open_bench
@@ -120,13 +120,13 @@ def investigate(
     home = prepare_folder(Path(folder))
     planned = _claimed(quest, home, resume)
     with closing(open_bench(quest.address, quest.seed)) as bench:
-        face = Face.of(bench)
-    _require_ports(face, quest.model)
-    plan = _planned(planned[0]) if planned else quest.first or first_plan(face, quest.model)
+        description = BenchDescription.of(bench)
+    _require_ports(description, quest.model)
+    plan = _planned(planned[0]) if planned else quest.first or first_plan(description, quest.model)
     rounds: list[Round] = []
     while True:
         number = len(rounds) + 1
-        entry = _entry(number, plan, face)
+        entry = _entry(number, plan, description)
         reason = _spent(quest, rounds, entry)
         if reason:
             return _ended(quest, home, rounds, reason)
@@ -134,7 +134,7 @@ def investigate(
         remark(f"round {number}: {plan.name}, {entry.duration_s:.1f} s")
         if not _played(quest, home, entry, plan, report):
             return _ended(quest, home, [*rounds, entry], "paused by the user", paused=True)
-        rounds.append(_judged(quest, home, rounds, entry, face, report))
+        rounds.append(_judged(quest, home, rounds, entry, description, report))
         _write(quest, home, rounds, "running")
         remark(f"round {number}: {rounds[-1].verdict}. {rounds[-1].sentence}")
         following = rounds[-1].next_experiment
@@ -145,9 +145,9 @@ def investigate(
         )
 
 
-def _require_ports(face: Face, model: Model) -> None:
+def _require_ports(description: BenchDescription, model: Model) -> None:
     """Raise ConfigError, before anything moves, when the bench does not have what the model speaks of."""
-    have = {(s.role, s.dof) for s in face.signals}
+    have = {(s.role, s.dof) for s in description.signals}
     for role, ports in (("input", model.inputs), ("output", model.outputs)):
         for port in ports:
             if (role, port.dof) not in have:
@@ -177,8 +177,8 @@ def _spent(quest: Quest, rounds: Sequence[Round], entry: Round) -> str:
     return ""
 
 
-def _entry(number: int, plan: Plan, face: Face) -> Round:
-    duration_s = estimate(plan, face).duration_s
+def _entry(number: int, plan: Plan, description: BenchDescription) -> Round:
+    duration_s = estimate(plan, description).duration_s
     return Round(number, plan.name, plan.changes(), duration_s, f"round-{number}/{plan.name}.h5")
 
 
@@ -203,14 +203,19 @@ def _played(quest: Quest, home: Path, entry: Round, plan: Plan, report: Report |
 
 
 def _judged(
-    quest: Quest, home: Path, before: Sequence[Round], entry: Round, face: Face, report: Report | None
+    quest: Quest,
+    home: Path,
+    before: Sequence[Round],
+    entry: Round,
+    description: BenchDescription,
+    report: Report | None,
 ) -> Round:
     """Return the round with what all logs so far say; a diagnosis of the same logs that is there already stands."""
     logs = [home / r.log for r in (*before, entry)]
     folder = home / f"round-{entry.number}" / "diagnosis"
     found = _known(folder, logs)
     if found is None:
-        loaded, heard = load_logs(logs, quest.model, max_rows=ROWS)
+        loaded, references = load_logs(logs, quest.model, max_rows=ROWS)
 
         def progress(what: str, part: float) -> None:
             if report is not None:
@@ -218,7 +223,7 @@ def _judged(
 
         # the same again would only halve the noise; what is still undecided needs another view
         done = [_planned(r) for r in (*before, entry)]
-        diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, face, heard, done)
+        diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, description, references, done)
         diagnosis = replace(diagnosis, notes=(*loaded.notes, *diagnosis.notes))
         folder_within(folder.parent, folder.name)
         write_page(diagnosis, quest.model, loaded.sources, folder)

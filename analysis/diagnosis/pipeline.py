@@ -14,7 +14,7 @@ from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
-from analysis.diagnosis.experiment.reference_sensor import Testimony, hear
+from analysis.diagnosis.experiment.reference_sensor import ReferenceRun, weigh_references
 from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on, steps_of
 from analysis.diagnosis.fitting.leeway import leeway_of
@@ -225,20 +225,20 @@ def diagnose(
     options: Options | None = None,
     progress: Progress = silent,
     bench: Bench | None = None,
-    heard: Sequence[Testimony] = (),
+    references: Sequence[ReferenceRun] = (),
     done: Sequence[Plan] = (),
 ) -> Diagnosis:
     """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
 
     The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`, and none
-    that is `done`. `heard` is what an instrument beside the bench saw; it decides between causes that readings cannot
-    tell apart. Raises ConfigError when model and data do not fit together.
+    that is `done`. `references` are what an instrument beside the bench saw; they decide between causes that readings
+    cannot tell apart. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
     found, spread = found_and_spread(data.for_fitting(), model, options, progress)
     progress("weighing the evidence", 0.9)
     judgement, short = _judged(found, spread)
-    found, judgement, remark = hear(found, judgement, heard, model, bench)
+    found, judgement, remark = weigh_references(found, judgement, references, model, bench)
     judgement = spread.joined(judgement)
     setting, (tuned, best) = found.setting, _answered(found, judgement, model)
     answer = _answer(found, data, tuned, best, model, options.seed)
@@ -251,7 +251,7 @@ def diagnose(
         best = tuned
         answer = _answer(found, data, tuned, tuned, model, options.seed)
     gain, linear = answer.gain, turned(setting.nominal, setting.knobs, best.change)
-    choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in heard)])
+    choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in references)])
     causes = (*causes_of(found.best, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(

@@ -14,7 +14,7 @@ from mccdcli.progress import progress
 
 if TYPE_CHECKING:
     from analysis.diagnosis.evidence.chop_gain import ChopGain
-    from analysis.diagnosis.experiment.planned import Face
+    from analysis.diagnosis.experiment.planned import BenchDescription
     from sim_backend.model import Model
 
 
@@ -136,15 +136,15 @@ def _of_logs(
 
     keep_long_arrays()
     folder = prepare_folder(out)
-    loaded, heard = load_logs(runs, model, max_rows=rows)
+    loaded, references = load_logs(runs, model, max_rows=rows)
     with progress("diagnosing") as report:
         found = judge(
             loaded.data,
             model,
             Options(**settings),
             progress=lambda what, part: report(part, 1.0, what),
-            bench=None if bench is None else _face(bench, settings["seed"]),
-            heard=heard,
+            bench=None if bench is None else _description(bench, settings["seed"]),
+            references=references,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
     files = write_page(found, model, loaded.sources, folder) | write_files(found, model, loaded.sources, folder)
@@ -205,7 +205,7 @@ def _of_table(
     sources = [Source(str(file), sha256_of(file), file.name, lines.n)]
     with progress("diagnosing") as report:
         found, drawn = diagnose_response(
-            lines, model, file, options, held=held, told=lambda what, part: report(part, 1.0, what)
+            lines, model, file, options, held=held, progress=lambda what, part: report(part, 1.0, what)
         )
     files = write_response_page(found, drawn, model, sources, folder) | write_files(found, model, sources, folder)
     content = document(found, sources)
@@ -223,15 +223,15 @@ def _chops(
     return chops_or_why(lambda: open_bench(bench, seed), nominal, extended, model, seed)
 
 
-def _face(bench: str, seed: int) -> Face:
+def _description(bench: str, seed: int) -> BenchDescription:
     """What a bench may be asked: its own limits bound the next experiment."""
     from contextlib import closing
 
-    from analysis.diagnosis.experiment.planned import Face
+    from analysis.diagnosis.experiment.planned import BenchDescription
     from campaigns.benches import open_bench
 
     with closing(open_bench(bench, seed)) as opened:
-        return Face.of(opened)
+        return BenchDescription.of(opened)
 
 
 def _text(found: dict[str, Any], files: dict[str, Path]) -> str:

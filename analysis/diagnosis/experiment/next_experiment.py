@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from analysis.diagnosis.experiment.hypotheses import Hypothesis, tied_hypotheses
 from analysis.diagnosis.experiment.planned import (
     LEVELS,
+    Headroom,
     Played,
-    Room,
-    face_of,
+    bench_or_modelled,
+    headroom_of,
+    largest_commands,
     play_as,
-    reach_of,
     records_motion,
-    room_of,
 )
-from analysis.diagnosis.experiment.reference_sensor import Witness, watched_outputs
+from analysis.diagnosis.experiment.reference_sensor import ReferenceSensor, watched_outputs
 from analysis.diagnosis.experiment.separation import information, prediction, separation, with_spread
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.result import Choice, NextExperiment
@@ -63,15 +63,15 @@ def choose(
 ) -> Choice | None:
     """Return the experiment that should be done next; None when the verdict asks for none.
 
-    It is one for `bench`, which is asked for its public face alone, or for the bench of `model`, and none of those
-    `done` already. Where it cannot be chosen the reason says why.
+    It is one for `bench`, which is asked for its public description alone, or for the bench of `model`, and none of
+    those `done` already. Where it cannot be chosen the reason says why.
     """
     try:
         hypotheses = tied_hypotheses(found, judgement)
         if len(hypotheses) < 2:
             return None
-        face = face_of(bench, model, found.setting.data.rate_hz)
-        return _chosen(hypotheses, model, found.setting, face, done)
+        description = bench_or_modelled(bench, model, found.setting.data.rate_hz)
+        return _chosen(hypotheses, model, found.setting, description, done)
     except MccdError as error:
         return Choice(None, f"no next experiment can be chosen: {error}")
 
@@ -129,7 +129,7 @@ class Comparison:
     model: Model
     setting: Setting
     bench: Bench
-    room: Room
+    headroom: Headroom
 
     @classmethod
     def of(cls, hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench) -> Self:
@@ -137,7 +137,7 @@ class Comparison:
         known = [information(setting, h) for h in hypotheses]
         # fits on the way of a search do not know their standard deviations well
         spread = [with_spread(setting, h, each) for h, each in zip(hypotheses, known, strict=True)]
-        return cls(spread, known, model, setting, bench, room_of(bench, setting))
+        return cls(spread, known, model, setting, bench, headroom_of(bench, setting))
 
     def tells(self, plan: Plan) -> bool:
         """Tell whether a log of `plan` could tell anything: it holds the motion, or an instrument watches."""
@@ -147,7 +147,7 @@ class Comparison:
         """Return what `plan` gives under each hypothesis, None when one of them leaves the limits."""
         out = []
         for hypothesis in self.hypotheses:
-            played = play_as(plan, self.bench, self.model, hypothesis, self.setting, self.room)
+            played = play_as(plan, self.bench, self.model, hypothesis, self.setting, self.headroom)
             if played is None:
                 return None
             out.append(played)
@@ -156,7 +156,7 @@ class Comparison:
     def worst(self, offer: Offer) -> float:
         """Return the least separation over all ordered pairs of hypotheses."""
         motion = records_motion(offer.plan, self.bench, self.model)
-        witness = Witness(offer.plan, self.bench, self.model, self.setting, self.room)
+        sensor = ReferenceSensor(offer.plan, self.bench, self.model, self.setting, self.headroom)
         worst = math.inf
         for b, second in enumerate(self.hypotheses):
             expected, inputs = None, np.zeros(0)
@@ -168,7 +168,7 @@ class Comparison:
                         expected = prediction(self.setting, second, first.record)
                         inputs = first.record.u
                     own = separation(self.setting, first.record, expected, self.known[b])
-                worst = min(worst, math.hypot(own, witness.separation(first, second)))
+                worst = min(worst, math.hypot(own, sensor.separation(first, second)))
         return worst
 
 
@@ -177,7 +177,7 @@ def _offers(comparison: Comparison, done: Sequence[Plan]) -> Iterator[Offer]:
     bench, setting = comparison.bench, comparison.setting
     axes = _axes(comparison.hypotheses, bench, setting)
     largest = np.max([np.max(np.abs(r.u), axis=0) for r in setting.data.records], axis=0)
-    reach = reach_of(axes, bench, setting.nominal, setting.places.inputs, comparison.room, largest)
+    reach = largest_commands(axes, bench, setting.nominal, setting.places.inputs, comparison.headroom, largest)
     for cls in all_plans().values():
         taken: dict[int, int] = {}
         before = list(done)

@@ -1,7 +1,7 @@
 """A plan played on paper: what a bench that behaves like a hypothesis would record, and whether it keeps its limits.
 
-Nothing moves: a bench is asked for its public face alone. An investigation starts with as much motion as that allows,
-and periods that repeat.
+Nothing moves: a bench is asked for its public description alone. An investigation starts with as much motion as that
+allows, and periods that repeat.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ per cent, and by more where the hypotheses are all wrong."""
 
 
 @dataclass(frozen=True)
-class Room:
+class Headroom:
     """What a proposal may use: travel per output (n_y,) and current per actuator, as predicted; infinite: anything."""
 
     travel: Array
@@ -57,12 +57,12 @@ class Played:
     position: Array
 
 
-def face_of(bench: Bench | None, model: Model, rate_hz: float) -> Bench:
+def bench_or_modelled(bench: Bench | None, model: Model, rate_hz: float) -> Bench:
     """Return `bench`, or where none is given the one that `model` describes, sampled at `rate_hz`."""
     return bench or SimBench(msgspec.structs.replace(model, sample_rate_hz=rate_hz), 0)
 
 
-def room_of(bench: Bench, setting: Setting) -> Room:
+def headroom_of(bench: Bench, setting: Setting) -> Headroom:
     """Return what a proposal may use: the bench's limits; where it states none, what was recorded already."""
     travel = np.full(setting.data.n_outputs, np.inf)
     for o, dof in enumerate(setting.places.outputs):
@@ -70,7 +70,7 @@ def room_of(bench: Bench, setting: Setting) -> Room:
             travel[o] = bench.limits.reference[bench.axes.index(dof)]
     seen = np.max([np.max(np.abs(r.y), axis=0) for r in setting.data.records], axis=0)
     # the margin is for the limits of a bench; what was recorded did no harm
-    return Room(np.where(np.isfinite(travel), travel, seen / MARGIN), float(bench.limits.current_a))
+    return Headroom(np.where(np.isfinite(travel), travel, seen / MARGIN), float(bench.limits.current_a))
 
 
 def records_motion(plan: Plan, bench: Bench, model: Model) -> bool:
@@ -81,19 +81,19 @@ def records_motion(plan: Plan, bench: Bench, model: Model) -> bool:
 
 
 def play_as(
-    plan: Plan, bench: Bench, model: Model, hypothesis: Hypothesis, setting: Setting, room: Room
+    plan: Plan, bench: Bench, model: Model, hypothesis: Hypothesis, setting: Setting, headroom: Headroom
 ) -> Played | None:
     """Return what `plan` gives under `hypothesis`, None when that leaves the limits or cannot be simulated.
 
-    `bench` is asked for its public face alone: nothing moves.
+    `bench` is asked for its public description alone: nothing moves.
     """
     warm = setting.data.records[0].temperature_k is not None
     paper = hypothesis.model(model, setting)
-    return play_on_paper(plan, bench, paper, room, substeps=setting.substeps, warm=warm)
+    return play_on_paper(plan, bench, paper, headroom, substeps=setting.substeps, warm=warm)
 
 
 def play_on_paper(
-    plan: Plan, bench: Bench, model: Model, room: Room, *, substeps: int = 1, warm: bool = False
+    plan: Plan, bench: Bench, model: Model, headroom: Headroom, *, substeps: int = 1, warm: bool = False
 ) -> Played | None:
     """Return what `plan` for `bench` gives on a bench that is `model`, None when that leaves the limits.
 
@@ -115,7 +115,7 @@ def play_on_paper(
     if not (np.isfinite(y).all() and np.isfinite(u).all()):
         return None
     current = np.max(np.abs(u @ paper.limits.to_current.T), initial=0.0)
-    if np.any(np.max(np.abs(position), axis=0) > MARGIN * room.travel) or current > MARGIN * room.current_a:
+    if np.any(np.max(np.abs(position), axis=0) > MARGIN * headroom.travel) or current > MARGIN * headroom.current_a:
         return None
     windows, at = [], 0
     for segment in segments:
@@ -147,10 +147,10 @@ def _on_paper(segment: Segment, axes: tuple[str, ...], paper: SimBench) -> Segme
     )
 
 
-def reach_of(
-    axes: tuple[str, ...], bench: Bench, linear: ModalModel, inputs: tuple[str, ...], room: Room, largest: Array
+def largest_commands(
+    axes: tuple[str, ...], bench: Bench, linear: ModalModel, inputs: tuple[str, ...], headroom: Headroom, largest: Array
 ) -> Reach:
-    """Return the largest commands at which `linear` at rest keeps within `room`, axis by axis.
+    """Return the largest commands at which `linear` at rest keeps within `headroom`, axis by axis.
 
     `largest` (n_u,) are those of a bench that states no limits.
     """
@@ -159,17 +159,17 @@ def reach_of(
     command = np.zeros(len(bench.axes))
     for axis in axes:
         i, at = inputs.index(axis), bench.axes.index(axis)
-        by_travel = np.min(MARGIN * room.travel / np.maximum(np.abs(static[:, i]), np.finfo(float).tiny))
+        by_travel = np.min(MARGIN * headroom.travel / np.maximum(np.abs(static[:, i]), np.finfo(float).tiny))
         per_unit = float(np.max(np.abs(bench.limits.to_current[:, at]), initial=0.0))
-        most = min(by_travel, MARGIN * room.current_a / per_unit if per_unit > 0.0 else np.inf)
+        most = min(by_travel, MARGIN * headroom.current_a / per_unit if per_unit > 0.0 else np.inf)
         stated = np.isfinite(bench.limits.reference).any() and np.isfinite(most)
         command[at] = most if stated else min(most, largest[i])
     return Reach(axes, command)
 
 
 @dataclass(frozen=True)
-class Face:
-    """A bench's identity, channels, axes and limits: all that plans and proposals need."""
+class BenchDescription:
+    """What a bench is and may be asked: all that plans and proposals need, kept after it was let go."""
 
     identity: Identity
     signals: tuple[Signal, ...]
@@ -178,7 +178,7 @@ class Face:
 
     @classmethod
     def of(cls, bench: Bench) -> Self:
-        """Return the face of a bench."""
+        """Return the description of a bench."""
         return cls(bench.identity, bench.signals, bench.axes, bench.limits)
 
     def play(self, segment: Segment) -> BenchRecord:
@@ -206,7 +206,7 @@ def first_plan(bench: Bench, model: Model) -> Plan:
             "give a model of this bench"
         )
     limits = dict(zip(bench.axes, bench.limits.reference.tolist(), strict=True))
-    room = Room(np.array([limits.get(dof, np.inf) for dof in places.outputs]), float(bench.limits.current_a))
+    headroom = Headroom(np.array([limits.get(dof, np.inf) for dof in places.outputs]), float(bench.limits.current_a))
     usual = Multisine()
     own = np.array([usual.force_rms_n if axis == "z" else usual.torque_rms_nm for axis in places.inputs])
     effects = [
@@ -214,12 +214,12 @@ def first_plan(bench: Bench, model: Model) -> Plan:
         for e in model.effects
         if effect_class(e.effect).aux is not Aux.EXOGENOUS
     ]
-    reach = reach_of(axes, bench, retuned(model.linear(), effects, places), places.inputs, room, 3.5 * own)
+    reach = largest_commands(axes, bench, retuned(model.linear(), effects, places), places.inputs, headroom, 3.5 * own)
     kept = [e for e in model.effects if effect_class(e.effect).aux is not Aux.EXOGENOUS]
     quiet = msgspec.structs.replace(model, effects=kept, sample_rate_hz=rate_of(bench))
     for level in LEVELS:
         plan = next(iter(Multisine.offers(bench, reach.scaled(level))))
-        if play_on_paper(plan, bench, quiet, room) is not None:
+        if play_on_paper(plan, bench, quiet, headroom) is not None:
             return plan
     raise ConfigError(
         f"by model '{model.name}' no multisine keeps the bench's limits, not at {LEVELS[-1]:g} of its reach at rest; "

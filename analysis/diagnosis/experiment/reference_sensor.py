@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.experiment.hypotheses import Hypothesis, tied_hypotheses
-from analysis.diagnosis.experiment.planned import Played, Room, face_of, play_as, room_of
+from analysis.diagnosis.experiment.planned import Headroom, Played, bench_or_modelled, headroom_of, play_as
 from analysis.diagnosis.experiment.separation import information, with_spread
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener
@@ -74,14 +74,14 @@ def watched_outputs(plan: Plan, bench: Bench, model: Model) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True)
-class Witness:
+class ReferenceSensor:
     """A plan that an instrument watches on a bench, with what is needed to play it on paper."""
 
     plan: Plan
     bench: Bench
     model: Model
     setting: Setting
-    room: Room
+    headroom: Headroom
 
     @property
     def watched(self) -> tuple[int, ...]:
@@ -130,7 +130,7 @@ class Witness:
             changed = _changed(hypothesis, free, moved)
         except ConfigError:
             return None
-        played = play_as(self.plan, self.bench, self.model, changed, self.setting, self.room)
+        played = play_as(self.plan, self.bench, self.model, changed, self.setting, self.headroom)
         if played is None:
             return None
         # a run that was interrupted is shorter than its plan
@@ -175,7 +175,7 @@ def whitened_error(error: Array, watched: tuple[int, ...], whitener: Whitener, m
 
 
 @dataclass(frozen=True)
-class Testimony:
+class ReferenceRun:
     """The plan that was played, and reading minus instrument (n, k) of the `watched` outputs (numbers of the model)."""
 
     plan: Plan
@@ -185,28 +185,28 @@ class Testimony:
 
 def load_logs(
     paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_ROWS
-) -> tuple[Loaded, tuple[Testimony, ...]]:
-    """Return the records of all logs that hold the motion, and the testimonies of those that an instrument watched.
+) -> tuple[Loaded, tuple[ReferenceRun, ...]]:
+    """Return the records of all logs that hold the motion, and the reference runs of those that an instrument watched.
 
-    A log without any command is a testimony when it holds readings beside an instrument's. Raises as `load_runs`.
+    A log without any command is a reference run when it holds readings beside an instrument's. Raises as `load_runs`.
     """
-    motion, heard, sources = [], [], []
+    motion, references, sources = [], [], []
     for path in paths:
         with read_run(path) as run:
-            found = None if run.names("input") else testimony_of(run, model)
+            found = None if run.names("input") else reference_run_of(run, model)
             if found is None:
                 motion.append(path)
                 continue
-            heard.append(found)
+            references.append(found)
             sources.append(
                 Source(str(run.path), sha256_of(run.path), run.run_uid, found.error.shape[0], run.header.note)
             )
     loaded = load_runs(motion, model, max_rows=max_rows)
     check_same_bench(loaded, model)
-    return replace(loaded, sources=(*loaded.sources, *sources)), tuple(heard)
+    return replace(loaded, sources=(*loaded.sources, *sources)), tuple(references)
 
 
-def testimony_of(run: Run, model: Model) -> Testimony | None:
+def reference_run_of(run: Run, model: Model) -> ReferenceRun | None:
     """Return what an instrument saw in a run of one of our plans, None when there was none or it has no such plan."""
     channels = [(name, c.role, c.dof, c.unit) for name, c in run.channels.items()]
     pairs = watched_channels(channels, model)
@@ -220,29 +220,29 @@ def testimony_of(run: Run, model: Model) -> Testimony | None:
     names = [name for _, reading, beside in pairs for name in (reading, beside)]
     values = np.stack([run.read(name) for name in names], axis=1)
     check_finite(values, names, str(run.path), 0)
-    return Testimony(plan, tuple(o for o, _, _ in pairs), values[:, 0::2] - values[:, 1::2])
+    return ReferenceRun(plan, tuple(o for o, _, _ in pairs), values[:, 0::2] - values[:, 1::2])
 
 
-def hear(
-    found: Found, judgement: Judgement, heard: Sequence[Testimony], model: Model, bench: Bench | None
+def weigh_references(
+    found: Found, judgement: Judgement, references: Sequence[ReferenceRun], model: Model, bench: Bench | None
 ) -> tuple[Found, Judgement, str]:
-    """Return search and verdict after all testimonies, and a remark on what they did; unchanged when nothing is tied.
+    """Return search and verdict after all reference runs, and a remark on what they did.
 
-    Each tied cause gets the likelihood of what the instrument saw, its parameters free within their standard
-    deviations; rivals that were further behind are taken to explain it as well as the best.
+    Unchanged when nothing is tied. Each tied cause gets the likelihood of what the instrument saw, its parameters free
+    within their standard deviations; rivals that were further behind are taken to explain it as well as the best.
     """
-    hypotheses = tied_hypotheses(found, judgement) if judgement.verdict == "ambiguous" and heard else []
+    hypotheses = tied_hypotheses(found, judgement) if judgement.verdict == "ambiguous" and references else []
     if len(hypotheses) < 2:
         return found, judgement, ""
     setting = found.setting
     hypotheses = [with_spread(setting, h, information(setting, h)) for h in hypotheses]
-    face = face_of(bench, model, setting.data.rate_hz)
-    room = room_of(face, setting)
+    description = bench_or_modelled(bench, model, setting.data.rate_hz)
+    headroom = headroom_of(description, setting)
     squares = np.zeros(len(hypotheses))
     numbers = 0
-    for one in heard:
-        witness = Witness(one.plan, face, model, setting, room)
-        squares += [witness.misfit(one.error, h) ** 2 for h in hypotheses]
+    for one in references:
+        sensor = ReferenceSensor(one.plan, description, model, setting, headroom)
+        squares += [sensor.misfit(one.error, h) ** 2 for h in hypotheses]
         numbers += (one.error.shape[0] - 1) * one.error.shape[1]
     if not np.min(squares) / numbers <= 1.0 + NOISE_KNOWN + 5.0 * math.sqrt(2.0 / numbers):
         return found, judgement, "none of the tied causes explains what the instrument beside the bench saw"

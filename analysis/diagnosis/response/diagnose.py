@@ -54,12 +54,12 @@ def diagnose_response(
     options: Options | None = None,
     *,
     held: bool = False,
-    told: Progress = silent,
+    progress: Progress = silent,
 ) -> tuple[Diagnosis, Responses]:
     """Return what `model` gets wrong about measured lines, why, and what correcting it gains, with what is drawn of it.
 
     `held` says that the table was measured from samples to samples behind a hold at the model's rate; by default it is
-    a response of continuous signals. `told` hears what is being done.
+    a response of continuous signals. `progress` is told what is being done.
     """
     options = options or Options()
     setting = _setting(lines, model, path, options, held=held)
@@ -69,10 +69,10 @@ def diagnose_response(
     if depends_on_level(levels):
         words = describe_levels(_only(setting, ~lines.held_out), model)
         first = _only(setting, _lowest(lines))
-        found = searched(_only(_heard(first, tuned), ~first.lines.held_out), (), 0, told)
+        found = searched(_only(_heard(first, tuned), ~first.lines.held_out), (), 0, progress)
         judgement = of_levels(words)
     else:
-        setting, found = _searched(setting, options, told)
+        setting, found = _searched(setting, options, progress)
         judgement = judged(_only(setting, ~lines.held_out), found)
     notes = _notes(setting, judgement, model, found, levels)
     return _answer(setting, model, path, found, judgement, levels, notes, options.seed)
@@ -120,13 +120,13 @@ def _lowest(lines: Lines) -> Mask:
     return np.array([lines.level[k] == lowest[entry[k]] for k in range(lines.n)])
 
 
-def _searched(setting: Setting, options: Options, told: Progress) -> tuple[Setting, Found]:
+def _searched(setting: Setting, options: Options, progress: Progress) -> tuple[Setting, Found]:
     """Return what a search finds; where noise is told by the residual, in that of what the first search has left."""
     effects = searched_effects(options)
-    found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, told)
+    found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, progress)
     if found.best.candidates and not np.isinf(setting.noise.dof):
         setting = _heard(setting, found.best)
-        found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, told)
+        found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, progress)
     return setting, found
 
 

@@ -53,15 +53,15 @@ class Found:
     candidates: int
 
 
-def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told: Progress) -> Found:
+def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, progress: Progress) -> Found:
     """Return what adding effects one by one finds, at most `most`, each at a price that makes it sure."""
-    told("tuning the nominal model", 0.0)
+    progress("tuning the nominal model", 0.0)
     tuned = fit_nominal(setting)
     keys = [(e, w) for e in effects if changes_the_response(e) for w in places_for(e, setting.predictor.places)]
     best, fits = tuned, [tuned]
     price = SURE_LEAD + float(np.log(max(len(keys), 1)))
     while len(best.candidates) < most:
-        told("comparing effects", 0.1 + 0.2 * len(best.candidates))
+        progress("comparing effects", 0.1 + 0.2 * len(best.candidates))
         round_ = _beside(setting, best, keys)
         fits += round_
         better = max(round_, key=lambda one: one.evidence, default=best)
@@ -76,7 +76,7 @@ def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, told:
                 best = tuned
                 break
     if len(best.candidates) > 1:
-        told("exchanging effects", 0.8)
+        progress("exchanging effects", 0.8)
         for without in itertools.combinations(range(len(best.candidates)), len(best.candidates) - 1):
             kept = [best.candidates[i] for i in without]
             base = fit(setting, kept, _sizes_of(best, without), best.white)

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from analysis.diagnosis.experiment.planned import Face, first_plan
+from analysis.diagnosis.experiment.planned import BenchDescription, first_plan
 from analysis.diagnosis.investigation import Quest, investigate
 from analysis.diagnosis.pipeline import Options
 from campaigns.log import read_run
@@ -81,8 +81,8 @@ def test_a_model_of_one_axis_has_a_first_plan_on_a_bench_of_three(tmp_path):
     one = msgspec.structs.replace(
         three, name="one", inputs=three.inputs[:1], outputs=three.outputs[:1], modes=three.modes[:1], hardware=None
     )
-    face = Face.of(SimBench(three, 0))
-    plan, whole = first_plan(face, one), first_plan(face, three)
+    description = BenchDescription.of(SimBench(three, 0))
+    plan, whole = first_plan(description, one), first_plan(description, three)
     assert (plan.name, plan.axes) == ("multisine", ("theta_x",))
     # the axes are driven one after the other, so that what one may have does not depend on the others
     assert plan.torque_rms_nm == pytest.approx(whole.torque_rms_nm, rel=0.1)
@@ -157,7 +157,7 @@ def test_a_model_that_is_right_ends_at_once_and_an_interrupt_loses_nothing(tmp_p
 def test_the_first_plan_moves_as_far_as_the_bench_allows_and_no_further():
     model = msgspec.structs.replace(bench_model(), sample_rate_hz=2000.0)
     bench = SimBench(model, 0, truth=True)
-    plan = first_plan(Face.of(SimBench(model, 0)), model)
+    plan = first_plan(BenchDescription.of(SimBench(model, 0)), model)
     travel = np.zeros(3)
     for segment in plan.segments(bench):
         record = bench.play(replace(segment, record=()))
@@ -169,7 +169,7 @@ def test_the_first_plan_moves_as_far_as_the_bench_allows_and_no_further():
 
 def test_a_bench_without_limits_is_asked_for_the_plans_own_size():
     model = bench_model(hardware=False)
-    plan = first_plan(Face.of(SimBench(model, 0)), model)
+    plan = first_plan(BenchDescription.of(SimBench(model, 0)), model)
     assert plan.torque_rms_nm == make_plan("multisine", {}).torque_rms_nm
 
 
@@ -179,7 +179,7 @@ def test_a_bench_of_other_axes_is_refused_by_name():
         model, inputs=[msgspec.structs.replace(p, dof=f"other_{p.dof}") for p in model.inputs]
     )
     with pytest.raises(ConfigError, match="other_theta_x"):
-        first_plan(Face.of(SimBench(model, 0)), other)
+        first_plan(BenchDescription.of(SimBench(model, 0)), other)
 
 
 def test_a_model_with_more_than_the_bench_has_is_refused_before_anything_moves(tmp_path):

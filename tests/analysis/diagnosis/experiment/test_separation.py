@@ -11,8 +11,8 @@ from scipy.optimize import least_squares
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales, unit_sizes
 from analysis.diagnosis.experiment.hypotheses import Hypothesis
-from analysis.diagnosis.experiment.planned import Played, Room, play_as, records_motion
-from analysis.diagnosis.experiment.reference_sensor import Witness, whitened_error
+from analysis.diagnosis.experiment.planned import Headroom, Played, play_as, records_motion
+from analysis.diagnosis.experiment.reference_sensor import ReferenceSensor, whitened_error
 from analysis.diagnosis.experiment.separation import information, left_over, prediction, separation, with_spread
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.refit import refit
@@ -178,28 +178,28 @@ def gains(std: float):
     setting = replace(setting, data=replace(setting.data, records=(replace(setting.data.records[0], u=u),)))
     both = [hypothesis(model, setting, n, std, relative=0.1) for n in ("sensor-gain", "actuator-gain")]
     plan = make_plan("theodolite", {"x_rad": [-5e-3, 5e-3], "y_rad": [0.0], "settle_s": 0.3})
-    bench, room = SimBench(model, 0), Room(np.array([0.01, 0.01, 1e-3]), 9.0)
-    played = [play_as(plan, bench, model, h, setting, room) for h in both]
-    return Witness(plan, bench, model, setting, room), both, played
+    bench, headroom = SimBench(model, 0), Headroom(np.array([0.01, 0.01, 1e-3]), 9.0)
+    played = [play_as(plan, bench, model, h, setting, headroom) for h in both]
+    return ReferenceSensor(plan, bench, model, setting, headroom), both, played
 
 
 def test_an_instrument_separates_two_gains_as_far_as_the_gain_is_known():
     std = 0.01
-    witness, both, played = gains(std)
-    assert not records_motion(witness.plan, witness.bench, witness.model)
+    sensor, both, played = gains(std)
+    assert not records_motion(sensor.plan, sensor.bench, sensor.model)
     # a sensor's gain can shrink to nothing, which its standard deviation makes 0.1 / 0.01 = 10 sigma unlikely; the
     # instrument sees that 10 mrad times 0.1 is nothing to thousands of sigma, so that is all the doubt there is
-    assert witness.separation(played[1], both[0]) == pytest.approx(0.1 / std, rel=1e-3)
+    assert sensor.separation(played[1], both[0]) == pytest.approx(0.1 / std, rel=1e-3)
 
 
 def test_an_instrument_sees_a_sensors_gain_in_closed_form():
-    witness, both, played = gains(0.01)
+    sensor, both, played = gains(0.01)
     # the loop holds the reading at the reference r, so reading minus angle is r g / (1 + g); nothing of the drive's
     # gain shows there, and the offset is free
     reading = played[0].record.y[:, 0]
     error = (reading - reading.mean()) * 0.1 / 1.1
     expected = np.sqrt(np.sum(error**2) / (2.5e-6**2 + 1e-8**2))
-    assert witness.separation(played[0], both[1]) == pytest.approx(expected, rel=1e-6)
+    assert sensor.separation(played[0], both[1]) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_error_of_an_instrument_is_whitened_to_unit_variance(rng):
@@ -219,13 +219,13 @@ def test_the_error_of_an_instrument_is_whitened_to_unit_variance(rng):
 
 
 def test_a_plan_that_leaves_the_limits_under_a_hypothesis_is_no_proposal():
-    witness, both, _ = gains(0.01)
+    sensor, both, _ = gains(0.01)
     plan = make_plan("freerun", {"axes": ["theta_x"], "torque_nm": 0.05, "steps_s": 0.5, "noise_s": 0.1})
-    args = (witness.bench, witness.model, both[0], witness.setting)
-    played = play_as(plan, *args, Room(np.array([0.01, 0.01, 1e-3]), 9.0))
-    assert isinstance(played, Played) and records_motion(plan, witness.bench, witness.model)
+    args = (sensor.bench, sensor.model, both[0], sensor.setting)
+    played = play_as(plan, *args, Headroom(np.array([0.01, 0.01, 1e-3]), 9.0))
+    assert isinstance(played, Played) and records_motion(plan, sensor.bench, sensor.model)
     peak = float(np.max(np.abs(played.position[:, 0])))
-    near = Room(np.array([peak / 0.91, 0.01, 1e-3]), 9.0)
+    near = Headroom(np.array([peak / 0.91, 0.01, 1e-3]), 9.0)
     assert play_as(plan, *args, near) is None
-    assert play_as(plan, *args, Room(np.array([0.01, 0.01, 1e-3]), 0.01)) is None
+    assert play_as(plan, *args, Headroom(np.array([0.01, 0.01, 1e-3]), 0.01)) is None
     assert [w.held_out for w in played.record.windows] == [False, False, True, True]
