@@ -4,6 +4,6 @@ From the bottom: `nominal` (the linear model), `records` (what was measured), `n
 library), `fitting`, `search`, `verdict`, `spread` (causes that show only in the spread of the residual), `experiment`
 (what would tell apart what is tied). Beside them `evidence` and `answer` (sentence, page, files).
 
-`pipeline` puts them in order, `api` is the door for scripts, `investigation` goes round with a bench, `gross` searches
-for one main cause where a model misses by many noises, and `result` is what a diagnosis says.
+`pipeline` puts them in order, `api` is the door for scripts, `investigation` goes round with a bench, `dominant`
+searches for one cause where a model misses by many noises, and `result` is what a diagnosis says.
 """

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
+from analysis.diagnosis.dominant import dominant_cause, judge_dominant, large_discrepancy, remainder, still_large
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
@@ -19,7 +20,6 @@ from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_bette
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on, steps_of
 from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
-from analysis.diagnosis.gross import grossly_wrong, judge_main, main_cause, remainder, still_gross
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
 from analysis.diagnosis.nominal.responses import played, simulate
@@ -125,9 +125,9 @@ def search_causes(
     steps = {where: lattice.step for where, lattice in lattices_of(data, places.outputs).items()}
     rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside, steps)
     scales = scales_of(data, linear)
-    if own and (gross := grossly_wrong(setting)):
-        found = main_cause(*gross, rules, scales, progress)
-        if still_gross(found) or judge_main(found).verdict == "named":
+    if own and (large := large_discrepancy(setting)):
+        found = dominant_cause(*large, rules, scales, progress)
+        if still_large(found) or judge_dominant(found).verdict == "named":
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)
@@ -312,7 +312,7 @@ def _checked(
 def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
     """Return the verdict on what the search found, and in words how far the best model gets where that is *unknown*."""
     if found.setting.whitener.even:
-        return judge_main(found), ""
+        return judge_dominant(found), ""
     random, louder = spread.share(found.best.rows), spread.beside(found.setting, found.best)
     left = sorted((*leftovers(louder, found.best), *drifts(louder, found.best)), key=Leftover.p_value)
     judgement = judge(found, spread.allowed, left, random, general_rivals(louder, found))

@@ -104,7 +104,7 @@ BENCH_ONLY: tuple[type[Effect], ...] = (MagneticPolynomial, SensorOffset)
 """What a model can hold and no diagnosis searches: the paper's own description of an effect, a bench's own zero."""
 
 INSIDE: tuple[type[Effect], ...] = (SlowSoftening,)
-"""What a diagnosis can name in the modes themselves, beside a main cause (see `analysis.diagnosis.inside`)."""
+"""What a diagnosis can name in the modes themselves, beside a dominant cause (see `analysis.diagnosis.modal`)."""
 
 NAMED: tuple[type[Effect], ...] = (*EFFECTS, *INSIDE)
 """Everything that a diagnosis can name."""

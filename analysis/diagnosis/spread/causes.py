@@ -124,7 +124,7 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
     none is among them.
     """
     tests = KINDS * setting.data.n_outputs
-    if setting.whitener.even:  # the spread of a gross error hides that of the noise
+    if setting.whitener.even:  # the spread of a large error hides that of the noise
         return Spread((), tests)
     # what a start adds is no noise
     left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, fit.residuals)

@@ -1,4 +1,4 @@
-"""What happens in the modes themselves, where no channel stands: looked for beside a main cause.
+"""What happens in the modes themselves, where no channel stands: looked for beside a dominant cause.
 
 Joints, ceramics and glue are deformed by every mode in its own measure, and seldom by that of the drives alone. So a
 place inside the structure is a mode: it is deflected by what it adds to the outputs, and pushed by a force of its own.
@@ -38,7 +38,7 @@ _STEPS = 6
 """Steps of a fit: beside a linear model that was fitted to the same records they are enough."""
 
 _FIRST = 0.3
-"""Part of a main cause by itself that it begins with beside what happens in the modes: that takes most of it."""
+"""Part of a dominant cause by itself that it begins with beside what happens in the modes: that takes most of it."""
 
 _SURE = 3.0
 """A mode takes part where its size is so many standard deviations of what the residual leaves it uncertain by."""

@@ -1,11 +1,11 @@
-"""How far the fit of a gross cause goes on, which of two is preferred, and how far a first-order start goes."""
+"""How far the fit of a dominant cause goes on, which of two is preferred, and how far a first-order start goes."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from analysis.diagnosis import gross
+from analysis.diagnosis import dominant
 from analysis.diagnosis.fitting.problem import Problem
 
 
@@ -29,8 +29,8 @@ class Kind:
 
 @pytest.fixture
 def settled(monkeypatch):
-    monkeypatch.setattr(gross, "refit", lambda setting, held, *_, **__: held[0].further())
-    return lambda fit: gross._settled(None, fit, lambda *_: None)  # noqa: SLF001
+    monkeypatch.setattr(dominant, "refit", lambda setting, held, *_, **__: held[0].further())
+    return lambda fit: dominant._settled(None, fit, lambda *_: None)  # noqa: SLF001
 
 
 def test_a_fit_goes_on_while_it_gains(settled):
@@ -47,8 +47,8 @@ def test_a_fit_that_falls_for_ever_ends(settled):
 def test_of_two_that_leave_the_same_the_one_with_fewer_numbers_leads():
     rich, poor = Kind("rich", 100.0, values=np.zeros(8)), Kind("poor", 101.0)
     # a hundredth more is worth 200 · 0.01 = 2 beside 4 log 200 = 21
-    assert gross._cost(poor, 200.0) < gross._cost(rich, 200.0) - 19.0  # noqa: SLF001
-    assert gross._cost(poor, 1e5) > gross._cost(rich, 1e5)  # noqa: SLF001
+    assert dominant._cost(poor, 200.0) < dominant._cost(rich, 200.0) - 19.0  # noqa: SLF001
+    assert dominant._cost(poor, 1e5) > dominant._cost(rich, 1e5)  # noqa: SLF001
 
 
 class Valley(Problem):

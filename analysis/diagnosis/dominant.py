@@ -1,4 +1,4 @@
-"""The main cause, where the error of a model is many times the noise.
+"""The dominant cause, where the error of a model is many times the noise.
 
 A model fitted to a bench that is far from linear misses it by more than any refinement could put right, and then the
 noise says nothing of what is worth explaining. All rows are weighed alike instead, and one kind of cause is looked for,
@@ -21,7 +21,7 @@ from analysis.diagnosis.fitting.balance import settled_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, left_by
 from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
-from analysis.diagnosis.inside import in_modes
+from analysis.diagnosis.modal import in_modes
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
 from analysis.diagnosis.noise.independent import independent_rows
 from analysis.diagnosis.nominal.tuning import reach_of
@@ -68,7 +68,7 @@ _COARSER = 4
 """So many times longer steps than a small torque would ask for: the error of the model is many times the noise."""
 
 _LEAST_SHARE = 0.5
-"""The main cause explains at least so much of the squared error, and what is in the modes of what that leaves."""
+"""The dominant cause explains at least so much of the squared error, and what is in the modes of what that leaves."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class _Kind:
     drop: float
 
 
-def grossly_wrong(setting: Setting) -> tuple[Setting, Fit] | None:
+def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
     """Return even weights and the model as it is, where that misses the very data it was fitted to by many noises.
 
     Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
@@ -109,7 +109,7 @@ def _above(setting: Setting, fit: Fit) -> float:
     return float(np.sqrt(fit.misfit / fit.rows) / setting.whitener.even)
 
 
-def still_gross(found: Found) -> bool:
+def still_large(found: Found) -> bool:
     """Tell whether the best fit, a force that is no listed cause included, leaves many times the noise.
 
     Where next to nothing else is left, every row and every refinement counts, and that is another search.
@@ -117,7 +117,7 @@ def still_gross(found: Found) -> bool:
     return _noises(found) > _GROSS
 
 
-def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
+def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
 
     What happens in the modes may be beside it, or in its place. The rivals begin with the best fit itself and with
@@ -126,13 +126,13 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
     setting = replace(setting, substeps=-(-setting.substeps // _COARSER))
     progress("looking into the modes", 0.02)
     rows = _independent_rows(setting, tuned)
-    inside = in_modes(setting, tuned, partial(_cost, rows=rows), rules.inside)
-    beside = inside or tuned
+    modal = in_modes(setting, tuned, partial(_cost, rows=rows), rules.inside)
+    beside = modal or tuned
     progress("screening the kinds of causes", 0.2)
     everything = replace(rules, effects=(*rules.effects, UnlistedForce))
     (gram,), candidates = gram_beside(setting, beside, everything, scales)
     first = evidence_of(gram, candidates, rules)
-    more = inside is None or _above(setting, inside) > 1.0  # there is nothing to explain in noise
+    more = modal is None or _above(setting, modal) > 1.0  # there is nothing to explain in noise
     kinds = _kinds(gram, candidates, first) if more else []
     fits = [_fitted(setting, beside, kind, 0.3 + 0.3 * k / len(kinds), progress) for k, kind in enumerate(kinds)]
     rows = _independent_rows(setting, min([beside, *fits], key=_misfit))
@@ -146,8 +146,8 @@ def main_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progr
         if _unlisted(best):
             fits = sorted([best, *others, *fits[1:]], key=partial(_cost, rows=rows))
         best = min([best, *others], key=partial(_cost, rows=rows))
-    if inside and fits:
-        best = _needed(setting, tuned, inside, best, progress)
+    if modal and fits:
+        best = _needed(setting, tuned, modal, best, progress)
     if not fits or all(is_mode(c.where) for c in best.candidates):
         fits = [best]
     worth = tuned.misfit - best.misfit
@@ -203,7 +203,7 @@ def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], pro
     return [_settled(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
 
 
-def _needed(setting: Setting, tuned: Fit, inside: Fit, both: Fit, progress: Progress) -> Fit:
+def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progress) -> Fit:
     """Return a cause beside what happens in the modes where both are needed, else the one that is.
 
     Each has to be worth being sure of beside the other, and to matter: where every row counts, a small error of the one
@@ -215,15 +215,15 @@ def _needed(setting: Setting, tuned: Fit, inside: Fit, both: Fit, progress: Prog
         refit(setting, *both.held(keep), both.change, steps=_STEPS, strong=True)
         for keep in ([i for i in range(len(both.candidates)) if i not in within], within)
     )
-    inside = min(inside, rest, key=_misfit)
+    modal = min(modal, rest, key=_misfit)
     if alone.misfit < _NEAR * both.misfit:
         alone = _settled(setting, alone, progress)
-    cost = partial(_cost, rows=_independent_rows(setting, min(alone, inside, both, key=_misfit)))
+    cost = partial(_cost, rows=_independent_rows(setting, min(alone, modal, both, key=_misfit)))
     lead = 2.0 * SURE_LEAD
     if both.misfit > (1.0 - _LEAST_SHARE) * alone.misfit or cost(alone) < cost(both) + lead:
         return alone
     matters = alone.misfit < (1.0 - _MATERIAL) * tuned.misfit
-    return both if matters and cost(both) < cost(inside) - lead else inside
+    return both if matters and cost(both) < cost(modal) - lead else modal
 
 
 def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
@@ -288,7 +288,7 @@ def _affordable(gram: Gram) -> int:
 
 
 def remainder(found: Found) -> str:
-    """Return what a reader has to know of a main cause: how much it explains, and whether the rest is noise."""
+    """Return what a reader has to know of a dominant cause: how much it explains, and whether the rest is noise."""
     part = 1.0 - found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
     return (
         f"the model misses the data it was fitted to by far more than noise; the best explanation takes "
@@ -296,8 +296,8 @@ def remainder(found: Found) -> str:
     )
 
 
-def judge_main(found: Found) -> Judgement:
-    """Return the verdict on a main cause: named where no other kind, fitted with the same effort, comes near it."""
+def judge_dominant(found: Found) -> Judgement:
+    """Return the verdict on a dominant cause: named where no other kind, fitted with the same effort, comes near it."""
     best = found.best
     if not best.effects or best.misfit > (1.0 - _LEAST_SHARE) * found.tuned.misfit:
         return Judgement("unknown", (), (), 1.0, 1.0, ())
@@ -327,7 +327,7 @@ def judge_main(found: Found) -> Judgement:
 
 
 def _rest(found: Found) -> Remainder | None:
-    """Return what a main cause leaves; None where that is noise."""
+    """Return what a dominant cause leaves; None where that is noise."""
     noises = _noises(found)
     if noises <= 1.0 + uncertainty(found):
         return None
