@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from analysis.diagnosis.pipeline import Options
 from analysis.diagnosis.pipeline import diagnose as _diagnose
@@ -16,9 +16,8 @@ from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.result import Diagnosis
 from campaigns.facts.clipping import cut_off_in
 from sim_backend.errors import ConfigError
+from sim_backend.linear import Array
 from sim_backend.model import Model
-
-Array = NDArray[np.float64]
 
 
 def diagnose(

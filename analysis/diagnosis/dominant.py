@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
 from analysis.diagnosis.fitting.balance import settled_by
@@ -32,9 +31,8 @@ from analysis.diagnosis.search.rounds import Found, Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
+from sim_backend.linear import Array
 from sim_backend.modes import is_mode
-
-Array = NDArray[np.float64]
 
 _TAKES_PART = 0.1
 """A place takes part where the cause explains at least this part of what it does where it explains most."""

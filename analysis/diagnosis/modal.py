@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -20,10 +19,9 @@ from analysis.diagnosis.search.shortlist import SURE_LEAD
 from sim_backend.effects.base import Effect
 from sim_backend.effects.cubic_stiffness import CubicStiffness
 from sim_backend.effects.view import RecordView
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import Array, ModalModel, discretise
 from sim_backend.modes import is_mode, mode_alone
 
-Array = NDArray[np.float64]
 Cost = Callable[[Fit], float]
 """Twice the negative logarithm of the evidence of a fit."""
 

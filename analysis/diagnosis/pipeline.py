@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
@@ -47,11 +46,8 @@ from sim_backend.bench import Bench
 from sim_backend.effects import INSIDE, library, make_effect, named
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError, did_you_mean
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ModalModel
 from sim_backend.model import Model, Quantity, number
-
-Array = NDArray[np.float64]
-
 
 _COARSER = 8
 """First trials take steps so many times longer, but none longer than a sample."""

@@ -6,14 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.calibration import calibrated
 from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.base import Effect
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ModalModel
 
-Array = NDArray[np.float64]
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categories, is_steep, level_label
 from analysis.diagnosis.noise.whitener import Whitener
@@ -20,9 +19,8 @@ from analysis.diagnosis.result import Domain
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.pages.formats import without_exponents
 from analysis.pages.quantities import LEAST_P, chance, scaled
+from sim_backend.linear import Array
 from sim_backend.model import Model, Port
-
-Array = NDArray[np.float64]
 
 SEGMENTS = 24
 """Segments that may be chosen, those first where the nominal model misses most."""

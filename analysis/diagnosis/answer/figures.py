@@ -20,13 +20,12 @@ from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
 from sim_backend.assembly import places_of, retuned
 from sim_backend.errors import DataError
-from sim_backend.linear import ComplexArray
+from sim_backend.linear import Array, ComplexArray
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 BEFORE, AFTER = COLOURS[0], COLOURS[1]
 """As in the interactive plots, whose colours follow the order."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.explore import noise_density
 from analysis.diagnosis.answer.figures import AFTER, SWINGS, Drawn, swing_rows
@@ -24,9 +23,8 @@ from analysis.diagnosis.result import Diagnosis
 from analysis.pages.canvas import INK, Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.effects.base import Effect, Site
+from sim_backend.linear import Array
 from sim_backend.model import Model
-
-Array = NDArray[np.float64]
 
 SIZE = (4.8, 3.4)
 MOST_ROWS = 32768

@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from sim_backend.effects.base import Parameter
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import coasting, played, response, simulate, stacked
@@ -29,10 +28,8 @@ from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ModalModel
 from sim_backend.wiring import effects_of
-
-Array = NDArray[np.float64]
 
 _OVERSUBTRACTION = 6.0
 """A frequency counts as motion only where the smoothed power is this many times the noise: beyond its chance

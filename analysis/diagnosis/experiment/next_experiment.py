@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.experiment.hypotheses import Hypothesis, tied_hypotheses
 from analysis.diagnosis.experiment.planned import (
@@ -31,9 +30,8 @@ from campaigns.plans import Plan, all_plans
 from campaigns.plans.base import rate_of
 from sim_backend.bench import Bench
 from sim_backend.errors import MccdError
+from sim_backend.linear import Array
 from sim_backend.model import Model
-
-Array = NDArray[np.float64]
 
 TRIED = 2
 """Amplitudes of each form of a plan that are compared: the largest that keep the limits."""

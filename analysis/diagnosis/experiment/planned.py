@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Self
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.records.dataset import Record, Window, period_within
 from campaigns.plans import Plan, checked_segments
@@ -22,7 +21,7 @@ from sim_backend.bench import Bench, Identity, Limits, Segment, Signal
 from sim_backend.bench import Record as BenchRecord
 from sim_backend.effects import Aux, effect_class, make_effect
 from sim_backend.errors import ConfigError, DataError
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ModalModel
 from sim_backend.model import Model, number
 from sim_backend.simbench import SimBench
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:  # they bring the whole search, for which a first experiment d
     from analysis.diagnosis.experiment.hypotheses import Hypothesis
     from analysis.diagnosis.fitting.fit import Setting
 
-Array = NDArray[np.float64]
 
 LEVELS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
 """Amplitudes at which plans are offered, as parts of what the bench can be asked; where a plan excites a resonance

@@ -30,9 +30,9 @@ from campaigns.log import Run, read_run, sha256_of
 from campaigns.plans import Plan, make_plan
 from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError
+from sim_backend.linear import Array
 from sim_backend.model import Model, number
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 _STEP = 1e-3

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.experiment.hypotheses import Hypothesis
@@ -27,8 +26,7 @@ from analysis.diagnosis.fitting.starts import Start, stack_white, start_of
 from analysis.diagnosis.nominal.prior import root_of
 from analysis.diagnosis.nominal.tuning import sensitivities, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _ROUNDING = 1e-12
 """Directions of the parameters with less information than this part of the largest are left where they are."""

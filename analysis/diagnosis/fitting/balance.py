@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, begun, left_by, linear_of, residuals_on
 from analysis.diagnosis.fitting.modes import moved_mode, narrow_modes, numbered
@@ -16,9 +15,7 @@ from analysis.diagnosis.noise.estimate import even_weights, whitener_from
 from analysis.diagnosis.noise.whitener import Whitener, louder
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel
 
 _ROUNDS, _IN_LINE = 6, 10.0
 """Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""

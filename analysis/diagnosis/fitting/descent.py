@@ -18,7 +18,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _CLOSE, _NOTHING = 0.1, 0.01
 """A descent ends when a step lowers the sum of squares by less than the first, or promises less than the second: a

@@ -10,7 +10,6 @@ from threading import RLock
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.starts import Start, stack_white, without_starts
@@ -22,10 +21,9 @@ from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
 from sim_backend.effects.dominant import residues
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ModalModel
 from sim_backend.replay import Motion, replay, stepped
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 _BEGUN, _WORTH_A_STEP = 8, 0.99

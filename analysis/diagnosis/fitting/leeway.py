@@ -22,9 +22,8 @@ from analysis.diagnosis.nominal.responses import played, response
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
-from sim_backend.linear import DiscreteModel, ModalModel
+from sim_backend.linear import Array, DiscreteModel, ModalModel
 
-Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 _LAW, _EXACT, _STEADY = 3e-3, 1e-4, 1e-6

@@ -22,9 +22,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.nominal.responses import contrast, driven_by, played
 from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, imitation, mode_alone, turned
-from sim_backend.linear import DiscreteModel, ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _REACH = 3.0
 """Standard deviations of a frequency within which it is looked for: one in 400 lies outside."""

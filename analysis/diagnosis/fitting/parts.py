@@ -23,7 +23,6 @@ from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import Aux, Effect
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 

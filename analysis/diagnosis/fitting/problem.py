@@ -13,7 +13,6 @@ from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
@@ -25,8 +24,7 @@ from analysis.diagnosis.nominal.tuning import reach_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _KNOB_STEP = 0.2
 """Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the descent."""

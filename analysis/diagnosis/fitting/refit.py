@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
@@ -31,9 +30,7 @@ from analysis.diagnosis.nominal.responses import stacked
 from analysis.diagnosis.nominal.tuning import sensitivities, turned
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel
 
 _LONG = 25
 

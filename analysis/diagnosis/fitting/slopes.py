@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Motion, force_along, moved_as
 from analysis.diagnosis.fitting.problem import Point, Problem
@@ -31,12 +30,9 @@ from sim_backend import kernel
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import Effect, Site
 from sim_backend.intersample import steps_for
-from sim_backend.linear import ModalModel, discretise, finer_for_delays
+from sim_backend.linear import Array, ComplexArray, ModalModel, discretise, finer_for_delays
 from sim_backend.modes import is_mode, mode_alone, mode_of
 from sim_backend.wiring import effects_of
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _STRAIGHT = 0.05
 """How far off what was said of it, in parts of its length, a step may end and only correct the columns."""

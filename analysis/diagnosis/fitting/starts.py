@@ -10,14 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses, played
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel
 
 _NEGLIGIBLE = 1e-9
 """A direction this much weaker than the strongest cannot be told from rounding and is left alone."""

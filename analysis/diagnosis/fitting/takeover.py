@@ -7,7 +7,6 @@ from dataclasses import fields
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -15,8 +14,7 @@ from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.nominal.tuning import imitation, turned
 from sim_backend.assembly import retuned
 from sim_backend.errors import ConfigError
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 
 def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> tuple[Array, bool]:

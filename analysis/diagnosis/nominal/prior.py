@@ -14,11 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.tuning import Knob
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 
 def covariance_of(knobs: Sequence[Knob]) -> Array:

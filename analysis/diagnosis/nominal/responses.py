@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.linear.simulate import delayed
 from sim_backend.jit import njit
-from sim_backend.linear import DiscreteModel, ModalModel, discretise, finer_for_delays
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise, finer_for_delays
 
 
 @njit

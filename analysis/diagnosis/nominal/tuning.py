@@ -18,13 +18,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.responses import contrast, driven_by, response, simulate
 from analysis.linear.simulate import delayed, weighted
-from sim_backend.linear import DiscreteModel, ModalModel, delay_taps, discretise, finer_for_delays
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise, finer_for_delays
 
 _STEP = 1e-5
 """Relative step of finite differences: the square root of rounding at the size of a response, in double precision."""

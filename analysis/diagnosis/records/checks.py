@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Mask, Record, Window
@@ -22,13 +21,12 @@ from campaigns.facts import Fact
 from campaigns.facts.base import stretches_of
 from campaigns.facts.clipping import NAME, cut_off
 from sim_backend.errors import DataError
-from sim_backend.linear import discretise
+from sim_backend.linear import Array, discretise
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
     from analysis.diagnosis.records.loading import Loaded
 
-Array = NDArray[np.float64]
 
 MIN_ROWS = 60
 """Fewest rows that a fit may use: three per output would fit a noise model alone."""

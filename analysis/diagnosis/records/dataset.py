@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sim_backend.errors import DataError
 from sim_backend.intersample import steps_for
+from sim_backend.linear import Array
 from sim_backend.model import Model
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

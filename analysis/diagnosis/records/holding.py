@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.records.dataset import Record, Window
 from sim_backend.errors import DataError
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 WANTED_SHARE = 0.2
 """Share of the rows that is held out when the choice is free."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.tuning import knobs_of
 from analysis.diagnosis.records.checks import (
@@ -29,9 +28,8 @@ from analysis.diagnosis.records.holding import with_held_out
 from campaigns.facts import facts_of, remarks_on, usable_segments
 from campaigns.log import Run, read_run, sha256_of, unit_named
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import Array
 from sim_backend.model import Model, Port
-
-Array = NDArray[np.float64]
 
 MAX_ROWS = 250_000
 """Rows that are taken unless more are asked for; of more, pieces of each segment, or of some where there are very many.

@@ -26,10 +26,9 @@ from analysis.pages.quantities import span
 from sim_backend.assembly import places_of, retuned
 from sim_backend.effects import effect_class, make_effect
 from sim_backend.effects.base import Site
+from sim_backend.linear import ComplexArray
 from sim_backend.model import Model, number
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 BANDS = 40

@@ -23,10 +23,7 @@ from analysis.diagnosis.response.lines import Lines, Noise
 from analysis.diagnosis.response.predicted import Predictor
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sim_backend.linear import Array, ComplexArray, ModalModel
 
 _STEP = 1e-6
 _ITERATIONS = 60

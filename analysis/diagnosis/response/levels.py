@@ -19,11 +19,8 @@ from analysis.diagnosis.response.lines import Lines, noise_of
 from analysis.diagnosis.result import Domain
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from sim_backend.effects.dominant import dominant_block
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ComplexArray, ModalModel
 from sim_backend.model import Model
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _FREE = 1.0
 """Relative trust in the nominal numbers while each level is described by itself."""

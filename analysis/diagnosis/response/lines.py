@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from analysis.identification.response_files import load_response
 from analysis.identification.response_table import Table, read_table
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import Array, ComplexArray
 from sim_backend.model import Model
 from sim_backend.small_files import open_regular
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 

@@ -12,14 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import Aux, Effect, Site
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sim_backend.linear import Array, ComplexArray, ModalModel
 
 _PLACES = (Site.MODEL, Site.COMMAND, Site.STRUCTURE, Site.READING)
 _AUXILIARY = (Aux.NONE, Aux.SOURCE_COMMAND, Aux.SOURCE_POSITION)

@@ -24,8 +24,7 @@ from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _FREQUENCIES, _TIMES = 80, 12
 """Starts of a shape that is a frequency, and of one that is a time, over the band of the table."""
