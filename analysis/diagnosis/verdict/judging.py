@@ -73,7 +73,8 @@ def judge(
     best, inflation = found.best, found.inflation
     if not best.candidates:
         against = objection(found, left, random)
-        verdict: Verdict = "unknown" if against else _without_cause(found, allowed, random)
+        wrong = against or _loud(found, allowed) or _outstanding(found, random)
+        verdict: Verdict = "unknown" if wrong else "consistent"
         return Judgement(verdict, (), (), 1.0, inflation, (), against)
     named = _material(found)
     gaps = _gaps(found, named, inflation)
@@ -217,11 +218,6 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: 
     if found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
         explains = "explains what stands out of a total that may be noise"
     return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
-
-
-def _without_cause(found: Found, allowed: float, random: float) -> Verdict:
-    """Return consistent, or unknown when the data differ by more than noise and no candidate helps."""
-    return "unknown" if _loud(found, allowed) or _outstanding(found, random) else "consistent"
 
 
 def _loud(found: Found, allowed: float) -> bool:
