@@ -23,8 +23,7 @@ from analysis.diagnosis.experiment.hypotheses import Hypothesis
 from analysis.diagnosis.fitting.fit import Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.refit import exact_sensitivities
 from analysis.diagnosis.fitting.starts import Start, stack_white, start_of
-from analysis.diagnosis.nominal.prior import root_of
-from analysis.diagnosis.nominal.tuning import sensitivities, turned
+from analysis.diagnosis.nominal.tuning import root_of, sensitivities, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.linear import Array
 

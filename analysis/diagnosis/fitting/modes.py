@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.nominal.prior import strain_of
 from analysis.diagnosis.nominal.responses import contrast, driven_by, played
-from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, imitation, mode_alone, turned
+from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, imitation, mode_alone, strain_of, turned
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _REACH = 3.0

@@ -19,8 +19,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
-from analysis.diagnosis.nominal.prior import factor_of, root_of
-from analysis.diagnosis.nominal.tuning import reach_of, turned
+from analysis.diagnosis.nominal.tuning import factor_of, reach_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError

@@ -9,16 +9,20 @@ of the effect, or no step along it can be taken.
 
 Axes that have nothing to do with each other are fitted one by one, and those to which a hypothesis adds nothing only
 once under one noise.
+
+An effect on the model takes over what the knobs did in its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
+import scipy
 
 from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
@@ -27,7 +31,8 @@ from analysis.diagnosis.fitting.parts import Part, parts_of, setting_of, whole_o
 from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.nominal.responses import stacked
-from analysis.diagnosis.nominal.tuning import sensitivities, turned
+from analysis.diagnosis.nominal.tuning import imitation, sensitivities, strain_of, turned
+from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
@@ -218,3 +223,36 @@ def plain_sensitivities(setting: Setting, linear: ModalModel) -> tuple[Array, ..
         sensitivities(linear, setting.knobs, record.u, setting.data.rate_hz, states)
         for record, states in zip(setting.data.records, setting.states, strict=True)
     )
+
+
+def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> tuple[Array, bool]:
+    """Return the knobs when an effect on the model does what they did in its place, and whether nothing else changes.
+
+    Raises ConfigError where there is no such effect.
+    """
+    linear, units = turned(setting.nominal, setting.knobs, fit.change), candidate.unit_sizes
+    effect = candidate.made(dict(zip(units, sizes * np.array(list(units.values())), strict=True)))
+    start = fit.change - imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
+    made = retuned(turned(setting.nominal, setting.knobs, start), [effect], setting.places)
+    same = made.n_blocks == linear.n_blocks and all(
+        np.allclose(getattr(made, f.name), getattr(linear, f.name), rtol=1e-9, atol=0.0) for f in fields(linear)
+    )
+    return start, same
+
+
+def part_to_take(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> float:
+    """Return the part of its screened sizes that an effect begins with.
+
+    Where knobs and effect can share in any proportion and the data see no difference, the nominal model decides: the
+    part that leaves the knobs least to do. A descent would have to find it along a narrow, bent valley.
+    """
+    if not taken_over(setting, fit, candidate, sizes)[1]:
+        return 1.0
+
+    def left(part: float) -> float:
+        with suppress(ConfigError):
+            return strain_of(setting.knobs, taken_over(setting, fit, candidate, part * sizes)[0])
+        return np.inf
+
+    found = scipy.optimize.minimize_scalar(left, bounds=(0.0, 2.0), method="bounded")
+    return float(found.x) if found.fun < left(1.0) else 1.0

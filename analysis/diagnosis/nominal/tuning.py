@@ -2,8 +2,15 @@
 
 Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms of its participations (those that are
 not zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal
-distribution of the tolerance the nominal model claims (see `nominal.prior`), so a wrong gain of one per cent is never
-taken for physics, and a shift far beyond the tolerance stays visible as one.
+distribution of the tolerance the nominal model claims, so a wrong gain of one per cent is never taken for physics, and
+a shift far beyond the tolerance stays visible as one.
+
+Every number that a model states is wrong by a part of its own, independent of all others. Of a mode's participations
+only products of an input's and an output's matter, so the largest output participation c₀ is held as it is, and the
+knobs of the others stand for b c₀ and c / c₀: ln b moves by ε_b + ε_0 and ln c by ε_c - ε_0. So the unknown error ε_0
+of what is held is in all of them, which a knob's `loading` says: drives of one mode are wrong alike, and an output
+against the drives. Were they taken as independent, one sensor whose numbers happen to be all too small would be a gain
+of that sensor at several standard deviations.
 
 A model that was fitted to the very runs that are diagnosed has numbers that the runs alone determine, some of them
 nothing but noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through
@@ -18,6 +25,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import scipy
 
 from analysis.diagnosis.nominal.responses import contrast, driven_by, response, simulate
 from analysis.linear.simulate import delayed, weighted
@@ -60,6 +68,7 @@ class Knob:
 REACH = 3.0
 """Knobs stay within a factor of twenty, e^3, or within three units: a prior alone does not hold them against a gross
 error of the model."""
+
 
 OWN_TOLERANCE = 1.0
 """Relative trust in a model that was fitted to the very runs that are diagnosed: whatever they show, its numbers had
@@ -221,3 +230,30 @@ def mode_alone(linear: ModalModel, m: int, rate_hz: float, *, split: bool) -> Di
     alone = linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))
     model = discretise(alone, rate_hz, split=split)
     return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)
+
+
+def covariance_of(knobs: Sequence[Knob]) -> Array:
+    """Return the covariance (n, n) of the knobs' changes, each on its own scale."""
+    loading, mode = np.array([k.loading for k in knobs]), np.array([k.mode for k in knobs])
+    together = np.outer(loading, loading) * (mode[:, None] == mode)
+    return np.asarray(np.diag(np.array([k.sd for k in knobs]) ** 2) + together)
+
+
+def spreads_of(knobs: Sequence[Knob]) -> Array:
+    """Return the standard deviation (n,) of each knob's change by itself."""
+    return np.sqrt(np.diag(covariance_of(knobs)))
+
+
+def root_of(knobs: Sequence[Knob]) -> Array:
+    """Return W (n, n) that makes unit white numbers of the knobs' changes: W'W is the inverse of their covariance."""
+    return np.asarray(scipy.linalg.solve_triangular(factor_of(knobs), np.eye(len(knobs)), lower=True))
+
+
+def factor_of(knobs: Sequence[Knob]) -> Array:
+    """Return the lower factor U (n, n) of the covariance U U'."""
+    return np.asarray(np.linalg.cholesky(covariance_of(knobs)))
+
+
+def strain_of(knobs: Sequence[Knob], change: Array) -> float:
+    """Return how far a change (n,) of the knobs is off: the sum of its squares in units of what is plausible."""
+    return float(np.sum((root_of(knobs) @ change) ** 2))

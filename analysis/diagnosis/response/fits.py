@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.nominal.prior import factor_of
-from analysis.diagnosis.nominal.tuning import Knob, reach_of, turned
+from analysis.diagnosis.nominal.tuning import Knob, factor_of, reach_of, turned
 from analysis.diagnosis.response.lines import Lines, Noise
 from analysis.diagnosis.response.predicted import Predictor
 from sim_backend.effects.base import Effect

@@ -12,10 +12,8 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.problem import Problem, halved
-from analysis.diagnosis.fitting.refit import refit
-from analysis.diagnosis.fitting.takeover import part_to_take, taken_over
-from analysis.diagnosis.nominal.prior import spreads_of
-from analysis.diagnosis.nominal.tuning import reach_of
+from analysis.diagnosis.fitting.refit import part_to_take, refit, taken_over
+from analysis.diagnosis.nominal.tuning import reach_of, spreads_of
 from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
 

@@ -22,7 +22,7 @@ from analysis.diagnosis.fitting.balance import (
 )
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
-from analysis.diagnosis.nominal.prior import strain_of
+from analysis.diagnosis.nominal.tuning import strain_of
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.pruning import lead_of, needed, pruned
 from analysis.diagnosis.search.rubbing import rubbing

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate, Motion, signature
 from analysis.diagnosis.fitting.starts import Start
 from analysis.diagnosis.noise.whitener import TOGETHER, Whitener, runs_of
-from analysis.diagnosis.nominal.prior import root_of
-from analysis.diagnosis.nominal.tuning import Knob
+from analysis.diagnosis.nominal.tuning import Knob, root_of
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.search.gram import IMITATED, Gram, beside_start
 from sim_backend.assembly import Places

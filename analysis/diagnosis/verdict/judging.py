@@ -14,7 +14,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.fitting.leeway import following, form_error, target_of
-from analysis.diagnosis.nominal.prior import strain_of
+from analysis.diagnosis.nominal.tuning import strain_of
 from analysis.diagnosis.result import Cause, Estimate, Remainder, Verdict
 from analysis.diagnosis.search.adequacy import explained_part, uncertainty
 from analysis.diagnosis.search.gram import IMITATED

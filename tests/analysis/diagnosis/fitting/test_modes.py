@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.diagnosis.fitting.modes import numbered
-from analysis.diagnosis.nominal.prior import strain_of
-from analysis.diagnosis.nominal.tuning import imitation, knobs_of, turned
+from analysis.diagnosis.nominal.tuning import imitation, knobs_of, strain_of, turned
 from sim_backend.linear import ModalModel
 
 

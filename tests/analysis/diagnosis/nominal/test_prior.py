@@ -7,8 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.nominal.prior import covariance_of, factor_of, root_of, spreads_of, strain_of
-from analysis.diagnosis.nominal.tuning import knobs_of, own_knobs_of
+from analysis.diagnosis.nominal.tuning import (
+    covariance_of,
+    factor_of,
+    knobs_of,
+    own_knobs_of,
+    root_of,
+    spreads_of,
+    strain_of,
+)
 from sim_backend.linear import ModalModel
 from tests.analysis.diagnosis.two_modes import linear_model
 
