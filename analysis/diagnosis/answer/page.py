@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup, escape
 
-from analysis.diagnosis.answer.difference import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.answer.figures import (
     Drawn,
@@ -21,7 +20,7 @@ from analysis.diagnosis.answer.figures import (
     worst_output,
 )
 from analysis.diagnosis.answer.mechanism import mechanism_figure
-from analysis.diagnosis.answer.output import DOMAINS, extended_model
+from analysis.diagnosis.answer.output import DOMAINS, Change, changes, extended_model
 from analysis.diagnosis.answer.sentence import SIGNIFICANT, surety
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms

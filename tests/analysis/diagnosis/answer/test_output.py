@@ -3,8 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from analysis.diagnosis.answer.difference import changes
-from analysis.diagnosis.answer.output import document, extended_model, prepare_folder, write_files
+from analysis.diagnosis.answer.output import changes, document, extended_model, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.calibration import calibrated
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
