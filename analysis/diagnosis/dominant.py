@@ -16,14 +16,14 @@ from functools import partial
 import numpy as np
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales
-from analysis.diagnosis.fitting.balance import settled_by
+from analysis.diagnosis.fitting.balance import reestimated_by
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.fitting.fit import Fit, Setting, left_by
-from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.modal import in_modes
 from analysis.diagnosis.noise.estimate import above_noise, even_weights
 from analysis.diagnosis.noise.independent import independent_rows
-from analysis.diagnosis.nominal.tuning import reach_of
+from analysis.diagnosis.nominal.tuning import bounds_of
 from analysis.diagnosis.result import Remainder
 from analysis.diagnosis.search.adequacy import chance_of, uncertainty
 from analysis.diagnosis.search.gram import Gram
@@ -71,11 +71,11 @@ _LEAST_SHARE = 0.5
 
 @dataclass(frozen=True)
 class _Kind:
-    """One kind of cause at the places where it stands out, with sizes, knobs and by how much it lowers the misfit."""
+    """One kind of cause where it stands out, with sizes, nuisances and by how much it lowers the misfit."""
 
     candidates: tuple[Candidate, ...]
     sizes: Array
-    knobs: Array
+    nuisances: Array
     drop: float
 
 
@@ -84,7 +84,7 @@ def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
 
     Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
     """
-    setting = settled_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
+    setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     residuals = left_by(setting, setting.nominal, ())
     ratio = above_noise(setting.data, residuals)
     if ratio <= _GROSS:
@@ -94,8 +94,8 @@ def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
     last = [e[-r.n :] for r, e in zip(data.records, residuals, strict=True)]
     whitener = even_weights(data, last, 1.0 / ratio)
     setting = replace(setting, data=data, whitener=whitener, states=rest)
-    setting = settled_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
-    return setting, refit(setting, (), np.zeros(0), np.zeros(len(setting.knobs)), steps=0)
+    setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
+    return setting, refit(setting, (), np.zeros(0), np.zeros(len(setting.nuisances)), steps=0)
 
 
 def _noises(found: Found) -> float:
@@ -149,7 +149,7 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
     if not fits or all(is_mode(c.where) for c in best.candidates):
         fits = [best]
     worth = tuned.misfit - best.misfit
-    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, Leeway((), (worth,)))
+    return Found(setting, tuned, best, (best, *fits, tuned), first, first, worth, Discrepancy((), (worth,)))
 
 
 def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: Progress) -> Fit:
@@ -159,7 +159,7 @@ def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: P
     """
     progress(f"fitting {_told(kind.candidates)}", part)
     held, sizes = beside.held()
-    start = np.clip(beside.change + kind.knobs[: beside.change.size], *reach_of(setting.knobs))
+    start = np.clip(beside.change + kind.nuisances[: beside.change.size], *bounds_of(setting.nuisances))
     both = [*kind.candidates, *held]
     fit = refit(setting, both, np.append(kind.sizes, sizes), start, steps=_STEPS, strong=True)
     if fit.misfit < beside.misfit or not held:
@@ -176,7 +176,7 @@ def _elsewhere(
     gram: Gram, candidates: Sequence[Candidate], screen: Screen, kinds: Sequence[_Kind], near: Sequence[str]
 ) -> list[_Kind]:
     """Return the kinds of some names from every other start of their shapes, as far as there is time."""
-    reduced, starts = gram.without(gram.knob_columns()), []
+    reduced, starts = gram.without(gram.nuisance_columns()), []
     for kind in (k for k in kinds if k.candidates[0].effect.name in near):
         others = [
             sorted(
@@ -260,7 +260,7 @@ def _cost(fit: Fit, rows: float) -> float:
 
 def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:
     """Return the kinds that explain most when each acts at all its places at once, best first."""
-    reduced = gram.without(gram.knob_columns())
+    reduced = gram.without(gram.nuisance_columns())
     per_kind: dict[str, list[int]] = {}
     for i in screen.best_per_key():
         if screen.gains[i] > screen.threshold[i]:
@@ -275,14 +275,14 @@ def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[
 
 
 def _kind_of(gram: Gram, reduced: Array, candidates: Sequence[Candidate], together: list[int]) -> _Kind:
-    """Return the candidates `together` as one kind, the knobs being taken out of `reduced`."""
+    """Return the candidates `together` as one kind, the nuisances being taken out of `reduced`."""
     drop, sizes = gram.solve(reduced, together)
-    return _Kind(tuple(candidates[i] for i in together), sizes, gram.knobs_beside(together, sizes), drop)
+    return _Kind(tuple(candidates[i] for i in together), sizes, gram.nuisances_beside(together, sizes), drop)
 
 
 def _affordable(gram: Gram) -> int:
     """Return how many fits of a few steps are worth their time."""
-    return int(_PRODUCTS / max(gram.rows * gram.n_knobs, 1))
+    return int(_PRODUCTS / max(gram.rows * gram.n_nuisances, 1))
 
 
 def remainder(found: Found) -> str:

@@ -16,13 +16,13 @@ from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.reference_sensor import ReferenceRun, weigh_references
 from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
+from analysis.diagnosis.fitting.discrepancy import discrepancy_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on, steps_of
-from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.starts import starts_of, without_starts
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
 from analysis.diagnosis.nominal.responses import played, simulate
-from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of, turned
+from analysis.diagnosis.nominal.tuning import deviations, nuisances_of, own_nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.adequacy import adequate
@@ -104,7 +104,7 @@ def search_causes(
     known = tuple(e for e in known if e.site is not Site.MODEL)  # the linear model has those already
     runs = [record.name for record in data.records]
     own = fitted_to(model, runs)
-    knobs = own_knobs_of(linear, fitted_delays(model, runs)) if own else knobs_of(linear, options.tolerance)
+    nuisances = own_nuisances_of(linear, fitted_delays(model, runs)) if own else nuisances_of(linear, options.tolerance)
     discrete = played(linear, data.rate_hz)
     residuals = [r.left_by(simulate(discrete, r.u)) for r in data.records]
     rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
@@ -116,7 +116,9 @@ def search_causes(
     first = fine if known else max(fine // _COARSER, 1)
     transducers = transducers_of(model)
     workers = options.workers
-    setting = Setting(data, linear, known, places, transducers, knobs, whitener, starts, still, first, workers, added)
+    setting = Setting(
+        data, linear, known, places, transducers, nuisances, whitener, starts, still, first, workers, added
+    )
     inside = searched_effects(options, INSIDE)
     steps = {where: lattice.step for where, lattice in lattices_of(data, places.outputs).items()}
     rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside, steps)
@@ -146,7 +148,7 @@ def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) 
     if not setting.whitener.repeats:
         return fit
     rest = without_lines_of(setting, fit)
-    if rest is fit or not spread_causes(setting, rest, searched, leeway_of(setting, rest, rest)).louder:
+    if rest is fit or not spread_causes(setting, rest, searched, discrepancy_of(setting, rest, rest)).louder:
         return fit
     return rest
 
@@ -172,12 +174,12 @@ def found_and_spread(data: Dataset, model: Model, options: Options, progress: Pr
     """
     searched = searched_effects(options)
     found = without_lines(search_causes(data, model, options, progress))
-    spread = spread_causes(found.setting, found.best, searched, found.leeway)
+    spread = spread_causes(found.setting, found.best, searched, found.discrepancy)
     stood_out = found.best.candidates or np.any(found.last.gains > found.last.threshold)
     if not (spread.louder and stood_out and found.setting.whitener.repeats):
         return found, spread
     found = without_lines(search_causes(data, model, options, progress, spread.louder))
-    again = spread_causes(found.setting, found.best, searched, found.leeway)
+    again = spread_causes(found.setting, found.best, searched, found.discrepancy)
     # what made the noise louder is there, whether or not it stands out once more
     same = {(type(c.effect), c.effect.where) for c in again.causes}
     kept = [replace(c, allowed=0.0) for c in spread.causes if c.louder is not None]
@@ -246,7 +248,7 @@ def diagnose(
     if loses(answer.gain):  # what is worse than the model without it is not offered
         best = tuned
         answer = _answer(found, data, tuned, tuned, model, options.seed)
-    gain, linear = answer.gain, turned(setting.nominal, setting.knobs, best.change)
+    gain, linear = answer.gain, turned(setting.nominal, setting.nuisances, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in references)])
     causes = (*causes_of(found.best, judgement, model), *spread.named(judgement, model))
     said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
@@ -268,7 +270,7 @@ def diagnose(
         notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
         remainder=judgement.remainder,
         sensitivity=sensitivity_of(found, model),
-        linear_std=deviations(linear, setting.knobs, best.change_std * np.sqrt(judgement.inflation)),
+        linear_std=deviations(linear, setting.nuisances, best.change_std * np.sqrt(judgement.inflation)),
     )
 
 

@@ -210,7 +210,7 @@ def _fitted(old: Value, new: float, spread: Any, source: str) -> Value:
     """Return a number with its new value, origin and standard deviation; as it is where nothing turned it."""
     if math.isclose(number(old), float(new), rel_tol=1e-12, abs_tol=0.0):
         return old
-    known = float(spread) if spread is not None and spread > 0.0 else None  # no knob turned it: not known
+    known = float(spread) if spread is not None and spread > 0.0 else None  # no nuisance turned it: not known
     return Quantity(value=float(new), origin="fitted", source=source, std=known)
 
 

@@ -7,7 +7,7 @@ effect is large.
 Where the nominal model is good, simulated and measured motion hardly differ; where it is not (a rigid axis under
 unmodelled friction, say) the simulation alone would drift away. The residual is cleaned of noise by a Wiener filter. An
 error of a sensor is another matter: the residual is the error then, and none of the motion. If it were taken as motion,
-a sensor's gain, of which the knobs can imitate everything but that residual, would explain whatever is there.
+a sensor's gain, of which the nuisances can imitate everything but that residual, would explain whatever is there.
 """
 
 from __future__ import annotations
@@ -256,7 +256,8 @@ def _of_model(
 
     columns = []
     for name, unit in candidate.unit_sizes.items():
-        # differences of second order, and small: what is left of a column that the knobs can imitate may be 1e-9 of it
+        # differences of second order, and small: what is left of a column that the nuisances can imitate may be 1e-9 of
+        # it
         step = 1e-5 * unit
         try:
             slope = (moved(name, step) - moved(name, -step)) / (2.0 * step)

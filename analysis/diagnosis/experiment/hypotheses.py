@@ -50,7 +50,7 @@ class Hypothesis:
         effects = self.effects(setting)
         own = [e for e in effects if e in self.fit.effects]
         made = from_linear(
-            retuned(turned(setting.nominal, setting.knobs, self.fit.change), own, setting.places),
+            retuned(turned(setting.nominal, setting.nuisances, self.fit.change), own, setting.places),
             name=model.name,
             title=model.title,
             sample_rate_hz=setting.data.rate_hz,

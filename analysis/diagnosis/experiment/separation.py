@@ -32,7 +32,7 @@ _ROUNDING = 1e-12
 
 
 def information(setting: Setting, hypothesis: Hypothesis) -> Array:
-    """Return M (k, k): what the data and the prior of `setting` hold about the knobs, then the effects' parameters."""
+    """Return M (k, k): what data and prior of `setting` hold about the nuisances, then the effects' parameters."""
     total = _prior(setting, hypothesis)
     _, columns = _responses(setting, hypothesis)
     for record, start, part in zip(setting.data.records, setting.starts, columns, strict=True):
@@ -44,21 +44,23 @@ def information(setting: Setting, hypothesis: Hypothesis) -> Array:
 def _responses(setting: Setting, hypothesis: Hypothesis) -> tuple[list[Array], list[Array]]:
     """Return, per record of `setting`, what a hypothesis expects (n, n_y), and its sensitivities (n, n_y, k).
 
-    Those of the knobs are found with the torques on the structure held, those of the effects in full simulation.
+    Those of the nuisances are found with the torques on the structure held, those of the effects in full simulation.
     """
     fit = hypothesis.fit
-    linear = turned(setting.nominal, setting.knobs, fit.change)
+    linear = turned(setting.nominal, setting.nuisances, fit.change)
     motions = simulated(setting, linear, fit.effects)
     records = setting.data.records
     residuals = residuals_of(records, motions)
     own: Sequence[Array] = [np.zeros((*r.y.shape, 0)) for r in records]
     if fit.effects:
         held = replace(fit, change=np.zeros(0), residuals=residuals)
-        own = exact_sensitivities(replace(setting, nominal=linear, knobs=[]), held)
+        own = exact_sensitivities(replace(setting, nominal=linear, nuisances=[]), held)
     columns = []
     for motion, states, part in zip(motions, setting.states, own, strict=True):
-        knobs = sensitivities(linear, setting.knobs, motion.torque, setting.data.rate_hz, states, through_delay=False)
-        columns.append(np.concatenate([knobs, part], axis=2))
+        nuisances = sensitivities(
+            linear, setting.nuisances, motion.torque, setting.data.rate_hz, states, through_delay=False
+        )
+        columns.append(np.concatenate([nuisances, part], axis=2))
     return [m.reading for m in motions], columns
 
 
@@ -67,17 +69,17 @@ def with_spread(setting: Setting, hypothesis: Hypothesis, known: Array) -> Hypot
     scales, _ = parameters_of(*hypothesis.fit.held())
     size = np.sqrt(np.maximum(np.diag(known), np.finfo(float).tiny))
     inverse = np.linalg.pinv(known / np.outer(size, size), rcond=_ROUNDING, hermitian=True)
-    spread = (np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size)[len(setting.knobs) :]
+    spread = (np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size)[len(setting.nuisances) :]
     fit = hypothesis.fit
     std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in zip(spread, fit.values, scales, strict=True)]
     return replace(hypothesis, fit=replace(fit, std=np.array(std)))
 
 
 def _prior(setting: Setting, hypothesis: Hypothesis) -> Array:
-    size = len(setting.knobs) + hypothesis.fit.values.size
+    size = len(setting.nuisances) + hypothesis.fit.values.size
     total = np.zeros((size, size))
-    n_knobs, root = len(setting.knobs), root_of(setting.knobs)
-    total[:n_knobs, :n_knobs] = root.T @ root
+    n_nuisances, root = len(setting.nuisances), root_of(setting.nuisances)
+    total[:n_nuisances, :n_nuisances] = root.T @ root
     return total
 
 
@@ -92,7 +94,7 @@ class Prediction:
 
 def prediction(setting: Setting, hypothesis: Hypothesis, record: Record) -> Prediction:
     """Return what `hypothesis` expects of `record`, whose inputs are played from rest."""
-    linear = turned(setting.nominal, setting.knobs, hypothesis.fit.change)
+    linear = turned(setting.nominal, setting.nuisances, hypothesis.fit.change)
     data = Dataset(setting.data.rate_hz, (record,))
     start = start_of(record, linear, setting.whitener, data.rate_hz)
     planned = replace(setting, data=data, starts=(start,), states=(np.zeros((setting.nominal.n_blocks, 2)),))

@@ -1,4 +1,4 @@
-"""A fit and its noise brought into line: the setting follows what the fit leaves, and the fit follows the setting."""
+"""Iterated generalised least squares: the noise follows what a fit leaves, and the fit follows the noise."""
 
 from __future__ import annotations
 
@@ -23,15 +23,17 @@ _ROUNDS, _IN_LINE = 6, 10.0
 _PASSES = 4
 
 
-def settle(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
+def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
     """Return the setting with noise, start bases and start states brought up to date with `fit`.
 
     `order` is the longest memory of the noise: none when it is white.
     """
-    return settled_by(replace(setting, states=fit.states), linear_of(setting, fit), fit.residuals, order)
+    return reestimated_by(replace(setting, states=fit.states), linear_of(setting, fit), fit.residuals, order)
 
 
-def settled_by(setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None) -> Setting:
+def reestimated_by(
+    setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None
+) -> Setting:
     """Return the setting brought up to date with a linear model and what it leaves, (n, n_y) per record."""
     even = setting.whitener.even
     if even:
@@ -56,12 +58,12 @@ def tune(setting: Setting) -> tuple[Setting, Fit]:
     Light modes that the data have elsewhere are moved there, one by one, where that is better; two that have changed
     places are exchanged.
     """
-    best = _tuned(setting, np.zeros(len(setting.knobs)))
+    best = _tuned(setting, np.zeros(len(setting.nuisances)))
     for m in narrow_modes(setting):
         change = moved_mode(*best, m)
         if change is not None:
             best = min(best, _tuned(*_afresh(best[0], change)), key=lambda pair: _cost(*pair))
-    change = numbered(setting.nominal, setting.knobs, best[1].change)
+    change = numbered(setting.nominal, setting.nuisances, best[1].change)
     if change is not best[1].change:
         best = min(best, _tuned(best[0], change), key=lambda pair: _cost(*pair))
     return best
@@ -80,13 +82,13 @@ def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit]
 
 
 def _afresh(setting: Setting, change: Array) -> tuple[Setting, Array]:
-    """Return the setting and the change of the knobs (n_knobs,) after a descent from there in white noise.
+    """Return the setting and the change of the nuisances (n_nuisances,) after a descent from there in white noise.
 
     A coloured one has taken the mode's peak for its own, and would not see it move.
     """
     none = np.zeros(0)
     setting = replace(setting, begin=change)
-    setting = settle(setting, refit(setting, (), none, change, steps=0), order=0)
+    setting = reestimated(setting, refit(setting, (), none, change, steps=0), order=0)
     return setting, refit(setting, (), none, change).change
 
 
@@ -95,7 +97,7 @@ def _tuned(setting: Setting, change: Array) -> tuple[Setting, Fit]:
     setting = replace(setting, begin=change)
     fit = refit(setting, (), none, change)
     for _ in range(_PASSES):
-        setting = settle(setting, fit)
+        setting = reestimated(setting, fit)
         before = fit.objective
         fit = refit(setting, (), none, fit.change)
         if abs(before - fit.objective) < 1e-4 * fit.objective:
@@ -121,8 +123,8 @@ def plainly_better(setting: Setting, tuned: Fit) -> Fit:
 
 def _begun_plainly(setting: Setting, fit: Fit) -> Fit:
     """Return a fit without effects with the start states that leave the least of the readings."""
-    linear = turned(setting.nominal, setting.knobs, fit.change)
-    setting = settled_by(setting, linear, left_by(setting, linear, ()), order=0)
+    linear = turned(setting.nominal, setting.nuisances, fit.change)
+    setting = reestimated_by(setting, linear, left_by(setting, linear, ()), order=0)
     return replace(fit, residuals=left_by(setting, linear, ()), states=setting.states)
 
 
@@ -151,14 +153,14 @@ def score(fit: Fit, known_noise: bool) -> float:
     return float(level + fit.log_variance + 2.0 * fit.occam)
 
 
-def lined_up(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
+def iterated_gls(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
     """Return the setting and the fit in which the noise is what the fit leaves.
 
     One that trails a `rival`'s score by more than the rounds that are left could gain ends there.
     """
-    best = settle(setting, fit), fit
+    best = reestimated(setting, fit), fit
     for left in reversed(range(_ROUNDS)):
-        setting = settle(setting, fit)
+        setting = reestimated(setting, fit)
         fit = again(setting, fit)
         gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
         if gained > 0.0:

@@ -15,7 +15,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.starts import Start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played
-from analysis.diagnosis.nominal.tuning import Knob, turned
+from analysis.diagnosis.nominal.tuning import Nuisance, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
@@ -60,8 +60,8 @@ class Once:
 class Setting:
     """What stays the same over all refits of one diagnosis; `states` (m, 2) are the starts known so far, per record.
 
-    `added` is noise that is there beside what the data show of it by themselves, `begin` (n_knobs,) where the knobs of
-    parts begin to which a hypothesis adds nothing; at the nominal numbers without it.
+    `added` is noise that is there beside what the data show of it by themselves, `begin` (n_nuisances,) where the
+    nuisances of parts begin to which a hypothesis adds nothing; at the nominal numbers without it.
     """
 
     data: Dataset
@@ -69,7 +69,7 @@ class Setting:
     known: tuple[Effect, ...]
     places: Places
     transducers: layout.Transducers
-    knobs: list[Knob]
+    nuisances: list[Nuisance]
     whitener: Whitener
     starts: tuple[Start, ...]
     states: tuple[Array, ...]
@@ -101,11 +101,11 @@ class Setting:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted hypothesis: `change` of the knobs, the `effects`, and the objective with its parts.
+    """A fitted hypothesis: `change` of the nuisances, the `effects`, and the objective with its parts.
 
     `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
     standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter);
-    `change_std` are those of `change`. `occam` is by how much the data narrowed all parameters, knobs included: the
+    `change_std` are those of `change`. `occam` is by how much the data narrowed all parameters, nuisances included: the
     logarithm of the ratio of the prior's volume to the posterior's. `log_variance` is the sum of the logarithms of the
     noise variances that `misfit` is in units of. `residuals` are of simulations that began in `states`, per record.
     `misled` tells of a descent that slopes with torques held have led astray: the next one does without them.
@@ -147,8 +147,8 @@ class Fit:
 
 
 def linear_of(setting: Setting, fit: Fit) -> ModalModel:
-    """Return the linear model of a fit: knobs turned, and what its effects change in the model itself."""
-    return retuned(turned(setting.nominal, setting.knobs, fit.change), fit.effects, setting.places)
+    """Return the linear model of a fit: nuisances turned, and what its effects change in the model itself."""
+    return retuned(turned(setting.nominal, setting.nuisances, fit.change), fit.effects, setting.places)
 
 
 def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> list[Motion]:
@@ -215,7 +215,7 @@ def _begun_anew(setting: Setting, fit: Fit) -> tuple[Array, ...]:
     Every comparison takes out what a start can add; the simulation itself began where the fit before this one said.
     """
     setting = replace(setting, states=begun(setting, fit.states, fit.residuals))
-    left = left_by(setting, turned(setting.nominal, setting.knobs, fit.change), fit.effects)
+    left = left_by(setting, turned(setting.nominal, setting.nuisances, fit.change), fit.effects)
     left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, left)
 
     def squares(record: Record, residual: Array) -> float:
@@ -239,7 +239,7 @@ def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -
     A start adds to the readings of a linear model what it adds, whatever is played. Beside an effect that hangs on the
     motion that is so to first order only, so it is simulated anew from what was found.
     """
-    linear = turned(setting.nominal, setting.knobs, fit.change)
+    linear = turned(setting.nominal, setting.nuisances, fit.change)
     effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
     model = played(linear_of(setting, fit), data.rate_hz)
     free, late = free_responses(model, record.n), answers_to_before(model, record.n)
@@ -269,7 +269,7 @@ def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:
     """Return the true positions (n, n_y) of every record under a fit."""
-    return [m.position for m in simulated(setting, turned(setting.nominal, setting.knobs, fit.change), fit.effects)]
+    return [m.position for m in simulated(setting, turned(setting.nominal, setting.nuisances, fit.change), fit.effects)]
 
 
 def steps_of(linear: ModalModel, rate_hz: float) -> int:
@@ -304,7 +304,7 @@ def steps_in_noise(setting: Setting, fit: Fit) -> int:
     The error of n steps is that of one over n², so what twice the steps change is three quarters of it. In units of the
     noise its sum of squares shall be no more than one: then no parameter is wrong by more than a standard deviation.
     """
-    linear = turned(setting.nominal, setting.knobs, fit.change)
+    linear = turned(setting.nominal, setting.nuisances, fit.change)
     there, finer = (
         left_by(one, linear, fit.effects) for one in (setting, replace(setting, substeps=2 * setting.substeps))
     )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.responses import contrast, driven_by, played
-from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Knob, imitation, mode_alone, strain_of, turned
+from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Nuisance, change_to, mahalanobis2_of, mode_alone, turned
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _REACH = 3.0
@@ -45,19 +45,19 @@ _SAME = 1e-9
 
 def narrow_modes(setting: Setting) -> list[int]:
     """Return the modes whose frequency is known less well than they are wide, by number."""
-    return [knob.mode for knob in setting.knobs if _narrow(setting.nominal, knob)]
+    return [nuisance.mode for nuisance in setting.nuisances if _narrow(setting.nominal, nuisance)]
 
 
 def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
-    """Return the change of the knobs (n_knobs,) of a fit with mode `m` where it leaves least, None where it is there.
+    """Return the change (n_nuisances,) of a fit with mode `m` where it leaves least, None where it is there.
 
     The mode's own numbers are the nominal ones again but for its frequency, as a mode in the wrong place is bent; all
     others are as they are. A line of a record's spectrum counts in units of what is usual around it: a weak mode is
     sought in the noise at its own frequency, whatever is strong elsewhere.
     """
     weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(fit.residuals, setting.data.records, strict=True)]
-    numbers = np.array([knob.mode for knob in setting.knobs])
-    (i,) = (k for k, knob in enumerate(setting.knobs) if knob.mode == m and knob.field == "omega_rad_s")
+    numbers = np.array([nuisance.mode for nuisance in setting.nuisances])
+    (i,) = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode == m and nuisance.field == "omega_rad_s")
     change = np.where(numbers == m, 0.0, fit.change)
     place = _place(setting, fit, i, change, weights)
     if place is None:
@@ -80,9 +80,13 @@ def _weights(power: Array) -> Array:
     return np.asarray(np.divide(1.0, level, out=np.zeros_like(level), where=level > 0.0))
 
 
-def _narrow(linear: ModalModel, knob: Knob) -> bool:
-    """Tell whether a knob is a frequency that is known less well than the mode is wide."""
-    return knob.field == "omega_rad_s" and knob.sd < OWN_TOLERANCE and _damping(linear, knob.mode) < knob.sd
+def _narrow(linear: ModalModel, nuisance: Nuisance) -> bool:
+    """Tell whether a nuisance is a frequency that is known less well than the mode is wide."""
+    return (
+        nuisance.field == "omega_rad_s"
+        and nuisance.sd < OWN_TOLERANCE
+        and _damping(linear, nuisance.mode) < nuisance.sd
+    )
 
 
 def _damping(linear: ModalModel, m: int) -> float:
@@ -90,21 +94,21 @@ def _damping(linear: ModalModel, m: int) -> float:
 
 
 def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Array]) -> float | None:
-    """Return the change of the frequency of knob `i` beside `change` that leaves least; None where it is there.
+    """Return the change of the frequency of nuisance `i` beside `change` that leaves least; None where it is there.
 
     A place within half a width of where the mode is, is where it is.
     """
-    knob = setting.knobs[i]
-    reach, whole = _REACH * knob.sd, played(setting.nominal, setting.data.rate_hz)
-    width = max(_damping(setting.nominal, knob.mode), 1e-9)
+    nuisance = setting.nuisances[i]
+    reach, whole = _REACH * nuisance.sd, played(setting.nominal, setting.data.rate_hz)
+    width = max(_damping(setting.nominal, nuisance.mode), 1e-9)
     places = np.linspace(-reach, reach, int(np.clip(np.ceil(2.0 * reach / width), 8, _MOST)) + 1)
     # beside its resonance a mode is a stiffness or a mass, and would make up for others that are wrong
-    middle = float(setting.nominal.omega_rad_s[knob.mode]) / (2.0 * np.pi * setting.data.rate_hz)
+    middle = float(setting.nominal.omega_rad_s[nuisance.mode]) / (2.0 * np.pi * setting.data.rate_hz)
     band = middle * np.exp(np.array([-1.0, 1.0]) * (reach + _SKIRT * width))
 
     def mode_of(values: Array) -> DiscreteModel:
-        linear = turned(setting.nominal, setting.knobs, values)
-        return mode_alone(linear, knob.mode, setting.data.rate_hz, split=whole.late is not None)
+        linear = turned(setting.nominal, setting.nuisances, values)
+        return mode_alone(linear, nuisance.mode, setting.data.rate_hz, split=whole.late is not None)
 
     def at(place: float) -> DiscreteModel:
         there = change.copy()
@@ -113,7 +117,7 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
 
     here = mode_of(fit.change)
     forces = [np.asfortranarray(driven_by(whole, r.u).forces) for r in setting.data.records]
-    starts = [states[knob.mode] for states in fit.states]
+    starts = [states[nuisance.mode] for states in fit.states]
     rows = [r.fitted() for r in setting.data.records]
 
     def squares(model: DiscreteModel) -> float:
@@ -130,28 +134,30 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
     return None if near or left[best] > squares(here) - _WORTH else float(places[best])
 
 
-def numbered(nominal: ModalModel, knobs: Sequence[Knob], change: Array) -> Array:
-    """Return the change of the knobs (n_knobs,) that makes the model which `change` makes and is the likeliest.
+def numbered(nominal: ModalModel, nuisances: Sequence[Nuisance], change: Array) -> Array:
+    """Return the change of the nuisances (n_nuisances,) that makes the model which `change` makes and is the likeliest.
 
     Pairs of modes are exchanged one after the other, as long as that brings all numbers nearer to the nominal ones.
     """
-    best = strain_of(knobs, change)
+    best = mahalanobis2_of(nuisances, change)
     pairs = list(combinations(range(nominal.n_blocks), 2))
-    while others := [other for pair in pairs if (other := _exchanged(nominal, list(knobs), change, pair)) is not None]:
-        strains = [strain_of(knobs, other) for other in others]
-        if not min(strains) < best:
+    while others := [
+        other for pair in pairs if (other := _exchanged(nominal, list(nuisances), change, pair)) is not None
+    ]:
+        distances2 = [mahalanobis2_of(nuisances, other) for other in others]
+        if not min(distances2) < best:
             break
-        best, change = min(strains), others[int(np.argmin(strains))]
+        best, change = min(distances2), others[int(np.argmin(distances2))]
     return change
 
 
-def _exchanged(nominal: ModalModel, knobs: list[Knob], change: Array, pair: tuple[int, int]) -> Array | None:
-    """Return the change that gives each of two modes the other's numbers; None where no knobs can."""
-    model = turned(nominal, knobs, change)
+def _exchanged(nominal: ModalModel, nuisances: list[Nuisance], change: Array, pair: tuple[int, int]) -> Array | None:
+    """Return the change that gives each of two modes the other's numbers; None where no nuisances can."""
+    model = turned(nominal, nuisances, change)
     order = np.arange(nominal.n_blocks)
     order[list(pair)] = pair[::-1]
     # a mode is what it is whichever of its participations is held
-    held = _held(nominal, knobs)
+    held = _held(nominal, nuisances)
     shown = np.vstack([model.c, model.c_rate])
     here, there = shown[held, np.arange(order.size)], shown[held, order]
     if not np.all(here * there):
@@ -165,17 +171,17 @@ def _exchanged(nominal: ModalModel, knobs: list[Knob], change: Array, pair: tupl
         c=model.c[:, order] * part,
         c_rate=model.c_rate[:, order] * part,
     )
-    found = imitation(nominal, knobs, wanted)
-    made = vars(turned(nominal, knobs, found))
+    found = change_to(nominal, nuisances, wanted)
+    made = vars(turned(nominal, nuisances, found))
     same = all(np.allclose(value, made[name], rtol=_SAME, atol=0.0) for name, value in vars(wanted).items())
     return found if same else None
 
 
-def _held(nominal: ModalModel, knobs: Sequence[Knob]) -> NDArray[np.intp]:
-    """Return which participation of every mode no knob turns (m,): its row in the outputs' above the rates'."""
+def _held(nominal: ModalModel, nuisances: Sequence[Nuisance]) -> NDArray[np.intp]:
+    """Return which participation of every mode no nuisance turns (m,): its row in the outputs' above the rates'."""
     n_y = nominal.n_outputs
     free = np.vstack([nominal.c, nominal.c_rate]) != 0.0
-    for knob in knobs:
-        if knob.field in ("c", "c_rate"):
-            free[knob.index[0] + n_y * (knob.field == "c_rate"), knob.index[1]] = False
+    for nuisance in nuisances:
+        if nuisance.field in ("c", "c_rate"):
+            free[nuisance.index[0] + n_y * (nuisance.field == "c_rate"), nuisance.index[1]] = False
     return np.argmax(free, axis=0)

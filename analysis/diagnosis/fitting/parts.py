@@ -1,4 +1,4 @@
-"""Axes that have nothing to do with each other: each is a fit of its own, smaller in rows, modes and knobs.
+"""Axes that have nothing to do with each other: each is a fit of its own, smaller in rows, modes and nuisances.
 
 Which inputs, modes and readings are joined follows from the numbers that are zero in the model, and from the channels
 that effects read and act on. Noise is independent from reading to reading and so are all priors, so the whole misfit
@@ -18,7 +18,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.starts import Start
 from analysis.diagnosis.noise.whitener import Bands, Whitener
-from analysis.diagnosis.nominal.tuning import Knob
+from analysis.diagnosis.nominal.tuning import Nuisance
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import Aux, Effect
@@ -35,11 +35,11 @@ _APART = 1e-6
 
 @dataclass(frozen=True)
 class Part:
-    """What belongs together: numbers of readings, of modes (those that candidates add last), knobs and candidates."""
+    """What belongs together: numbers of readings, modes (those that candidates add last), nuisances and candidates."""
 
     outputs: Ints
     modes: Ints
-    knobs: Ints
+    nuisances: Ints
     candidates: tuple[int, ...]
     known: tuple[Effect, ...]
 
@@ -72,12 +72,14 @@ def parts_of(setting: Setting, candidates: Sequence[Candidate], effects: Sequenc
     added = _blocks_added(setting, effects)
     own = [part_of(int(label[np.argmax(row)])) if row.any() else 0 for row in _joined_by(setting)]
     modes = np.array(own + [at[len(setting.known) + i] for i, count in enumerate(added) for _ in range(count)])
-    knobs = np.array([own[k.mode] if k.mode >= 0 else part_of(int(label[_port_of(k, n_y)])) for k in setting.knobs])
+    nuisances = np.array(
+        [own[k.mode] if k.mode >= 0 else part_of(int(label[_port_of(k, n_y)])) for k in setting.nuisances]
+    )
     return [
         Part(
             np.flatnonzero(label[:n_y] == found),
             np.flatnonzero(modes == p),
-            np.flatnonzero(knobs == p),
+            np.flatnonzero(nuisances == p),
             tuple(i for i in range(len(candidates)) if at[len(setting.known) + i] == p),
             tuple(e for e, where in zip(setting.known, at, strict=False) if where == p),
         )
@@ -85,15 +87,17 @@ def parts_of(setting: Setting, candidates: Sequence[Candidate], effects: Sequenc
     ]
 
 
-def _port_of(knob: Knob, n_y: int) -> int:
-    """Return the number among readings, then inputs, of what a knob that belongs to no mode turns."""
-    return n_y + knob.index[0] if knob.field == "delay_s" else knob.index[0]
+def _port_of(nuisance: Nuisance, n_y: int) -> int:
+    """Return the number among readings, then inputs, of what a nuisance that belongs to no mode turns."""
+    return n_y + nuisance.index[0] if nuisance.field == "delay_s" else nuisance.index[0]
 
 
 def whole_of(setting: Setting, candidates: Sequence[Candidate]) -> Part:
     """Return a hypothesis that does not fall apart, as one part."""
-    outputs, modes, knobs = map(np.arange, (setting.nominal.n_outputs, setting.nominal.n_blocks, len(setting.knobs)))
-    return Part(outputs, modes, knobs, tuple(range(len(candidates))), setting.known)
+    outputs, modes, nuisances = map(
+        np.arange, (setting.nominal.n_outputs, setting.nominal.n_blocks, len(setting.nuisances))
+    )
+    return Part(outputs, modes, nuisances, tuple(range(len(candidates))), setting.known)
 
 
 def _joined_by(setting: Setting) -> Mask:
@@ -162,12 +166,12 @@ def setting_of(setting: Setting, part: Part) -> Setting | None:
         known=part.known,
         places=_places_of(setting.places, at),
         transducers=_transducers_of(setting.transducers, at),
-        knobs=[_knob_of(setting.knobs[k], part) for k in part.knobs],
+        nuisances=[_nuisance_of(setting.nuisances[k], part) for k in part.nuisances],
         whitener=_whitener_of(setting.whitener, at),
         starts=tuple(start for start in starts if start is not None),
         states=tuple(states[part.modes[part.modes < states.shape[0]]] for states in setting.states),
         added=tuple(Bands(b.edges, b.levels[at]) for b in setting.added),
-        begin=None if setting.begin is None else setting.begin[part.knobs],
+        begin=None if setting.begin is None else setting.begin[part.nuisances],
     )
 
 
@@ -202,16 +206,16 @@ def _transducers_of(transducers: layout.Transducers, at: Ints) -> layout.Transdu
     return transducers._replace(to_heads=np.ascontiguousarray(heads), to_reading=np.ascontiguousarray(reading))
 
 
-def _knob_of(knob: Knob, part: Part) -> Knob:
-    """Return a knob by the numbers that its mode and its reading have in the part."""
-    if knob.field == "delay_s":
-        return knob  # every part has all inputs
-    mode = int(np.searchsorted(part.modes, knob.mode)) if knob.mode >= 0 else -1
-    output = int(np.searchsorted(part.outputs, knob.index[0]))
-    if knob.field in ("c", "c_rate"):
-        return replace(knob, index=(output, mode), mode=mode)
-    first = output if knob.field == "d" else mode
-    return replace(knob, index=(first, *knob.index[1:]), mode=mode)
+def _nuisance_of(nuisance: Nuisance, part: Part) -> Nuisance:
+    """Return a nuisance by the numbers that its mode and its reading have in the part."""
+    if nuisance.field == "delay_s":
+        return nuisance  # every part has all inputs
+    mode = int(np.searchsorted(part.modes, nuisance.mode)) if nuisance.mode >= 0 else -1
+    output = int(np.searchsorted(part.outputs, nuisance.index[0]))
+    if nuisance.field in ("c", "c_rate"):
+        return replace(nuisance, index=(output, mode), mode=mode)
+    first = output if nuisance.field == "d" else mode
+    return replace(nuisance, index=(first, *nuisance.index[1:]), mode=mode)
 
 
 def _whitener_of(whitener: Whitener, at: Ints) -> Whitener:

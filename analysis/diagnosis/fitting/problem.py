@@ -19,18 +19,19 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.starts import Start, stack_white
-from analysis.diagnosis.nominal.tuning import factor_of, reach_of, root_of, turned
+from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array
 
-_KNOB_STEP = 0.2
-"""Largest change of a knob in one step: far beyond any tolerance; what a step may do within is left to the descent."""
+_NUISANCE_STEP = 0.2
+"""Largest change of a nuisance in one step: far beyond any tolerance; what a step may do within is left to the
+descent."""
 
-_KNOB_DIFFERENCE = 1e-6
-"""A mode's answer to its knob bends within its width, so a difference this small is right to 1e-6 of a mode's quality
-factor, while rounding leaves 1e-7 of it."""
+_NUISANCE_DIFFERENCE = 1e-6
+"""A mode's answer to its nuisance bends within its width, so a difference this small is right to 1e-6 of a mode's
+quality factor, while rounding leaves 1e-7 of it."""
 
 _HALVINGS = 4
 
@@ -57,7 +58,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Problem:
-    """A hypothesis as a function of its parameters: changes of the knobs, then effect parameters on their scales."""
+    """A hypothesis as a function of its parameters: changes of nuisances, then effect parameters on their scales."""
 
     setting: Setting
     candidates: tuple[Candidate, ...]
@@ -71,9 +72,9 @@ class Problem:
 
     def effects(self, x: Array) -> tuple[Effect, ...]:
         """Return the effects with the parameters in `x`."""
-        n_knobs = len(self.setting.knobs)
+        n_nuisances = len(self.setting.nuisances)
         values = [dict(c.shapes) for c in self.candidates]  # constants among them: no fit moves those
-        for scale, xi in zip(self.scales, x[n_knobs:], strict=True):
+        for scale, xi in zip(self.scales, x[n_nuisances:], strict=True):
             values[scale.effect][scale.name] = scale.back(float(xi))
         return tuple(c.effect(c.where, **v, **c.given) for c, v in zip(self.candidates, values, strict=True))
 
@@ -81,7 +82,7 @@ class Problem:
         """Return residuals and torques of every record at `x`, infinite where the model cannot be (a delay below 0)."""
         s = self.setting
         try:
-            moved = simulated(s, turned(s.nominal, s.knobs, x[: len(s.knobs)]), self.effects(x))
+            moved = simulated(s, turned(s.nominal, s.nuisances, x[: len(s.nuisances)]), self.effects(x))
         except ConfigError:
             return tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
         return residuals_of(s.data.records, moved), tuple(m.torque for m in moved)
@@ -92,26 +93,28 @@ class Problem:
             residuals, torques = self.raw(x)
             white = self.whiten(residuals)
             misfit = float(white @ white)
-        prior = self.root @ (x - np.concatenate([np.zeros(len(self.setting.knobs)), [s.mean for s in self.scales]]))
+        prior = self.root @ (x - np.concatenate([np.zeros(len(self.setting.nuisances)), [s.mean for s in self.scales]]))
         stacked = np.concatenate([white, prior])
         return Point(stacked, residuals, torques, misfit if np.isfinite(misfit) else np.inf, float(prior @ prior))
 
     @cached_property
     def factor(self) -> Array:
         """The lower factor U (n, n) of the covariance U U' of all parameters before the data speak."""
-        return np.asarray(scipy.linalg.block_diag(factor_of(self.setting.knobs), np.diag([s.sd for s in self.scales])))
+        return np.asarray(
+            scipy.linalg.block_diag(factor_of(self.setting.nuisances), np.diag([s.sd for s in self.scales]))
+        )
 
     @cached_property
     def root(self) -> Array:
         """The inverse of `factor`: it makes unit white numbers of the parameters' distances from their means."""
         return np.asarray(
-            scipy.linalg.block_diag(root_of(self.setting.knobs), np.diag([1.0 / s.sd for s in self.scales]))
+            scipy.linalg.block_diag(root_of(self.setting.nuisances), np.diag([1.0 / s.sd for s in self.scales]))
         )
 
     def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
         """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
-        own = i - len(self.setting.knobs)
-        size = self.scales[own].difference(float(x[i])) if own >= 0 else _KNOB_DIFFERENCE
+        own = i - len(self.setting.nuisances)
+        size = self.scales[own].difference(float(x[i])) if own >= 0 else _NUISANCE_DIFFERENCE
         ended = own >= 0 and x[i] + size > self.scales[own].bound(self.scales[own].high)
         for step in (-size, size) if ended else (size, -size):
             there = x.copy()
@@ -139,21 +142,21 @@ class Problem:
         return np.concatenate(s.each(white, s.data.records, residuals, s.starts)).squeeze()
 
     def shortened(self, x: Array) -> Array:
-        """Return `x` with knobs and sizes halved until it fits better than the model as it is, at most four times."""
-        some = np.array([True] * len(self.setting.knobs) + [s.size for s in self.scales])
+        """Return `x` with nuisances and sizes halved until it fits better than the model does, at most four times."""
+        some = np.array([True] * len(self.setting.nuisances) + [s.size for s in self.scales])
         nothing = np.where(some, 0.0, x)
         without = self.evaluate(nothing).misfit
         return halved(x, nothing, lambda there: self.evaluate(there).misfit < without)
 
     def descend(self, slopes: Slopes[Point], x: Array, steps: int, *, exact: bool = True) -> tuple[Array, Point]:
         """Return the best point from `x` along `slopes`, and its simulation."""
-        least, most = reach_of(self.setting.knobs)
+        least, most = bounds_of(self.setting.nuisances)
         descent = Descent(
             self.evaluate,
             slopes,
             np.concatenate([least, [s.bound(s.low) for s in self.scales]]),
             np.concatenate([most, [s.bound(s.high) for s in self.scales]]),
-            np.array([_KNOB_STEP] * most.size + [s.step() for s in self.scales]),
+            np.array([_NUISANCE_STEP] * most.size + [s.step() for s in self.scales]),
             self.setting.rows,
             exact=exact,
         )
@@ -167,7 +170,7 @@ class Problem:
         deviations: dict[int, float] = {}
         # as in a descent: where far more than noise is left, so much more is no gain
         close = _GAINED * max(1.0, at.objective / self.setting.rows)
-        for i in (len(self.setting.knobs) + k for k, s in enumerate(self.scales) if s.cusp):
+        for i in (len(self.setting.nuisances) + k for k, s in enumerate(self.scales) if s.cusp):
             for _ in range(_ROUNDS):
                 before = at.objective
                 x = _with(x, i, approached(*self._cusp(x, i, close)))
@@ -181,12 +184,12 @@ class Problem:
 
     def _cusp(self, x: Array, i: int, close: float) -> tuple[Callable[[float], float], float, float, float]:
         """Return the objective over parameter `i`, where it is, how far a cusp is sought, and what is no gain."""
-        grain = self.scales[i - len(self.setting.knobs)].grain
+        grain = self.scales[i - len(self.setting.nuisances)].grain
         return (lambda value: self.evaluate(_with(x, i, value)).objective), float(x[i]), max(_ROOF, 2.0 * grain), close
 
     def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
         """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
-        n_knobs = len(self.setting.knobs)
+        n_nuisances = len(self.setting.nuisances)
         factor = self.factor
         # beside a parameter whose column is not finite there is no model: the data say nothing of it
         data = np.where(np.isfinite(jacobian).all(axis=0), jacobian[: at.stacked.size - x.size], 0.0)
@@ -202,12 +205,12 @@ class Problem:
         occam = 0.5 * float(np.linalg.slogdet(self._narrowed(x, seen))[1]) + self._chosen(x, seen, effects)
         values = np.array([getattr(effects[s.effect], s.name) for s in self.scales])
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        own = zip(deviation[n_knobs:], values, self.scales, strict=True)
+        own = zip(deviation[n_nuisances:], values, self.scales, strict=True)
         std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in own]
         names = tuple((s.effect, s.name) for s in self.scales)
         return Fit(
             self.candidates,
-            x[:n_knobs],
+            x[:n_nuisances],
             effects,
             at.misfit,
             at.penalty,
@@ -219,7 +222,7 @@ class Problem:
             np.array(std),
             at.residuals,
             self.setting.states,
-            deviation[:n_knobs],
+            deviation[:n_nuisances],
         )
 
     def _narrowed(self, x: Array, seen: Array) -> Array:
@@ -228,20 +231,20 @@ class Problem:
         How large an effect may be nobody knows beforehand, so its sizes share one scale, which is that of the largest;
         a shape that measures its effect has its own.
         """
-        n_knobs = len(self.setting.knobs)
+        n_nuisances = len(self.setting.nuisances)
         factor = self.factor
         sd = np.diag(factor)
         unit, more = sd.copy(), np.zeros(x.size)
         for i, s in enumerate(self.scales):
             if s.size:
                 own = [
-                    abs(x[n_knobs + k])
+                    abs(x[n_nuisances + k])
                     for k, other in enumerate(self.scales)
                     if other.size and other.effect == s.effect
                 ]
-                unit[n_knobs + i], more[n_knobs + i] = max(own), 1.0
+                unit[n_nuisances + i], more[n_nuisances + i] = max(own), 1.0
             elif s.measures:  # on its logarithm the own size is one
-                unit[n_knobs + i], more[n_knobs + i] = 1.0, 1.0
+                unit[n_nuisances + i], more[n_nuisances + i] = 1.0, 1.0
         scaled = factor * (unit / sd)
         return np.asarray(scaled.T @ seen @ scaled + np.diag((unit / sd) ** 2 + more))
 
@@ -251,11 +254,11 @@ class Problem:
         A phase in radians is known to σ = 1/z by a run that holds z² of the effect's energy, and was anywhere on a
         circle before: narrowed by 2π / (√(2π) σ) = √(2π) z. The energy is taken to be the same in every run.
         """
-        n_knobs, price = len(self.setting.knobs), 0.0
+        n_nuisances, price = len(self.setting.nuisances), 0.0
         for i, effect in enumerate(effects):
             count = effect.chosen()
             if count:
-                own = [n_knobs + k for k, s in enumerate(self.scales) if s.size and s.effect == i]
+                own = [n_nuisances + k for k, s in enumerate(self.scales) if s.size and s.effect == i]
                 energy = float(x[own] @ seen[np.ix_(own, own)] @ x[own]) / (count + 1)
                 price += 0.5 * count * math.log1p(2.0 * math.pi * energy)
         return price

@@ -4,13 +4,13 @@ Screening is right to first order; here the effect acts inside the loop, so larg
 that screening held fixed all come out unbiased.
 
 A fit descends along slopes that are cheap first. One that others are compared with (`exact`) goes on along differences
-of full simulations: where two knobs nearly do the same, the valley they span must be known to far better than the size
-of the effect, or no step along it can be taken.
+of full simulations: where two nuisances nearly do the same, the valley they span must be known to far better than the
+size of the effect, or no step along it can be taken.
 
 Axes that have nothing to do with each other are fitted one by one, and those to which a hypothesis adds nothing only
 once under one noise.
 
-An effect on the model takes over what the knobs did in its place.
+An effect on the model takes over what the nuisances did in its place.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from analysis.diagnosis.fitting.parts import Part, parts_of, setting_of, whole_o
 from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.nominal.responses import stacked
-from analysis.diagnosis.nominal.tuning import imitation, sensitivities, strain_of, turned
+from analysis.diagnosis.nominal.tuning import change_to, mahalanobis2_of, sensitivities, turned
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
@@ -63,7 +63,7 @@ def refit(
     sharp: bool = False,
     misled: bool = False,
 ) -> Fit:
-    """Return the best fit of a hypothesis from screened `sizes` and knob `change`; without candidates, of the knobs.
+    """Return the best fit of a hypothesis from screened `sizes` and nuisances' `change`; without candidates, of these.
 
     `sizes` are in units of each candidate's columns. A hypothesis that cannot be simulated ends with an infinite
     misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
@@ -82,7 +82,7 @@ def refit(
         chosen = [candidates[i] for i in part.candidates]
         if chosen:
             begins = np.concatenate([each[i] for i in part.candidates])
-            fits.append(_whole(own, chosen, begins, change[part.knobs], manner))
+            fits.append(_whole(own, chosen, begins, change[part.nuisances], manner))
         else:
             fits.append(_quiet(setting, part, own, exact))
     return _joined(setting, candidates, [part for part, _ in parts], fits)
@@ -93,7 +93,9 @@ def in_parts(setting: Setting, candidates: Sequence[Candidate], sizes: Array) ->
     whole, found = [(whole_of(setting, candidates), setting)], []
     problem, start = Problem.of(setting, candidates, sizes)
     try:
-        parts = parts_of(setting, candidates, problem.effects(np.concatenate([np.zeros(len(setting.knobs)), start])))
+        parts = parts_of(
+            setting, candidates, problem.effects(np.concatenate([np.zeros(len(setting.nuisances)), start]))
+        )
     except ConfigError:  # screening asked for what cannot be: the fit begins elsewhere
         return whole
     for part in parts:
@@ -116,18 +118,18 @@ def _quiet(setting: Setting, part: Part, own: Setting, exact: bool) -> Fit:
     manner = _Manner(_LONG, exact)
     # from where every hypothesis would have it begin: the first to ask must not decide on the last digits
     key = ("fit", tuple(part.outputs), tuple(part.modes), exact)
-    begin = np.zeros(len(own.knobs)) if own.begin is None else own.begin
+    begin = np.zeros(len(own.nuisances)) if own.begin is None else own.begin
     return setting.once.of(key, lambda: _whole(own, (), np.zeros(0), begin, manner))
 
 
 def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array, manner: _Manner) -> Fit:
     """Return the best fit of a hypothesis that is taken as one."""
     problem, start = Problem.of(setting, candidates, sizes)
-    n_knobs = len(setting.knobs)
+    n_nuisances = len(setting.nuisances)
     x = np.concatenate([change, start])
     if not np.isfinite(problem.evaluate(x).misfit):
         # screening asked for what cannot be: begin where the effect adds nothing
-        x[n_knobs:] = [0.0 if scale.size else value for scale, value in zip(problem.scales, start, strict=True)]
+        x[n_nuisances:] = [0.0 if scale.size else value for scale, value in zip(problem.scales, start, strict=True)]
     elif manner.strong:
         x = problem.shortened(x)
     slopes = Slopes(problem, strong=manner.strong, misled=manner.misled)
@@ -141,14 +143,14 @@ def _whole(setting: Setting, candidates: Sequence[Candidate], sizes: Array, chan
 
 def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[Part], fits: Sequence[Fit]) -> Fit:
     """Return the fit of a whole from those of its parts."""
-    change, change_std = np.zeros((2, len(setting.knobs)))
+    change, change_std = np.zeros((2, len(setting.nuisances)))
     residuals = tuple(np.empty_like(record.y) for record in setting.data.records)
     effects: dict[int, Effect] = {}
     found: dict[tuple[int, str], tuple[float, float]] = {}
     rows = sum(fit.rows for fit in fits)
     occam = 0.0
     for part, fit in zip(parts, fits, strict=True):
-        change[part.knobs], change_std[part.knobs] = fit.change, fit.change_std
+        change[part.nuisances], change_std[part.nuisances] = fit.change, fit.change_std
         effects |= dict(zip(part.candidates, fit.effects, strict=True))
         for whole, own in zip(residuals, fit.residuals, strict=True):
             whole[:, part.outputs] = own
@@ -177,29 +179,29 @@ def _joined(setting: Setting, candidates: Sequence[Candidate], parts: Sequence[P
 
 
 def exact_sensitivities(setting: Setting, fit: Fit) -> tuple[Array, ...]:
-    """Return, per record, the outputs' change per unit of each knob and each effect parameter, (n, n_y, k).
+    """Return, per record, the outputs' change per unit of each nuisance and each effect parameter, (n, n_y, k).
 
     By differences of the full simulation: what is screened beside these columns is compared with noise, and an error of
-    a thousandth in a knob's column can be far above it.
+    a thousandth in a nuisance's column can be far above it.
     """
     held, sizes = fit.held()
     if not (held or setting.known):
-        return plain_sensitivities(setting, turned(setting.nominal, setting.knobs, fit.change))
+        return plain_sensitivities(setting, turned(setting.nominal, setting.nuisances, fit.change))
     scales, _ = parameters_of(held, sizes)
-    n_knobs = len(setting.knobs)
-    out = tuple(np.zeros((n_knobs + len(scales), *r.y.shape[::-1])).T for r in setting.data.records)
+    n_nuisances = len(setting.nuisances)
+    out = tuple(np.zeros((n_nuisances + len(scales), *r.y.shape[::-1])).T for r in setting.data.records)
     each = sizes_of_each(held, sizes)
     for part, own in in_parts(setting, held, sizes):
         chosen = [held[i] for i in part.candidates]
         begins = np.concatenate([np.zeros(0), *(each[i] for i in part.candidates)])
-        columns = [*part.knobs, *(n_knobs + k for k, s in enumerate(scales) if s.effect in part.candidates)]
-        for record, found in zip(out, _exact(own, chosen, begins, fit.change[part.knobs]), strict=True):
+        columns = [*part.nuisances, *(n_nuisances + k for k, s in enumerate(scales) if s.effect in part.candidates)]
+        for record, found in zip(out, _exact(own, chosen, begins, fit.change[part.nuisances]), strict=True):
             record[:, part.outputs[:, None], columns] = found
     return out
 
 
 def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Array) -> list[Array]:
-    """Return, per record, the columns of knobs and effect parameters of what is taken as one, (n, n_y, k)."""
+    """Return, per record, the columns of nuisances and effect parameters of what is taken as one, (n, n_y, k)."""
     problem, start = Problem.of(setting, held, sizes)
     x = np.concatenate([change, start])
     here, _ = problem.raw(x)  # the starts may have been found anew since the fit
@@ -218,22 +220,22 @@ def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Ar
 
 
 def plain_sensitivities(setting: Setting, linear: ModalModel) -> tuple[Array, ...]:
-    """Return, per record, the change of the outputs of `linear` by itself per unit of each knob, (n, n_y, k)."""
+    """Return, per record, the change of the outputs of `linear` by itself per unit of each nuisance, (n, n_y, k)."""
     return tuple(
-        sensitivities(linear, setting.knobs, record.u, setting.data.rate_hz, states)
+        sensitivities(linear, setting.nuisances, record.u, setting.data.rate_hz, states)
         for record, states in zip(setting.data.records, setting.states, strict=True)
     )
 
 
 def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> tuple[Array, bool]:
-    """Return the knobs when an effect on the model does what they did in its place, and whether nothing else changes.
+    """Return the nuisances when an effect on the model does what they did, and whether nothing else changes.
 
     Raises ConfigError where there is no such effect.
     """
-    linear, units = turned(setting.nominal, setting.knobs, fit.change), candidate.unit_sizes
+    linear, units = turned(setting.nominal, setting.nuisances, fit.change), candidate.unit_sizes
     effect = candidate.made(dict(zip(units, sizes * np.array(list(units.values())), strict=True)))
-    start = fit.change - imitation(linear, setting.knobs, retuned(linear, [effect], setting.places))
-    made = retuned(turned(setting.nominal, setting.knobs, start), [effect], setting.places)
+    start = fit.change - change_to(linear, setting.nuisances, retuned(linear, [effect], setting.places))
+    made = retuned(turned(setting.nominal, setting.nuisances, start), [effect], setting.places)
     same = made.n_blocks == linear.n_blocks and all(
         np.allclose(getattr(made, f.name), getattr(linear, f.name), rtol=1e-9, atol=0.0) for f in fields(linear)
     )
@@ -243,15 +245,15 @@ def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -
 def part_to_take(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> float:
     """Return the part of its screened sizes that an effect begins with.
 
-    Where knobs and effect can share in any proportion and the data see no difference, the nominal model decides: the
-    part that leaves the knobs least to do. A descent would have to find it along a narrow, bent valley.
+    Where nuisances and effect can share in any proportion and the data see no difference, the nominal model decides:
+    the part that leaves the nuisances least to do. A descent would have to find it along a narrow, bent valley.
     """
     if not taken_over(setting, fit, candidate, sizes)[1]:
         return 1.0
 
     def left(part: float) -> float:
         with suppress(ConfigError):
-            return strain_of(setting.knobs, taken_over(setting, fit, candidate, part * sizes)[0])
+            return mahalanobis2_of(setting.nuisances, taken_over(setting, fit, candidate, part * sizes)[0])
         return np.inf
 
     found = scipy.optimize.minimize_scalar(left, bounds=(0.0, 2.0), method="bounded")

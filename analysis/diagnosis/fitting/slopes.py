@@ -1,7 +1,7 @@
-"""The derivative of a hypothesis with respect to its parameters: knobs and effects.
+"""The derivative of a hypothesis with respect to its parameters: nuisances and effects.
 
-Most of the cost is that with respect to the knobs. With the torques of a simulation held it is linear and cheap; that
-leaves out only how a moved mode changes what an effect does in turn. Such slopes decide nothing but the speed of a
+Most of the cost is that with respect to the nuisances. With the torques of a simulation held it is linear and cheap;
+that leaves out only how a moved mode changes what an effect does in turn. Such slopes decide nothing but the speed of a
 descent, because every step is judged by the full simulation; so they are also kept for as long as they lead to where
 they say. Where something strong acts in the modes themselves, that the effects answer is put in to first order.
 
@@ -24,7 +24,7 @@ import scipy
 from analysis.diagnosis.candidates.signature import Motion, force_along, moved_as
 from analysis.diagnosis.fitting.problem import Point, Problem
 from analysis.diagnosis.nominal.responses import coasting, simulate
-from analysis.diagnosis.nominal.tuning import Knob, sensitivities, turned
+from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend import kernel
 from sim_backend.assembly import Places, retuned
@@ -38,7 +38,8 @@ _STRAIGHT = 0.05
 """How far off what was said of it, in parts of its length, a step may end and only correct the columns."""
 
 _STRAIGHT_SIMULATED, _SIMULATED = 0.3, 8
-"""The same for simulated columns, each of which costs as much as a step; and so many of the knobs' for every step."""
+"""The same for simulated columns, each of which costs as much as a step; and so many of the nuisances' for every
+step."""
 
 _PASSES = 4
 """How often motion and gain of a mode follow each other: for a tenth of the stiffness that is right to 1e-4."""
@@ -53,7 +54,7 @@ _SMALL, _SEED = 1e-3, 0
 class Slopes:
     """d(stacked)/dx of a hypothesis, as true as a descent has to have it.
 
-    The knobs' columns are those with torques held as long as these lead somewhere, then those of full simulations;
+    The nuisances' columns are those with torques held as long as these lead somewhere, then those of full simulations;
     beside a `strong` effect they are so from the start, as where those with torques held have `misled` before. A step
     that does nearly what was said of it corrects the columns along its own direction (Broyden 1965), and the next needs
     no simulations.
@@ -67,7 +68,7 @@ class Slopes:
         self._alone = replace(problem, setting=replace(problem.setting, workers=1))
         self._answering = strong and any(is_mode(c.where) for c in problem.candidates)
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
-        late = any(knob.field == "delay_s" for knob in problem.setting.knobs)
+        late = any(nuisance.field == "delay_s" for nuisance in problem.setting.nuisances)
         approximate = late or any(site not in (Site.COMMAND, Site.CURRENT, Site.MODEL) for site in sites)
         self._may_simulate = approximate and not self._answering
         self._simulated = (strong or misled) and self._may_simulate
@@ -123,19 +124,19 @@ class Slopes:
         length = float(weights @ (x - before))
         corrected = jacobian + np.outer(missed, weights / length) if length > 0.0 else jacobian.copy()
         if astray:
-            self._fill(corrected, range(len(self._problem.setting.knobs), x.size), x, at)
+            self._fill(corrected, range(len(self._problem.setting.nuisances), x.size), x, at)
         return corrected
 
     def _hard(self) -> list[int]:
-        """Return the numbers of the knobs whose columns are simulated, those of modes that an effect acts on."""
-        knobs = self._problem.setting.knobs
-        return [i for i, knob in enumerate(knobs) if self._simulated and self._touched(knob)]
+        """Return the numbers of the nuisances whose columns are simulated, those of modes that an effect acts on."""
+        nuisances = self._problem.setting.nuisances
+        return [i for i, nuisance in enumerate(nuisances) if self._simulated and self._touched(nuisance)]
 
     def _at(self, x: Array, at: Point) -> Array:
-        n_knobs = len(self._problem.setting.knobs)
+        n_nuisances = len(self._problem.setting.nuisances)
         columns = np.empty((x.size, at.stacked.size)).T  # a column is one stretch of memory, as it is computed
-        columns[:, :n_knobs] = self._knobs(x, at)
-        self._fill(columns, range(n_knobs, x.size), x, at)
+        columns[:, :n_nuisances] = self._nuisances(x, at)
+        self._fill(columns, range(n_nuisances, x.size), x, at)
         return columns
 
     def _fill(self, columns: Array, which: Sequence[int], x: Array, at: Point) -> None:
@@ -143,15 +144,15 @@ class Slopes:
             for i, column in zip(which, pool.map(lambda i: self._slope(x, at, i), which), strict=True):
                 columns[:, i] = column
 
-    def _knobs(self, x: Array, at: Point) -> Array:
-        """Return the knobs' columns: with torques held, or from simulations for modes that an effect acts on."""
+    def _nuisances(self, x: Array, at: Point) -> Array:
+        """Return the nuisances' columns: with torques held, or from simulations for modes that an effect acts on."""
         problem, s = self._problem, self._problem.setting
-        n_knobs = len(s.knobs)
-        columns = np.zeros((n_knobs, at.stacked.size)).T
+        n_nuisances = len(s.nuisances)
+        columns = np.zeros((n_nuisances, at.stacked.size)).T
         hard = self._hard()
-        easy = [i for i in range(n_knobs) if i not in hard]
+        easy = [i for i in range(n_nuisances) if i not in hard]
         if easy:
-            moved = self._moved(x, at, [s.knobs[i] for i in easy])
+            moved = self._moved(x, at, [s.nuisances[i] for i in easy])
             rows = at.stacked.size - x.size
             for i, column in zip(easy, problem.whiten(moved).reshape(rows, -1).T, strict=True):
                 columns[:rows, i] = -column
@@ -159,11 +160,11 @@ class Slopes:
         self._fill(columns, hard, x, at)
         return columns
 
-    def _moved(self, x: Array, at: Point, knobs: list[Knob]) -> list[Array]:
-        """Return the outputs' changes per unit of `knobs`, (n, n_y, k) per record, without simulating the effects."""
+    def _moved(self, x: Array, at: Point, nuisances: list[Nuisance]) -> list[Array]:
+        """Return the outputs' changes per unit of `nuisances`, (n, n_y, k) per record, with no effect simulated."""
         s = self._problem.setting
         rate_hz, acting = s.data.rate_hz, [*s.known, *self._problem.effects(x)]
-        linear = retuned(turned(s.nominal, s.knobs, x[: len(s.knobs)]), acting, s.places)
+        linear = retuned(turned(s.nominal, s.nuisances, x[: len(s.nuisances)]), acting, s.places)
 
         # a delay that ends within a sample leaves no torque that is held; beside what acts on the way to the structure
         # the means over samples have to do
@@ -172,12 +173,12 @@ class Slopes:
         played = [r.u for r in s.data.records] if commanded else at.torques
 
         def held(torque: Array, start: Array) -> Array:
-            return sensitivities(linear, knobs, torque, rate_hz, start, through_delay=commanded)
+            return sensitivities(linear, nuisances, torque, rate_hz, start, through_delay=commanded)
 
         def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:
             motion = moved_as(record, record.y - left, rate_hz)
             own = answering(linear, acting, s.places, motion, torque, start, rate_hz)
-            return own.closed(sensitivities(own.linear, knobs, own.torque, rate_hz, start, through_delay=False))
+            return own.closed(sensitivities(own.linear, nuisances, own.torque, rate_hz, start, through_delay=False))
 
         if self._answering:
             return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
@@ -193,13 +194,13 @@ class Slopes:
             column[rows:] = problem.root[:, i]
         return column
 
-    def _touched(self, knob: Knob) -> bool:
-        """Tell whether an effect acts on, or through, the mode of this knob."""
+    def _touched(self, nuisance: Nuisance) -> bool:
+        """Tell whether an effect acts on, or through, the mode of this nuisance."""
         s = self._problem.setting
-        if knob.mode < 0:
-            return knob.field == "delay_s"  # torques held, what an effect adds at an input would be late as well
-        inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[knob.mode, j] != 0.0}
-        outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, knob.mode] != 0.0}
+        if nuisance.mode < 0:
+            return nuisance.field == "delay_s"  # torques held, what an effect adds at an input would be late as well
+        inputs = {s.places.inputs[j] for j in range(s.nominal.n_inputs) if s.nominal.b[nuisance.mode, j] != 0.0}
+        outputs = {s.places.outputs[o] for o in range(s.nominal.n_outputs) if s.nominal.c[o, nuisance.mode] != 0.0}
         acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]
         names = {name for where in acting for name in where.split("->")}
         return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}

@@ -7,10 +7,10 @@ a shift far beyond the tolerance stays visible as one.
 
 Every number that a model states is wrong by a part of its own, independent of all others. Of a mode's participations
 only products of an input's and an output's matter, so the largest output participation c₀ is held as it is, and the
-knobs of the others stand for b c₀ and c / c₀: ln b moves by ε_b + ε_0 and ln c by ε_c - ε_0. So the unknown error ε_0
-of what is held is in all of them, which a knob's `loading` says: drives of one mode are wrong alike, and an output
-against the drives. Were they taken as independent, one sensor whose numbers happen to be all too small would be a gain
-of that sensor at several standard deviations.
+nuisances of the others stand for b c₀ and c / c₀: ln b moves by ε_b + ε_0 and ln c by ε_c - ε_0. So the unknown error
+ε_0 of what is held is in all of them, which a nuisance's `loading` says: drives of one mode are wrong alike, and an
+output against the drives. Were they taken as independent, one sensor whose numbers happen to be all too small would be
+a gain of that sensor at several standard deviations.
 
 A model that was fitted to the very runs that are diagnosed has numbers that the runs alone determine, some of them
 nothing but noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through
@@ -36,8 +36,8 @@ _STEP = 1e-5
 
 
 @dataclass(frozen=True)
-class Knob:
-    """One re-tunable parameter: `field` of the ModalModel at `index`, with its prior sd.
+class Nuisance:
+    """One nuisance parameter, a number of the model that may be adjusted: its `field` and `index` there, and prior sd.
 
     Its scale is logarithmic, or counts in `unit` where there is one. A direct path and a delay belong to no `mode`: it
     is -1. `loading` is the part in it of the error, of unit size, of the participation that is fixed in its mode.
@@ -51,23 +51,23 @@ class Knob:
     loading: float = 0.0
 
     def turned(self, value: float, change: float) -> float:
-        """Return the parameter, `value` now, after a `change` on the knob's scale."""
+        """Return the parameter, `value` now, after a `change` on the nuisance's scale."""
         return value + self.unit * change if self.unit else value * float(np.exp(change))
 
     def change(self, before: float, after: float) -> float:
-        """Return the change on the knob's scale between two values; none where the scale has none."""
+        """Return the change on the nuisance's scale between two values; none where the scale has none."""
         if self.unit:
             return (after - before) / self.unit
         return float(np.log(after / before)) if after / before > 0.0 else 0.0
 
     def deviation(self, value: float, std: float) -> float:
-        """Return the standard deviation of the parameter at `value` from that on the knob's scale."""
+        """Return the standard deviation of the parameter at `value` from that on the nuisance's scale."""
         return (self.unit or abs(value)) * std
 
 
-REACH = 3.0
-"""Knobs stay within a factor of twenty, e^3, or within three units: a prior alone does not hold them against a gross
-error of the model."""
+_FARTHEST = 3.0
+"""Nuisances stay within a factor of twenty, e^3, or within three units: a prior alone does not hold them against a
+gross error of the model."""
 
 
 OWN_TOLERANCE = 1.0
@@ -75,16 +75,16 @@ OWN_TOLERANCE = 1.0
 to follow, so they say nothing on their own."""
 
 
-def knobs_of(linear: ModalModel, tolerance: float) -> list[Knob]:
+def nuisances_of(linear: ModalModel, tolerance: float) -> list[Nuisance]:
     """Return every re-tunable parameter of `linear`, each trusted to the relative `tolerance`.
 
     So is the participation that is fixed in each mode, unless it is exactly one: that is a scale, which has no error.
     """
-    knobs: list[Knob] = []
+    nuisances: list[Nuisance] = []
     for m in range(linear.n_blocks):
         for name in ("omega_rad_s", "sigma_1_s"):
             if getattr(linear, name)[m] > 0.0:
-                knobs.append(Knob(name, (m,), m, tolerance))
+                nuisances.append(Nuisance(name, (m,), m, tolerance))
         shares = [("c", i) for i in range(linear.n_outputs)] + [("c_rate", i) for i in range(linear.n_outputs)]
         present = [(name, i) for name, i in shares if getattr(linear, name)[i, m] != 0.0]
         shared = 0.0
@@ -93,21 +93,21 @@ def knobs_of(linear: ModalModel, tolerance: float) -> list[Knob]:
             held = max(present, key=lambda s: abs(getattr(linear, s[0])[s[1], m]) * _unit(linear, s[0], m))
             present.remove(held)
             shared = 0.0 if abs(getattr(linear, held[0])[held[1], m]) == 1.0 else tolerance
-        knobs += [Knob(name, (i, m), m, tolerance, loading=-shared) for name, i in present]
-        knobs += [
-            Knob(name, (m, j), m, tolerance, loading=shared)
+        nuisances += [Nuisance(name, (i, m), m, tolerance, loading=-shared) for name, i in present]
+        nuisances += [
+            Nuisance(name, (m, j), m, tolerance, loading=shared)
             for name in ("b", "b_direct")
             for j in range(linear.n_inputs)
             if getattr(linear, name)[m, j] != 0.0
         ]
-    return knobs
+    return nuisances
 
 
 def _unit(linear: ModalModel, name: str, m: int) -> float:
     return float(linear.omega_rad_s[m]) if name == "c_rate" else 1.0
 
 
-def own_knobs_of(linear: ModalModel, late: Iterable[int] = ()) -> list[Knob]:
+def own_nuisances_of(linear: ModalModel, late: Iterable[int] = ()) -> list[Nuisance]:
     """Return every re-tunable parameter of a model that was fitted to the very runs that are diagnosed.
 
     The delays of the inputs numbered in `late` were fitted too; any other is a constant that the rest was fitted to.
@@ -118,21 +118,23 @@ def own_knobs_of(linear: ModalModel, late: Iterable[int] = ()) -> list[Knob]:
     into, out = _sizes(linear)
     time = 1.0 / _pace(linear)
     units = {"b": into, "b_direct": into * time[:, None], "c": out, "c_rate": out * time}
-    knobs = [
-        replace(knob, unit=float(units[knob.field][knob.index]), loading=0.0) if knob.field in units else knob
-        for knob in knobs_of(linear, OWN_TOLERANCE)
+    nuisances = [
+        replace(nuisance, unit=float(units[nuisance.field][nuisance.index]), loading=0.0)
+        if nuisance.field in units
+        else nuisance
+        for nuisance in nuisances_of(linear, OWN_TOLERANCE)
     ]
     along = np.max(out[:, :, None] * (into * (time**2)[:, None])[None], axis=1, initial=0.0)  # (n_y, n_u)
     for i, j in np.argwhere(linear.d != 0.0):
         unit = max(float(along[i, j]), abs(float(linear.d[i, j])))
-        knobs.append(Knob("d", (int(i), int(j)), -1, OWN_TOLERANCE, unit))
-    return knobs + [Knob("delay_s", (j,), -1, OWN_TOLERANCE, float(linear.delay_s[j])) for j in late]
+        nuisances.append(Nuisance("d", (int(i), int(j)), -1, OWN_TOLERANCE, unit))
+    return nuisances + [Nuisance("delay_s", (j,), -1, OWN_TOLERANCE, float(linear.delay_s[j])) for j in late]
 
 
-def reach_of(knobs: Sequence[Knob]) -> tuple[Array, Array]:
-    """Return the least and the largest change of every knob, (n_knobs,) each: no delay is shorter than none."""
-    least = [-1.0 if knob.field == "delay_s" else -REACH for knob in knobs]
-    return np.array(least), np.full(len(knobs), REACH)
+def bounds_of(nuisances: Sequence[Nuisance]) -> tuple[Array, Array]:
+    """Return the least and the largest change of every nuisance, (n_nuisances,) each: no delay is shorter than none."""
+    least = [-1.0 if nuisance.field == "delay_s" else -_FARTHEST for nuisance in nuisances]
+    return np.array(least), np.full(len(nuisances), _FARTHEST)
 
 
 def _pace(linear: ModalModel) -> Array:
@@ -147,77 +149,82 @@ def _sizes(linear: ModalModel) -> tuple[Array, Array]:
     return np.hypot(linear.b, pace[:, None] * linear.b_direct), np.hypot(linear.c, pace * linear.c_rate)
 
 
-def turned(linear: ModalModel, knobs: list[Knob], change: Array) -> ModalModel:
-    """Return `linear` with every knob's parameter turned by `change` (n_knobs,)."""
+def turned(linear: ModalModel, nuisances: list[Nuisance], change: Array) -> ModalModel:
+    """Return `linear` with every nuisance's parameter turned by `change` (n_nuisances,)."""
     moved: dict[str, Array] = {}
-    for knob, delta in zip(knobs, change, strict=True):
-        values = moved.setdefault(knob.field, getattr(linear, knob.field).copy())
-        values[knob.index] = knob.turned(values[knob.index], delta)
+    for nuisance, delta in zip(nuisances, change, strict=True):
+        values = moved.setdefault(nuisance.field, getattr(linear, nuisance.field).copy())
+        values[nuisance.index] = nuisance.turned(values[nuisance.index], delta)
     return linear.with_(**moved)
 
 
-def deviations(linear: ModalModel, knobs: list[Knob], change_std: Array) -> ModalModel:
-    """Return the standard deviations of the parameters of `linear`, in its shapes; zero for what no knob turns.
+def deviations(linear: ModalModel, nuisances: list[Nuisance], change_std: Array) -> ModalModel:
+    """Return the standard deviations of the parameters of `linear`, in its shapes; zero for what no nuisance turns.
 
-    `change_std` (n_knobs,) are those of the knobs on their own scales.
+    `change_std` (n_nuisances,) are those of the nuisances on their own scales.
     """
     spread = {f.name: np.zeros_like(getattr(linear, f.name)) for f in fields(linear)}
-    for knob, std in zip(knobs, change_std, strict=True):
-        spread[knob.field][knob.index] = knob.deviation(getattr(linear, knob.field)[knob.index], std)
+    for nuisance, std in zip(nuisances, change_std, strict=True):
+        spread[nuisance.field][nuisance.index] = nuisance.deviation(
+            getattr(linear, nuisance.field)[nuisance.index], std
+        )
     return linear.with_(**spread)
 
 
-def imitation(linear: ModalModel, knobs: list[Knob], changed: ModalModel) -> Array:
-    """Return the change (n_knobs,) of the knobs of `linear` that makes its parameters those of `changed`.
+def change_to(linear: ModalModel, nuisances: list[Nuisance], changed: ModalModel) -> Array:
+    """Return the change (n_nuisances,) of the nuisances of `linear` that makes its parameters those of `changed`.
 
     Modes that `changed` has beyond those of `linear` are left alone.
     """
-    out = np.zeros(len(knobs))
-    for i, knob in enumerate(knobs):
-        before, after = getattr(linear, knob.field)[knob.index], getattr(changed, knob.field)[knob.index]
-        out[i] = knob.change(before, after)
+    out = np.zeros(len(nuisances))
+    for i, nuisance in enumerate(nuisances):
+        before, after = (
+            getattr(linear, nuisance.field)[nuisance.index],
+            getattr(changed, nuisance.field)[nuisance.index],
+        )
+        out[i] = nuisance.change(before, after)
     return out
 
 
 def sensitivities(
-    linear: ModalModel, knobs: list[Knob], u: Array, rate_hz: float, start: Array, *, through_delay: bool = True
+    linear: ModalModel, nuisances: list[Nuisance], u: Array, rate_hz: float, start: Array, *, through_delay: bool = True
 ) -> Array:
-    """Return the change of the outputs per unit of each knob, shape (n, n_y, n_knobs), by central differences.
+    """Return the change of the outputs per unit of each nuisance, shape (n, n_y, n_nuisances), by central differences.
 
     `u` (n, n_u) are commands or, without `through_delay`, torques, `start` (m, 2) the states in which they find the
-    model. Only the knob's own mode is simulated, so that the cost is that of two modes per knob; a delay's column is
-    the whole model's answer to the slope of what passes it. Each column of each output is one stretch of memory: what
-    follows (filters, transforms) works along time.
+    model. Only the nuisance's own mode is simulated, so that the cost is that of two modes per nuisance; a delay's
+    column is the whole model's answer to the slope of what passes it. Each column of each output is one stretch of
+    memory: what follows (filters, transforms) works along time.
     """
     split = through_delay and finer_for_delays(linear, rate_hz) > 1
     whole = discretise(linear, rate_hz, split=split)
     # each input is played from one stretch of memory
     forces = np.asfortranarray(driven_by(whole, u).forces if through_delay else u)
 
-    def moved(knob: Knob, by: float) -> DiscreteModel:
-        return mode_alone(turned(linear, [knob], np.array([by])), knob.mode, rate_hz, split=split)
+    def moved(nuisance: Nuisance, by: float) -> DiscreteModel:
+        return mode_alone(turned(linear, [nuisance], np.array([by])), nuisance.mode, rate_hz, split=split)
 
-    series = np.zeros((len(knobs), linear.n_outputs, u.shape[0]))
-    for k, knob in enumerate(knobs):
-        if knob.field == "delay_s" and split:
-            back = min(_STEP, float(linear.delay_s[knob.index]) / knob.unit)  # no delay is shorter than none
+    series = np.zeros((len(nuisances), linear.n_outputs, u.shape[0]))
+    for k, nuisance in enumerate(nuisances):
+        if nuisance.field == "delay_s" and split:
+            back = min(_STEP, float(linear.delay_s[nuisance.index]) / nuisance.unit)  # no delay is shorter than none
             later, sooner = (
-                discretise(turned(linear, [knob], np.array([by])), rate_hz, split=True) for by in (_STEP, -back)
+                discretise(turned(linear, [nuisance], np.array([by])), rate_hz, split=True) for by in (_STEP, -back)
             )
             series[k] = (simulate(later, u) - simulate(sooner, u)).T / (_STEP + back)
-        elif knob.field == "delay_s":
-            (source,) = knob.index
+        elif nuisance.field == "delay_s":
+            (source,) = nuisance.index
             taps = delay_taps(float(whole.delay_samples[source]) if through_delay else 0.0)
-            late_by = rate_hz * knob.unit * weighted(u[:, source], taps.first, taps.slopes)
+            late_by = rate_hz * nuisance.unit * weighted(u[:, source], taps.first, taps.slopes)
             series[k] = response(whole, late_by, source).T
-        elif knob.mode < 0:
-            output, source = knob.index
+        elif nuisance.mode < 0:
+            output, source = nuisance.index
             # within a sample its first instant counts
             late = np.ceil(whole.delay_samples) if split else whole.delay_samples
             passed = delayed(u, late) if through_delay else u
-            series[k, output] = knob.unit * passed[:, source]
+            series[k, output] = nuisance.unit * passed[:, source]
         else:
-            change = contrast(moved(knob, _STEP), moved(knob, -_STEP), forces, start[knob.mode])
+            change = contrast(moved(nuisance, _STEP), moved(nuisance, -_STEP), forces, start[nuisance.mode])
             series[k] = change.T / (2.0 * _STEP)
     return series.T
 
@@ -232,28 +239,28 @@ def mode_alone(linear: ModalModel, m: int, rate_hz: float, *, split: bool) -> Di
     return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)
 
 
-def covariance_of(knobs: Sequence[Knob]) -> Array:
-    """Return the covariance (n, n) of the knobs' changes, each on its own scale."""
-    loading, mode = np.array([k.loading for k in knobs]), np.array([k.mode for k in knobs])
+def covariance_of(nuisances: Sequence[Nuisance]) -> Array:
+    """Return the covariance (n, n) of the nuisances' changes, each on its own scale."""
+    loading, mode = np.array([k.loading for k in nuisances]), np.array([k.mode for k in nuisances])
     together = np.outer(loading, loading) * (mode[:, None] == mode)
-    return np.asarray(np.diag(np.array([k.sd for k in knobs]) ** 2) + together)
+    return np.asarray(np.diag(np.array([k.sd for k in nuisances]) ** 2) + together)
 
 
-def spreads_of(knobs: Sequence[Knob]) -> Array:
-    """Return the standard deviation (n,) of each knob's change by itself."""
-    return np.sqrt(np.diag(covariance_of(knobs)))
+def spreads_of(nuisances: Sequence[Nuisance]) -> Array:
+    """Return the standard deviation (n,) of each nuisance's change by itself."""
+    return np.sqrt(np.diag(covariance_of(nuisances)))
 
 
-def root_of(knobs: Sequence[Knob]) -> Array:
-    """Return W (n, n) that makes unit white numbers of the knobs' changes: W'W is the inverse of their covariance."""
-    return np.asarray(scipy.linalg.solve_triangular(factor_of(knobs), np.eye(len(knobs)), lower=True))
+def root_of(nuisances: Sequence[Nuisance]) -> Array:
+    """Return W (n, n) that makes unit white numbers of the nuisances' changes: W'W inverts their covariance."""
+    return np.asarray(scipy.linalg.solve_triangular(factor_of(nuisances), np.eye(len(nuisances)), lower=True))
 
 
-def factor_of(knobs: Sequence[Knob]) -> Array:
+def factor_of(nuisances: Sequence[Nuisance]) -> Array:
     """Return the lower factor U (n, n) of the covariance U U'."""
-    return np.asarray(np.linalg.cholesky(covariance_of(knobs)))
+    return np.asarray(np.linalg.cholesky(covariance_of(nuisances)))
 
 
-def strain_of(knobs: Sequence[Knob], change: Array) -> float:
-    """Return how far a change (n,) of the knobs is off: the sum of its squares in units of what is plausible."""
-    return float(np.sum((root_of(knobs) @ change) ** 2))
+def mahalanobis2_of(nuisances: Sequence[Nuisance], change: Array) -> float:
+    """Return how far a change (n,) of the nuisances is off: the sum of its squares in units of what is plausible."""
+    return float(np.sum((root_of(nuisances) @ change) ** 2))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.records.checks import (
     MIN_ROWS,
     check_enough,
@@ -99,7 +99,7 @@ def load_runs(paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_
 
 def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     rate_hz = _common_rate(runs)
-    max_rows = min(max_rows, max(MAX_PRODUCTS // max(len(knobs_of(model.linear(), 1.0)), 1), MIN_ROWS))
+    max_rows = min(max_rows, max(MAX_PRODUCTS // max(len(nuisances_of(model.linear(), 1.0)), 1), MIN_ROWS))
     matches = [match_channels(run, model) for run in runs]
     stretches = [_stretches(run) for run in runs]
     total = sum(s.stop - s.start for per_run in stretches for s in per_run)

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.sentence import sentence
-from analysis.diagnosis.nominal.tuning import deviations, knobs_of, own_knobs_of
+from analysis.diagnosis.nominal.tuning import deviations, nuisances_of, own_nuisances_of
 from analysis.diagnosis.pipeline import Options, fitted_delays, fitted_to, searched_effects
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal
@@ -88,7 +88,7 @@ def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: 
     linear = retuned(model.linear(), known, places)
     table = [path.name]
     late = fitted_delays(model, table)
-    knobs = own_knobs_of(linear, late) if fitted_to(model, table) else knobs_of(linear, options.tolerance)
+    nuisances = own_nuisances_of(linear, late) if fitted_to(model, table) else nuisances_of(linear, options.tolerance)
     hold = model.sample_rate_hz if held else None
     rest = tuple(e for e in known if e.site is not Site.MODEL)
     setting = Setting(
@@ -96,7 +96,7 @@ def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: 
         Noise(np.ones((lines.n, 2)), np.inf, ""),
         linear,
         rest,
-        knobs,
+        nuisances,
         Predictor(places, lines.frequency_hz, hold),
     )
     return replace(setting, noise=noise_of(lines, setting.modelled(linear, ())))
@@ -147,7 +147,7 @@ def _answer(
         evidence["level"] = levels
     dependent = depends_on_level(levels)
     gain = None if dependent else gain_of(lines, setting.noise, both[0], both[1], path.name, seed)
-    causes, n = causes_of(best, judgement, model), len(setting.knobs)
+    causes, n = causes_of(best, judgement, model), len(setting.nuisances)
     std = np.sqrt(np.maximum(np.diag(setting.turn @ best.covariance[:n, :n] @ setting.turn.T), 0.0))
     said = sentence(judgement.verdict, causes, judgement.tied, gain, evidence)
     diagnosis = Diagnosis(
@@ -166,7 +166,7 @@ def _answer(
         after=(),
         considered=judgement.rivals,
         notes=notes,
-        linear_std=deviations(best.linear, setting.knobs, std),
+        linear_std=deviations(best.linear, setting.nuisances, std),
     )
     return diagnosis, drawn
 

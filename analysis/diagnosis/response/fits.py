@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.nominal.tuning import Knob, factor_of, reach_of, turned
+from analysis.diagnosis.nominal.tuning import Nuisance, bounds_of, factor_of, turned
 from analysis.diagnosis.response.lines import Lines, Noise
 from analysis.diagnosis.response.predicted import Predictor
 from sim_backend.effects.base import Effect
@@ -39,28 +39,28 @@ _COARSE = 0.05
 
 @dataclass(frozen=True)
 class Setting:
-    """What all hypotheses share: the lines that are fitted, their noise, the model, its own effects and its knobs."""
+    """What all hypotheses share: the lines that are fitted, their noise, the model, its effects and nuisances."""
 
     lines: Lines
     noise: Noise
     linear: ModalModel
     known: tuple[Effect, ...]
-    knobs: list[Knob]
+    nuisances: list[Nuisance]
     predictor: Predictor
 
     @cached_property
     def turn(self) -> Array:
-        """Factor (n_knobs, n_knobs) that makes changes of the knobs of unit normal numbers."""
-        return factor_of(self.knobs) if self.knobs else np.zeros((0, 0))
+        """Factor (n_nuisances, n_nuisances) that makes changes of the nuisances of unit normal numbers."""
+        return factor_of(self.nuisances) if self.nuisances else np.zeros((0, 0))
 
     @cached_property
     def _whitening(self) -> tuple[ComplexArray, Array]:
         return np.exp(-1j * np.angle(self.lines.response)), 1.0 / self.noise.sigma
 
     def tuned(self, white: Array) -> ModalModel:
-        """Return the linear model with its knobs at `white` (n_knobs,), in units of the prior."""
-        low, high = reach_of(self.knobs) if self.knobs else (np.zeros(0), np.zeros(0))
-        return turned(self.linear, self.knobs, np.clip(self.turn @ white, low, high))
+        """Return the linear model with its nuisances at `white` (n_nuisances,), in units of the prior."""
+        low, high = bounds_of(self.nuisances) if self.nuisances else (np.zeros(0), np.zeros(0))
+        return turned(self.linear, self.nuisances, np.clip(self.turn @ white, low, high))
 
     def modelled(self, linear: ModalModel, effects: Sequence[Effect]) -> ComplexArray:
         """Return the response of every line (n,)."""
@@ -95,10 +95,10 @@ class Setting:
 
 @dataclass(frozen=True)
 class Fit:
-    """One fitted hypothesis: knobs `white` (n_knobs,) and effects, with the evidence as a natural logarithm.
+    """One fitted hypothesis: nuisances `white` (n_nuisances,) and effects, with the evidence as a natural logarithm.
 
     `chi2` is the sum of squares in noises; `names`, `values` and `std` are those of the effects' parameters, by number
-    of the effect; `covariance` is that of the knobs and the parameters on their scales.
+    of the effect; `covariance` is that of the nuisances and the parameters on their scales.
     """
 
     candidates: tuple[Candidate, ...]
@@ -129,23 +129,23 @@ def fit(
 ) -> Fit | None:
     """Return the hypothesis of `candidates`, `sizes` their first sizes in natural units; None where none can be.
 
-    `white` (n_knobs,) is where the knobs begin, by default at the nominal model.
+    `white` (n_nuisances,) is where the nuisances begin, by default at the nominal model.
     """
     scales, start = parameters_of(candidates, np.zeros(0) if sizes is None else sizes)
-    n_knobs, n = len(setting.knobs), 2 * setting.lines.n
-    mean = np.concatenate([np.zeros(n_knobs), [s.mean for s in scales]])
-    sd = np.concatenate([np.ones(n_knobs), [s.sd for s in scales]])
-    low = np.concatenate([np.full(n_knobs, -np.inf), [s.bound(s.low) for s in scales]])
-    high = np.concatenate([np.full(n_knobs, np.inf), [s.bound(s.high) for s in scales]])
-    widest = np.concatenate([np.full(n_knobs, 5.0), [s.step() for s in scales]])
+    n_nuisances, n = len(setting.nuisances), 2 * setting.lines.n
+    mean = np.concatenate([np.zeros(n_nuisances), [s.mean for s in scales]])
+    sd = np.concatenate([np.ones(n_nuisances), [s.sd for s in scales]])
+    low = np.concatenate([np.full(n_nuisances, -np.inf), [s.bound(s.low) for s in scales]])
+    high = np.concatenate([np.full(n_nuisances, np.inf), [s.bound(s.high) for s in scales]])
+    widest = np.concatenate([np.full(n_nuisances, 5.0), [s.step() for s in scales]])
 
     def modelled(x: Array) -> ComplexArray:
-        return setting.modelled(setting.tuned(x[:n_knobs]), _made(candidates, scales, x[n_knobs:]))
+        return setting.modelled(setting.tuned(x[:n_nuisances]), _made(candidates, scales, x[n_nuisances:]))
 
     def left(x: Array) -> Array:
         return setting.whitened(modelled(x))
 
-    x = np.clip(np.concatenate([np.zeros(n_knobs) if white is None else white, start]), low, high)
+    x = np.clip(np.concatenate([np.zeros(n_nuisances) if white is None else white, start]), low, high)
     try:
         left(x)
     except ConfigError:
@@ -155,7 +155,7 @@ def fit(
         return np.concatenate([setting.apart(modelled(x)), (x - mean) / sd])
 
     x, _ = descend(coarse, x, low, high, widest)
-    level2 = 1.0  # from noise that is too low: where the data are held for little, the prior keeps the knobs
+    level2 = 1.0  # from noise that is too low: where the data are held for little, the prior keeps the nuisances
     for _ in range(_ROUNDS):
 
         def whole(x: Array, scale: float = level2**-0.5) -> Array:
@@ -166,13 +166,13 @@ def fit(
         before, level2 = level2, _level2(float(data @ data), n, setting.noise.dof)
         if abs(level2 - before) <= _AGREED * before:
             break
-    effects = _made(candidates, scales, x[n_knobs:])
+    effects = _made(candidates, scales, x[n_nuisances:])
     prior = float(np.sum(((x - mean) / sd) ** 2)) + 2.0 * float(np.sum(np.log(sd)))
-    return _fit_at(setting, candidates, effects, scales, x[:n_knobs], jacobian, float(data @ data), prior)
+    return _fit_at(setting, candidates, effects, scales, x[:n_nuisances], jacobian, float(data @ data), prior)
 
 
 def fit_nominal(setting: Setting, white: Array | None = None) -> Fit:
-    """Return the nominal model tuned, its knobs begun at `white` (n_knobs,)."""
+    """Return the nominal model tuned, its nuisances begun at `white` (n_nuisances,)."""
     found = fit(setting, white=white)
     assert found is not None  # without effects there is nothing that a model cannot hold
     return found

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.response.fits import Setting, fit_nominal
 from analysis.diagnosis.response.lines import Lines, noise_of
 from analysis.diagnosis.result import Domain
@@ -105,8 +105,8 @@ class _Described:
 
 def _of_level(setting: Setting, lines: Lines, o: int, i: int) -> _Described:
     linear = setting.linear
-    knobs = knobs_of(linear, _FREE)
-    alone = replace(setting, lines=lines, knobs=knobs)
+    nuisances = nuisances_of(linear, _FREE)
+    alone = replace(setting, lines=lines, nuisances=nuisances)
     alone = replace(alone, noise=noise_of(lines, alone.modelled(linear, ())))
     found = fit_nominal(alone)
     m = dominant_block(linear, i, o)

@@ -19,7 +19,7 @@ from analysis.diagnosis.response.predicted import changes_the_response
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.rounds import Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
-from analysis.diagnosis.verdict.judging import Judgement, names_of, stand_in, tie_of
+from analysis.diagnosis.verdict.judging import Judgement, confounder_in, names_of, tie_of
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
@@ -67,7 +67,7 @@ def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, progr
         if better.evidence - best.evidence < price:
             break
         best = better
-        # an effect that only led the knobs to where they belong is none
+        # an effect that only led the nuisances to where they belong is none
         again = fit_nominal(setting, best.white)
         if again.evidence > tuned.evidence:
             tuned, fits = again, [again, *fits]
@@ -128,7 +128,7 @@ def _footing(setting: Setting, base: Fit) -> _Footing:
 
     bounds = np.full(base.white.size, np.inf)
     moved = slopes(of, base.white, left, -bounds, bounds)
-    # the prior of a knob is one more row
+    # the prior of a nuisance is one more row
     whole = np.concatenate([moved, np.eye(base.white.size)])
     basis, _ = np.linalg.qr(whole) if base.white.size else (np.zeros((left.size, 0)), None)
     return _Footing(np.concatenate([left, base.white]), basis, response)
@@ -269,7 +269,7 @@ def _objection(setting: Setting, found: Found) -> str:
             f"the best linear model{_names(best)} needs nominal numbers that are off by "
             f"{np.sqrt(strain / count):.2g} times their tolerance (rms of {count})"
         )
-    return stand_in(best)
+    return confounder_in(best)
 
 
 def _names(best: Fit) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.rounds import Found
 
 EXPLAINED = 0.997
@@ -33,7 +33,7 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
 def standing_out(found: Found) -> tuple[float, float, Candidate] | None:
     """Return what stands out beside the best model and takes most: the drop of squares, its evidence, the candidate."""
     last = found.last
-    fresh = np.flatnonzero((last.freshness > IMITATED) & (last.gains > last.threshold))
+    fresh = np.flatnonzero((last.tolerance > COLLINEAR) & (last.gains > last.threshold))
     if not fresh.size:
         return None
     i = int(fresh[np.argmax(last.drops[fresh])])

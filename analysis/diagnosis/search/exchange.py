@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.diagnosis.candidates.signature import Scales
-from analysis.diagnosis.fitting.balance import again, lined_up, score
+from analysis.diagnosis.fitting.balance import again, iterated_gls, score
 from analysis.diagnosis.search.pruning import alone
 from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import SURE_LEAD, Rules
@@ -52,5 +52,5 @@ def _better(one: Found, other: Found) -> Found:
     known = one.setting.whitener.repeats
     best, rest = (one, other) if score(one.best, known) <= score(other.best, known) else (other, one)
     setting = best.setting
-    rival = again(setting, rest.best) if known else lined_up(setting, rest.best)[1]
+    rival = again(setting, rest.best) if known else iterated_gls(setting, rest.best)[1]
     return replace(best, rivals=(*best.rivals, rival))

@@ -13,27 +13,28 @@ from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.problem import Problem, halved
 from analysis.diagnosis.fitting.refit import part_to_take, refit, taken_over
-from analysis.diagnosis.nominal.tuning import reach_of, spreads_of
+from analysis.diagnosis.nominal.tuning import bounds_of, spreads_of
 from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
 
 Array = NDArray[np.float64]
 
 _TRUSTED = 3.0
-"""Refits start with knobs within this many standard deviations of the nominal model."""
+"""Refits start with nuisances within this many standard deviations of the nominal model."""
 
 
-def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, knobs: Array) -> Fit:
-    """Return `fit` with one more effect, refitted from its screened `sizes` and the `knobs`' change beside it."""
+def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, nuisances: Array) -> Fit:
+    """Return `fit` with one more effect, refitted from its screened `sizes` and the `nuisances`' change beside it."""
     before, held = fit.held()
-    sd = spreads_of(setting.knobs)
-    # knobs that stand in for a missing effect have wandered off; once it is there they belong near the nominal model
-    least, most = reach_of(setting.knobs)
+    sd = spreads_of(setting.nuisances)
+    # nuisances that stand in for a missing effect have wandered off; once it is there they belong near the nominal
+    # model
+    least, most = bounds_of(setting.nuisances)
     trusted = np.maximum(-_TRUSTED * sd, least), np.minimum(_TRUSTED * sd, most)
-    start = np.clip(fit.change + knobs[: fit.change.size], *trusted)
+    start = np.clip(fit.change + nuisances[: fit.change.size], *trusted)
     if candidate.effect.site is Site.MODEL:
-        # the effect takes over what the knobs did in its place, at any size; one that cannot be (a delay below zero)
-        # is left to the fit
+        # the effect takes over what the nuisances did in its place, at any size; one that cannot be (a delay below
+        # zero) is left to the fit
         with suppress(ConfigError):
             sizes = sizes * part_to_take(setting, fit, candidate, sizes)
             start = np.clip(taken_over(setting, fit, candidate, sizes)[0], least, most)
@@ -49,11 +50,11 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, kno
 def _nearer(
     setting: Setting, fit: Fit, candidates: Sequence[Candidate], start: Array, held: Array, sizes: Array
 ) -> Array | None:
-    """Return knobs and the new effect's sizes, halved from `fit` on until better than it; None where they are at once.
+    """Return nuisances and the new effect's sizes, halved until better than `fit`; None where they are at once.
 
-    Screening is right to first order only. Where knobs are known poorly it asks for changes at which nothing is right
-    that it went by. A start that is far off by itself need not be: where a size and knobs multiply, a first step mends
-    what is known well, and leaves what is not where screening has put it.
+    Screening is right to first order only. Where nuisances are known poorly it asks for changes at which nothing is
+    right that it went by. A start that is far off by itself need not be: where a size and nuisances multiply, a first
+    step mends what is known well, and leaves what is not where screening has put it.
     """
     without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
 

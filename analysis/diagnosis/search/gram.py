@@ -1,7 +1,7 @@
 """Screening in the space of inner products: one pass over the data, then every hypothesis costs microseconds.
 
-All columns (residual, knobs, candidates) are whitened, the unknown start of each record is projected out, and their
-inner products are collected. The likelihood ratio of any set of candidates is then a small linear solve, the knobs
+All columns (residual, nuisances, candidates) are whitened, the unknown start of each record is projected out, and their
+inner products are collected. The likelihood ratio of any set of candidates is then a small linear solve, the nuisances
 being re-tuned jointly under their prior every time.
 """
 
@@ -19,8 +19,8 @@ from sim_backend.effects.view import LEAST_PART
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-IMITATED = 1e-4
-"""A candidate of which less than this part is left beside the knobs (of its energy) is one that they imitate."""
+COLLINEAR = 1e-4
+"""A candidate of which less than this part is left beside the nuisances (of its energy) is one that they imitate."""
 
 _ROUNDING = 1e-14
 """Relative rounding of an inner product after projection: some tens of operations on numbers of 1e-16."""
@@ -28,15 +28,15 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True)
 class Gram:
-    """Inner products of whitened columns: residual first, then `n_knobs` knobs, then the candidates' columns.
+    """Inner products of whitened columns: residual first, then `n_nuisances` nuisances, then the candidates' columns.
 
-    `products` (1 + n_knobs + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells
-    which can only be positive; `rows` counts the samples. Of candidates that are `whole` a small part is nothing of
-    the kind. `by_output` (n_y, 1 + n_knobs + n_columns) is how the squares of the columns share out over the outputs.
+    `products` (1 + n_nuisances + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells which can only
+    be positive; `rows` counts the samples. Of candidates that are `whole` a small part is nothing of the kind.
+    `by_output` (n_y, 1 + n_nuisances + n_columns) is how the squares of the columns share out over the outputs.
     """
 
     products: Array
-    n_knobs: int
+    n_nuisances: int
     groups: tuple[Ints, ...]
     one_sided: tuple[bool, ...]
     rows: int
@@ -62,9 +62,9 @@ class Gram:
         energy = np.sum(self.by_output[:, self.groups[group]], axis=1) if self.by_output.size else np.zeros(0)
         return np.asarray(energy / max(float(np.sum(energy)), 1e-300))
 
-    def knob_columns(self) -> Ints:
-        """Return the column numbers of the knobs."""
-        return np.arange(1, 1 + self.n_knobs)
+    def nuisance_columns(self) -> Ints:
+        """Return the column numbers of the nuisances."""
+        return np.arange(1, 1 + self.n_nuisances)
 
     def ratios(self, drops: Array, remaining: float) -> Array:
         """Return twice the log-likelihood ratios of what lowers the sum of squares `remaining` by `drops` (n,).
@@ -113,7 +113,7 @@ class Gram:
     def fresh(self, reduced: Array, columns: Ints, least: float) -> tuple[float, int]:
         """Return by how much what of `columns` is fresh lowers the sum of squares, and in how many directions.
 
-        Fresh are the directions of which more than `least` of the energy is left after projection. What the knobs
+        Fresh are the directions of which more than `least` of the energy is left after projection. What the nuisances
         imitate better gains by the difference between a column and its imitation: by noise in the motion it was made
         from, and by the error of a derivative.
         """
@@ -137,24 +137,24 @@ class Gram:
         left = np.diag(reduced)[columns] / np.diag(self.products)[columns]
         return np.asarray(np.diag(1e-9 + _ROUNDING / left))
 
-    def knobs_beside(self, together: Sequence[int], sizes: Array) -> Array:
-        """Return the change (n_knobs,) that goes with these candidates at `sizes`: with them there, what knobs do."""
-        knobs, columns = self.knob_columns(), np.concatenate([self.groups[i] for i in together])
+    def nuisances_beside(self, together: Sequence[int], sizes: Array) -> Array:
+        """Return the change (n_nuisances,) of the nuisances that goes with these candidates at `sizes`."""
+        nuisances, columns = self.nuisance_columns(), np.concatenate([self.groups[i] for i in together])
         g = self.products
-        inner = g[np.ix_(knobs, knobs)]
+        inner = g[np.ix_(nuisances, nuisances)]
         scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
-        wanted = g[knobs, 0] - g[np.ix_(knobs, columns)] @ sizes
+        wanted = g[nuisances, 0] - g[np.ix_(nuisances, columns)] @ sizes
         return np.asarray(np.linalg.lstsq(inner / np.outer(scale, scale), wanted / scale, rcond=1e-14)[0] / scale)
 
-    def freshness(self, reduced: Array) -> Array:
-        """Return, per candidate, how much of its strongest column the knobs cannot imitate (0 to 1)."""
+    def tolerance(self, reduced: Array) -> Array:
+        """Return, per candidate, how much of its strongest column the nuisances cannot imitate (0 to 1)."""
         before, left = np.diag(self.products), np.diag(reduced)
         return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
 
     def seen(self, reduced: Array, group: int, ratio: float) -> Array:
         """Return the sizes (n_columns of the group,) that give this `ratio` in half of all cases, each by itself.
 
-        In units of the columns, the knobs re-tuned beside each; infinite for one of which nothing is left.
+        In units of the columns, the nuisances re-tuned beside each; infinite for one of which nothing is left.
         """
         columns, remaining = self.groups[group], float(reduced[0, 0])
         drop = ratio if self.known_noise else -remaining * np.expm1(-ratio / self.rows)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from analysis.diagnosis.fitting.balance import again, guessed_squares, score, settle, sharpened
+from analysis.diagnosis.fitting.balance import again, guessed_squares, reestimated, score, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
 from sim_backend.effects.base import Site
@@ -102,7 +102,7 @@ def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
     """Return what is left after pruning as exact as what is found, and the setting with the noise beside it."""
     if not best.candidates:  # the noise was that beside a cause
-        setting = settle(setting, best)
+        setting = reestimated(setting, best)
         best = again(setting, best)
     return setting, sharpened(setting, best)
 
@@ -110,8 +110,8 @@ def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
 def alone(setting: Setting, best: Fit, nominal: Fit, keep: Sequence[int]) -> Fit:
     """Return `best` refitted with those effects only that are numbered in `keep`.
 
-    The knobs are where the others put them, and may find no way back from there: whatever is worse than the `nominal`
-    model, which it could be, begins there once more.
+    The nuisances are where the others put them, and may find no way back from there: whatever is worse than the
+    `nominal` model, which it could be, begins there once more.
     """
     fit = again(setting, best, keep=keep)
     if fit.objective < nominal.objective + _LOST:

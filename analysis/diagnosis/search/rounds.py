@@ -14,15 +14,15 @@ from analysis.diagnosis.fitting.balance import (
     again,
     guessed_squares,
     in_noise,
-    lined_up,
+    iterated_gls,
+    reestimated,
     score,
-    settle,
     sharpened,
     squares_of,
 )
+from analysis.diagnosis.fitting.discrepancy import Discrepancy, beyond_form, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
-from analysis.diagnosis.fitting.leeway import Leeway, beyond_form, explained_by, leeway_of
-from analysis.diagnosis.nominal.tuning import strain_of
+from analysis.diagnosis.nominal.tuning import mahalanobis2_of
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.pruning import lead_of, needed, pruned
 from analysis.diagnosis.search.rubbing import rubbing
@@ -66,10 +66,10 @@ not yet right, the swing from rest differs between periods as noise does. It is 
 class Found:
     """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
 
-    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves, `leeway` the
-    part of it that may be wrong because nature's form of the effects is another. `passed` says of each single effect
-    that was fitted first, by what and where, by which logarithm of the evidence it trailed the best of them,
-    `strangers` by how much the best leads that of a force at a place which is no listed cause.
+    `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves,
+    `discrepancy` the part of it that may be wrong because nature's form of the effects is another. `passed` says of
+    each single effect that was fitted first, by what and where, by which logarithm of the evidence it trailed the best
+    of them, `strangers` by how much the best leads that of a force at a place which is no listed cause.
     """
 
     setting: Setting
@@ -79,7 +79,7 @@ class Found:
     first: Screen
     last: Screen
     explained: float
-    leeway: Leeway
+    discrepancy: Discrepancy
     passed: dict[tuple[str, str], float] = field(default_factory=dict)
     strangers: tuple[tuple[str, float], ...] = ()
 
@@ -112,7 +112,7 @@ def search(
     first = last
     passed: dict[tuple[str, str], float] = {}
     for depth in range(rounds):
-        least = leeway_of(setting, tuned, best)
+        least = discrepancy_of(setting, tuned, best)
         # most searches end early: each further effect gets half of what is left of the time to be told
         share = 0.5 ** (depth + 1)
         allowed = rules.beside([c.effect for c in best.candidates])
@@ -127,7 +127,7 @@ def search(
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
             if upheld and not best.candidates:  # causes are compared where they stand out
-                first = screen(settle(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
+                first = screen(reestimated(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
         if _top(ahead) <= last.price:
             rivals += [f for _, f in ahead]
@@ -147,8 +147,8 @@ def search(
         setting, best = needed(setting, best)
         last = screen(setting, best, rules, scales)
     explained = explained_by(setting, tuned, best)
-    leeway = leeway_of(setting, tuned, best)
-    return Found(setting, tuned, best, tuple([*rivals, *smaller]), first, last, explained, leeway, passed)
+    discrepancy = discrepancy_of(setting, tuned, best)
+    return Found(setting, tuned, best, tuple([*rivals, *smaller]), first, last, explained, discrepancy, passed)
 
 
 def _beneath(
@@ -170,7 +170,7 @@ def _against_white_noise(
     A coloured noise takes what is slow for its own, a force that stays or turns with the motion among it. What gained
     nothing beside that noise may gain here.
     """
-    plain = settle(setting, stage.best, order=0)
+    plain = reestimated(setting, stage.best, order=0)
     found = screen(plain, stage.best, rules, scales)
     before = score(stage.best, False)
     seen = _keys([f for f in trials if score(f, False) + found.price < before])
@@ -180,10 +180,10 @@ def _against_white_noise(
 
 
 def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
-    """Return the best of several starts of one effect, each brought into line; what trails the others is given up."""
+    """Return the best of several starts of one effect, each with its noise re-estimated; what trails is given up."""
     found: list[Fit] = []
     for fit in starts:
-        found.append(lined_up(setting, fit, rival)[1])
+        found.append(iterated_gls(setting, fit, rival)[1])
         rival = min(rival, score(found[-1], False))
     return min(found, key=lambda fit: score(fit, False))
 
@@ -245,7 +245,7 @@ def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> li
     """
     upheld = []
     for trial in trials:
-        own = settle(flat, trial)
+        own = reestimated(flat, trial)
         refitted, other = again(own, trial), again(own, best)
         if lead_of(own, refitted, other) > price:
             upheld.append(refitted)
@@ -268,7 +268,7 @@ class _Stage:
     """One more of the `allowed` effects beside those of `best`, and where in the whole search that is."""
 
     best: Fit
-    least: Leeway
+    least: Discrepancy
     allowed: Collection[type[Effect]]
     done: float
     share: float
@@ -297,7 +297,7 @@ class _Stage:
 
         def trial(k: int) -> Fit:
             candidate = found.candidates[picks[k]]
-            return extended(setting, self.best, candidate, found.sizes[picks[k]], found.knobs[picks[k]])
+            return extended(setting, self.best, candidate, found.sizes[picks[k]], found.nuisances[picks[k]])
 
         fits: list[Fit] = []
         with ThreadPoolExecutor(setting.workers) as pool:
@@ -313,10 +313,12 @@ class _Stage:
     def _telling(self, setting: Setting, found: Screen, i: int) -> bool:
         """Tell whether a candidate explains more than the form of other effects may be wrong by.
 
-        Or spares the knobs most of it: they are known too well for a wrong form to move them so far.
+        Or spares the nuisances most of it: they are known too well for a wrong form to move them so far.
         """
         now = self.best.change
-        spared = strain_of(setting.knobs, now) - strain_of(setting.knobs, now + found.knobs[i][: now.size])
+        spared = mahalanobis2_of(setting.nuisances, now) - mahalanobis2_of(
+            setting.nuisances, now + found.nuisances[i][: now.size]
+        )
         return bool(found.drops[i] >= self.least.of(found.shares[i]) or 2.0 * spared >= found.drops[i])
 
 
@@ -331,7 +333,7 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
     """
     setting = replace(setting, substeps=steps_for(setting, trials))
-    setting, trials, before = _brought_into_line(setting, trials, before)
+    setting, trials, before = _iterated_gls(setting, trials, before)
     best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
@@ -339,29 +341,31 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     return _settled(replace(setting, substeps=finer), trials, before)
 
 
-def _brought_into_line(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them under the noise that they are compared in, and the best one's setting.
 
     Where periods repeat, all are compared under one noise, that of the best. Without repetition the noise is what a fit
-    itself leaves, so each is brought into line with its own.
+    itself leaves, so each is iterated with its own.
     """
     if setting.whitener.repeats:
         for _ in range(_QUIETER):
-            setting = settle(setting, min(trials, key=lambda f: score(f, True)))
+            setting = reestimated(setting, min(trials, key=lambda f: score(f, True)))
             trials = [again(setting, f) for f in trials]
             best = min(trials, key=lambda f: score(f, True))
             if best.misfit > _OVERRATED * best.rows:
                 break
         return setting, trials, again(setting, before)
-    own = [lined_up(setting, trials[0])]
-    own += [lined_up(setting, f, score(own[0][1], False)) for f in trials[1:]]
+    own = [iterated_gls(setting, trials[0])]
+    own += [iterated_gls(setting, f, score(own[0][1], False)) for f in trials[1:]]
     own.sort(key=lambda pair: score(pair[1], False))
-    own[0] = lined_up(*own[0])  # where noise and fit come to rest slowly, the rounds that decide are too few to answer
+    own[0] = iterated_gls(
+        *own[0]
+    )  # where noise and fit come to rest slowly, the rounds that decide are too few to answer
     if _colour(*own[0]) > _DRIFTING:
         # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
         # White noise cannot, so the best is tried from there as well
-        plain = settle(setting, own[0][1], order=0)
-        other = lined_up(plain, again(plain, own[0][1], steps=_LONG))
+        plain = reestimated(setting, own[0][1], order=0)
+        other = iterated_gls(plain, again(plain, own[0][1], steps=_LONG))
         if score(other[1], False) < score(own[0][1], False):
             own[0] = other
     return own[0][0], [fit for _, fit in own], before

@@ -37,8 +37,9 @@ def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[list[Fit]]:
     """Return `fit` with a friction of the size that the balance of torques tells, several fits for each of its forms.
 
     None where the balance tells of none, at an axis that has its friction, and where the readings are not those of one
-    drive each. The knobs begin at the nominal model: what stands in for a friction has moved them. The records begin as
-    they are measured: a fit without the friction finds another rate there, which a friction would brake at once.
+    drive each. The nuisances begin at the nominal model: what stands in for a friction has moved them. The records
+    begin as they are measured: a fit without the friction finds another rate there, which a friction would brake at
+    once.
     """
     rubs = {c.where for c in fit.candidates if c.effect.reported() == CoulombFriction.name}
     if rubs >= set(setting.places.inputs):

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate, Motion, signature
 from analysis.diagnosis.fitting.starts import Start
 from analysis.diagnosis.noise.whitener import TOGETHER, Whitener, runs_of
-from analysis.diagnosis.nominal.tuning import Knob, root_of
+from analysis.diagnosis.nominal.tuning import Nuisance, root_of
 from analysis.diagnosis.records.dataset import Dataset, Record
-from analysis.diagnosis.search.gram import IMITATED, Gram, beside_start
+from analysis.diagnosis.search.gram import COLLINEAR, Gram, beside_start
 from sim_backend.assembly import Places
 from sim_backend.linear import ModalModel
 
@@ -28,17 +28,17 @@ Noise = tuple[Whitener, tuple[Start, ...]]
 
 @dataclass(frozen=True)
 class Footing:
-    """What screening starts from: the data, the re-tuned linear model, its knobs and their present change.
+    """What screening starts from: the data, the re-tuned linear model, its nuisances and their present change.
 
-    `exact` (one (n, n_y, k) per record) holds the sensitivities to the knobs and then to the parameters of effects
-    that are already in the model; `plain` those to the knobs of the linear model by itself, nothing where that is all
-    there is. `states` (m, 2) per record are those in which they start.
+    `exact` (one (n, n_y, k) per record) holds the sensitivities to the nuisances and then to the parameters of effects
+    that are already in the model; `plain` those to the nuisances of the linear model by itself, nothing where that is
+    all there is. `states` (m, 2) per record are those in which they start.
     """
 
     data: Dataset
     linear: ModalModel
     places: Places
-    knobs: list[Knob]
+    nuisances: list[Nuisance]
     change: Array
     starts: tuple[Start, ...]
     exact: tuple[Array, ...]
@@ -55,7 +55,7 @@ def gram_of(
     workers: int = 2,
     others: Sequence[Noise] = (),
 ) -> list[Gram]:
-    """Return the inner products of residual, knobs and all candidates over the rows that may be fitted.
+    """Return the inner products of residual, nuisances and all candidates over the rows that may be fitted.
 
     The first are those under the noise of `whitener`, then come those under `others`.
     """
@@ -82,7 +82,7 @@ def gathered(
     others: Sequence[Noise] = (),
     workers: int = 2,
 ) -> list[Gram]:
-    """Return the inner products of residual, knobs and `columns` over the rows that may be fitted.
+    """Return the inner products of residual, nuisances and `columns` over the rows that may be fitted.
 
     `columns` gives those of a record by its number, one (n, n_y, k) for each group; `one_sided` tells which groups can
     only be positive. Records and outputs are taken one after another, so that memory holds one record's columns only.
@@ -106,8 +106,8 @@ def gathered(
     ends = 1 + n_before + np.cumsum(widths, dtype=np.int64)
     groups = tuple(np.arange(end - width, end) for end, width in zip(ends, widths, strict=True))
     if footing.plain:
-        totals = [_carried(total, n_before, len(footing.knobs)) for total in totals]
-        by_output = np.delete(by_output, 1 + n_before + np.arange(len(footing.knobs)), axis=1)
+        totals = [_carried(total, n_before, len(footing.nuisances)) for total in totals]
+        by_output = np.delete(by_output, 1 + n_before + np.arange(len(footing.nuisances)), axis=1)
     return [
         Gram(_held(total, footing), n_before, groups, one_sided, rows, whitener.repeats, by_output=by_output)
         for total in totals
@@ -115,9 +115,9 @@ def gathered(
 
 
 def _held(products: Array, footing: Footing) -> Array:
-    """Return products with the prior of the knobs' changes from the nominal model, as so many rows more."""
-    out, at = products.copy(), np.arange(1, 1 + len(footing.knobs))
-    root = root_of(footing.knobs)
+    """Return products with the prior of the nuisances' changes from the nominal model, as so many rows more."""
+    out, at = products.copy(), np.arange(1, 1 + len(footing.nuisances))
+    root = root_of(footing.nuisances)
     change = root @ footing.change
     out[np.ix_(at, at)] += root.T @ root
     out[0, at] -= root.T @ change
@@ -126,20 +126,20 @@ def _held(products: Array, footing: Footing) -> Array:
     return out
 
 
-def _carried(products: Array, n_exact: int, n_knobs: int) -> Array:
-    """Return products without the linear model's own sensitivities, by which columns that knobs imitate are put right.
+def _carried(products: Array, n_exact: int, n_nuisances: int) -> Array:
+    """Return products without the linear model's sensitivities, by which columns that nuisances imitate are mended.
 
-    A column is the linear model's response to a change. Where the model holds more, the knobs' exact columns are
+    A column is the linear model's response to a change. Where the model holds more, the nuisances' exact columns are
     another matter, and a change that is theirs (a stiffness, a gain) would stand out by what the two differ by, or be
     drowned in it. Such a column takes the exact ones' place in the same proportions.
     """
-    exact = np.arange(1, 1 + n_knobs)
-    plain = 1 + n_exact + np.arange(n_knobs)
+    exact = np.arange(1, 1 + n_nuisances)
+    plain = 1 + n_exact + np.arange(n_nuisances)
     kept = np.delete(np.arange(products.shape[0]), plain)
     own = kept[kept > n_exact]
     shares, left = _imitated(products, plain, own)
     # a reading's error runs along the motion as it is, and is the exact columns' already
-    moved = (left < IMITATED * np.diag(products)[own]) & (left < _imitated(products, exact, own)[1])
+    moved = (left < COLLINEAR * np.diag(products)[own]) & (left < _imitated(products, exact, own)[1])
     at, parts = own[moved], shares[:, moved]
     change = (products[:, exact] - products[:, plain]) @ parts
     out = products.copy()

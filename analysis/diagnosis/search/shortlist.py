@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates, measured_motion
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.fitting.refit import exact_sensitivities, plain_sensitivities
-from analysis.diagnosis.search.gram import IMITATED, Gram
+from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.matched import wanted_inputs
 from analysis.diagnosis.search.screening import Footing, Noise, gram_of
 from sim_backend.effects.base import Effect
@@ -37,7 +37,7 @@ _RARE = 0.01
 
 _SHORTLIST = 5
 _ALIKE = 3
-"""So many of those that the knobs imitate are refitted at most."""
+"""So many of those that the nuisances imitate are refitted at most."""
 
 _NEAR = 0.3
 """Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
@@ -83,19 +83,19 @@ class Rules:
 
 @dataclass(frozen=True)
 class Screen:
-    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, freshness, and their thresholds.
+    """One screening: candidates with evidence (twice log-likelihood ratio), sizes, tolerance, and their thresholds.
 
-    `drops` are by how much each lowers the sum of squares, `knobs` the changes of the knobs that go with it, `shares`
-    (n_y,) how its energy is shared out over the readings, `seen` the sizes in units of the candidates' columns, each by
-    itself, from which on noise hides them in less than half of all cases.
+    `drops` are by how much each lowers the sum of squares, `nuisances` the changes of the nuisances that go with it,
+    `shares` (n_y,) how its energy is shared out over the readings, `seen` the sizes in units of the candidates'
+    columns, each by itself, from which on noise hides them in less than half of all cases.
     """
 
     candidates: tuple[Candidate, ...]
     gains: Array
     drops: Array
     sizes: tuple[Array, ...]
-    knobs: tuple[Array, ...]
-    freshness: Array
+    nuisances: tuple[Array, ...]
+    tolerance: Array
     threshold: Array
     shares: tuple[Array, ...] = ()
     seen: tuple[Array, ...] = ()
@@ -159,16 +159,16 @@ def beside(setting: Setting, fit: Fit) -> tuple[Footing, list[Motion]]:
     ]
     exact = exact_sensitivities(setting, fit)
     plain = plain_sensitivities(setting, linear) if fit.effects or setting.known else ()
-    data, places, knobs = setting.data, setting.places, setting.knobs
-    return Footing(data, linear, places, knobs, fit.change, setting.starts, exact, plain, setting.states), motions
+    data, places, nuisances = setting.data, setting.places, setting.nuisances
+    return Footing(data, linear, places, nuisances, fit.change, setting.starts, exact, plain, setting.states), motions
 
 
 def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules | None) -> Screen:
-    """Return how strongly each candidate stands out, knobs re-tuned beside it, and the thresholds of chance.
+    """Return how strongly each candidate stands out, nuisances re-tuned beside it, and the thresholds of chance.
 
     Without `rules` there are none: the thresholds are infinite.
     """
-    reduced = gram.without(gram.knob_columns())
+    reduced = gram.without(gram.nuisance_columns())
     solved = [gram.solve(reduced, [i]) for i in range(len(candidates))]
     # the largest of M chance findings is larger by 2 log M than one of them
     chosen = np.array([2.0 * math.log(max(c.choices, 1)) for c in candidates])
@@ -179,11 +179,11 @@ def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules | None
         ratios = gram.null_ratios(reduced, np.random.default_rng(rules.seed), 2000)
         threshold = thresholds([c.key for c in candidates], ratios, rules.false_alarm)
     sizes = tuple(s for _, s in solved)
-    knobs = tuple(gram.knobs_beside([i], s) for i, s in enumerate(sizes))
+    nuisances = tuple(gram.nuisances_beside([i], s) for i, s in enumerate(sizes))
     shares = tuple(gram.shares(i) for i in range(len(candidates)))
     asked = np.maximum(threshold, _price(candidates)) + chosen
     seen = tuple(gram.seen(reduced, i, float(one)) for i, one in enumerate(asked))
-    return Screen(tuple(candidates), gains, drops, sizes, knobs, gram.freshness(reduced), threshold, shares, seen)
+    return Screen(tuple(candidates), gains, drops, sizes, nuisances, gram.tolerance(reduced), threshold, shares, seen)
 
 
 def _price(candidates: Sequence[Candidate]) -> float:
@@ -242,9 +242,9 @@ def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[t
     significant = [i for i in order if found.gains[i] > found.threshold[i]]
     if not significant:
         return []
-    # what the knobs can imitate gains by what it spares them, and by tiny differences that a refit rarely confirms:
+    # what the nuisances can imitate gains by what it spares them, and by tiny differences that a refit rarely confirms:
     # which of the kind it is, an inertia or a damping, only a fit can tell
-    fresh = [i for i in significant if found.freshness[i] > IMITATED]
+    fresh = [i for i in significant if found.tolerance[i] > COLLINEAR]
     limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
     imitated = [i for i in significant if i not in fresh]
     imitated = [i for i in imitated if found.gains[i] >= _NEAR * found.gains[imitated[0]]][:_ALIKE]

@@ -11,8 +11,8 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.fitting.balance import in_noise
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
-from analysis.diagnosis.fitting.leeway import Leeway
 from analysis.diagnosis.fitting.starts import without_starts
 from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.result import Cause, Estimate, Verdict
@@ -117,11 +117,11 @@ def _estimates(cause: Chance, model: Model) -> dict[str, Estimate]:
     }
 
 
-def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], leeway: Leeway) -> Spread:
+def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], discrepancy: Discrepancy) -> Spread:
     """Return the causes of this kind that stand out of what `fit` leaves.
 
-    Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by (`leeway`),
-    none is among them.
+    Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by
+    (`discrepancy`), none is among them.
     """
     tests = KINDS * setting.data.n_outputs
     if setting.whitener.even:  # the spread of a large error hides that of the noise
@@ -146,6 +146,6 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         and 2.0 * c.evidence > least
         and c.shift**2 > least
         # lost samples are seen on the readings alone, so no error of the model can stand for them
-        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > leeway.at(c.effect.where))
+        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > discrepancy.at(c.effect.where))
     ]
     return Spread(tuple(kept), tests)

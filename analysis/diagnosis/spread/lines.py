@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from analysis.diagnosis.fitting.discrepancy import discrepancy_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.fitting.leeway import leeway_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
@@ -23,7 +23,9 @@ def without_lines(found: Found) -> Found:
     lost = max(rest.misfit - best.misfit, 0.0)
     explained = max(found.explained - lost, 0.0) if rest.candidates else 0.0
     rivals = tuple(f for f in found.rivals if not any(c.effect is VibrationLine for c in f.candidates))
-    return replace(found, best=rest, rivals=rivals, explained=explained, leeway=leeway_of(setting, found.tuned, rest))
+    return replace(
+        found, best=rest, rivals=rivals, explained=explained, discrepancy=discrepancy_of(setting, found.tuned, rest)
+    )
 
 
 def without_lines_of(setting: Setting, best: Fit) -> Fit:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import again, score
+from analysis.diagnosis.fitting.discrepancy import target_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.fitting.leeway import target_of
-from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.leftover import Beside, Way, general_ways, in_words
@@ -73,7 +73,7 @@ def general_rivals(setting: Setting, found: Found, *, together: bool = True) -> 
         gain, ways = _explained(general_ways(setting, rest, repeating=False, at=seen))
         if ways:
             names = tuple(f"{best.effects[i].reported()} at {best.effects[i].where}" for i in gone)
-            lead = _worth(found, best, rest, len(gone)) + found.leeway.total - gain
+            lead = _worth(found, best, rest, len(gone)) + found.discrepancy.total - gain
             yield GeneralRival(gone, names, ways, 0.5 * lead)
 
 
@@ -93,19 +93,19 @@ def _worth(found: Found, best: Fit, rest: Fit, effects: int) -> float:
 def _explained(there: Beside) -> tuple[float, tuple[Way, ...]]:
     """Return what the best few columns are worth (twice a logarithm), prices paid, and the ways that they are of.
 
-    One after the other, each beside those before it and the knobs.
+    One after the other, each beside those before it and the nuisances.
     """
     gram = there.gram
     if not gram.groups:
         return 0.0, ()
-    products, before = gram.without(gram.knob_columns()).copy(), np.diag(gram.products)
+    products, before = gram.without(gram.nuisance_columns()).copy(), np.diag(gram.products)
     columns = np.concatenate(gram.groups)
     way_of = np.repeat(np.arange(len(gram.groups)), [g.size for g in gram.groups])
     price, remaining = 2.0 * float(np.log(columns.size)), float(products[0, 0])
     worth, total, best, taken = 0.0, 0.0, 0, list[Way]()
     for _ in range(_MOST):
         left = np.diag(products)[columns]
-        fresh = left > IMITATED * np.maximum(before[columns], np.finfo(float).tiny)
+        fresh = left > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny)
         drops = np.where(fresh, products[columns, 0] ** 2 / np.where(fresh, left, 1.0), 0.0)
         i = int(np.argmax(drops))
         gain = float(gram.ratios(drops[i : i + 1], remaining)[0])

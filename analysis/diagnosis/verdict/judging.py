@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
+from analysis.diagnosis.fitting.discrepancy import following, form_error, target_of
 from analysis.diagnosis.fitting.fit import Fit
-from analysis.diagnosis.fitting.leeway import following, form_error, target_of
-from analysis.diagnosis.nominal.tuning import strain_of
+from analysis.diagnosis.nominal.tuning import mahalanobis2_of
 from analysis.diagnosis.result import Cause, Estimate, Remainder, Verdict
 from analysis.diagnosis.search.adequacy import explained_part, uncertainty
-from analysis.diagnosis.search.gram import IMITATED
+from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.pruning import SEEN
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
@@ -132,14 +132,14 @@ def refuted(found: Found) -> str:
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
         return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
-    count, off = len(found.setting.knobs), strain_of(found.setting.knobs, found.best.change)
-    # what the form of an effect gets wrong, knobs that the data do not hold make up for
-    if count and scipy.stats.chi2.sf(off - found.leeway.total, count) < ONE_IN_A_MILLION:
+    count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
+    # what the form of an effect gets wrong, nuisances that the data do not hold make up for
+    if count and scipy.stats.chi2.sf(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
             f"(rms of {count})"
         )
-    return stand_in(found.best)
+    return confounder_in(found.best)
 
 
 def _general(found: Found, general: Iterable[GeneralRival], random: float, rest: Remainder | None) -> str:
@@ -188,7 +188,7 @@ class Fitted(Protocol):
         """Their standard deviations, (n,)."""
 
 
-def stand_in(best: Fitted) -> str:
+def confounder_in(best: Fitted) -> str:
     """Return which effect of a fit is shaped so far beyond what its name says that it stands for another."""
     for effect, candidate in zip(best.effects, best.candidates, strict=True):
         for shape, other in effect.beyond.items():
@@ -232,7 +232,9 @@ def _outstanding(found: Found, random: float) -> list[Candidate]:
     Of what one promises `random` may be what causes of the spread have in a few columns.
     """
     last = found.last
-    trusted = (last.freshness > IMITATED) | np.array([c.effect.site is Site.MODEL for c in last.candidates], dtype=bool)
+    trusted = (last.tolerance > COLLINEAR) | np.array(
+        [c.effect.site is Site.MODEL for c in last.candidates], dtype=bool
+    )
     gains = last.gains - random
     return [
         last.candidates[i]
@@ -282,7 +284,7 @@ def _worth(tuned: Fit, fit: Fit, known: bool = False) -> float:
 
 def _material(found: Found) -> tuple[int, ...]:
     """Return the numbers of the effects that explain enough to be named, from what removing each of them costs."""
-    best, known, knobs = found.best, found.setting.whitener.repeats, found.setting.knobs
+    best, known, nuisances = found.best, found.setting.whitener.repeats, found.setting.nuisances
     if len(best.candidates) == 1:
         return (0,)
     whole = {c.key for c in best.candidates}
@@ -293,8 +295,8 @@ def _material(found: Found) -> tuple[int, ...]:
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
         nearest.append(without[int(np.argmin(worth))] if worth else best)
-        # what spares the knobs more than it explains has no form that could be another's error
-        eased = (strain_of(knobs, r.change) - strain_of(knobs, best.change) for r in without)
+        # what spares the nuisances more than it explains has no form that could be another's error
+        eased = (mahalanobis2_of(nuisances, r.change) - mahalanobis2_of(nuisances, best.change) for r in without)
         spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
 
@@ -349,9 +351,9 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
         shown = found.explained if known else _worth(found.tuned, found.best)
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
-        # what the knobs cost less beside the best is part of what stands out
-        knobs = strain_of(found.setting.knobs, found.best.change)
-        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - knobs)
+        # what the nuisances cost less beside the best is part of what stands out
+        nuisances = mahalanobis2_of(found.setting.nuisances, found.best.change)
+        paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - nuisances)
         for i in found.first.best_per_key():
             candidate = found.first.candidates[i]
             label = (candidate.effect.reported(),)

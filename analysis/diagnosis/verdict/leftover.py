@@ -22,7 +22,7 @@ from analysis.diagnosis.candidates.signature import as_simulated
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.levels import BAND_ROWS
 from analysis.diagnosis.nominal.responses import played
-from analysis.diagnosis.search.gram import IMITATED, Gram
+from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.screening import gathered
 from analysis.diagnosis.search.shortlist import beside, views_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
@@ -115,10 +115,10 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     """Return what is left of the residual of `fit` along every way at every place, least likely first."""
     there, places = general_ways(setting, fit), setting.places
     gram = there.gram
-    reduced = gram.without(gram.knob_columns())
+    reduced = gram.without(gram.nuisance_columns())
 
     def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:
-        drop, live = gram.fresh(reduced, gram.groups[i], IMITATED)
+        drop, live = gram.fresh(reduced, gram.groups[i], COLLINEAR)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
         known_from = float(BAND_ROWS) if what in SLOWEST else math.inf
         shares = tuple(gram.shares(i).tolist())
@@ -131,7 +131,7 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
     at = len(there.ways)
     for pattern in there.patterns:
         of = (pattern.what, pattern.reading, pattern.at)
-        without = gram.without(np.concatenate([gram.knob_columns(), gram.groups[at]]))
+        without = gram.without(np.concatenate([gram.nuisance_columns(), gram.groups[at]]))
         around = [left(at + k, *of, without) for k in range(1, 1 + len(pattern.neighbours))]
         louder = max(_loudness(np.mean, around), everywhere)
         found.append(replace(left(at, *of), choices=pattern.choices, louder=louder))

@@ -26,7 +26,7 @@ def telling(found: Found, left: Sequence[Leftover], random: float = 0.0) -> Left
     Beside what the form of the effects found may be wrong by, and what `random` causes have in a few columns.
     """
     for one in left:
-        if one.p_value(random + found.leeway.of(one.shares)) < ONE_IN_A_MILLION:
+        if one.p_value(random + found.discrepancy.of(one.shares)) < ONE_IN_A_MILLION:
             return one
     return None
 

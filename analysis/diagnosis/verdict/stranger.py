@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.diagnosis.candidates.signature import Scales
-from analysis.diagnosis.fitting.balance import again, lined_up, score
+from analysis.diagnosis.fitting.balance import again, iterated_gls, score
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.rounds import Found, Progress
@@ -56,10 +56,10 @@ def _stranger(found: Found, place: str, rules: Rules, scales: Scales) -> Fit | N
     at = [i for i, c in enumerate(seen.candidates) if c.where == place]
     if not at:
         return None
-    fit = extended(setting, rest, seen.candidates[at[0]], seen.sizes[at[0]], seen.knobs[at[0]])
+    fit = extended(setting, rest, seen.candidates[at[0]], seen.sizes[at[0]], seen.nuisances[at[0]])
     if setting.whitener.repeats:
         return again(setting, fit)
-    return lined_up(setting, fit, score(best, False) + _price(found, fit))[1]
+    return iterated_gls(setting, fit, score(best, False) + _price(found, fit))[1]
 
 
 def _price(found: Found, stranger: Fit) -> float:

@@ -52,7 +52,7 @@ def test_of_two_that_leave_the_same_the_one_with_fewer_numbers_leads():
 
 
 class Valley(Problem):
-    """One knob, one size and one shape, best where knob and size are an eighth of what first order says."""
+    """One nuisance, one size and one shape, best where nuisance and size are an eighth of what first order says."""
 
     def evaluate(self, x):
         return SimpleNamespace(misfit=float((x[0] - 0.125) ** 2 + (x[1] - 0.25) ** 2))
@@ -69,6 +69,6 @@ class Valley(Problem):
 )
 def test_a_start_is_halved_until_it_is_better_than_nothing(start, expected):
     scales = [SimpleNamespace(size=True), SimpleNamespace(size=False)]
-    problem = Valley(SimpleNamespace(knobs=[None]), (), scales)
+    problem = Valley(SimpleNamespace(nuisances=[None]), (), scales)
     # of the halves of (1, 2) only the third and fourth are nearer to the best than nothing is
     np.testing.assert_array_equal(problem.shortened(np.array(start)), expected)

@@ -18,7 +18,7 @@ from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.tuning import knobs_of, own_knobs_of, turned
+from analysis.diagnosis.nominal.tuning import nuisances_of, own_nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from campaigns.plans import make_plan
 from sim_backend.assembly import places_of, transducers_of
@@ -59,9 +59,19 @@ def setting_of(model: Model, u: np.ndarray, y: np.ndarray, noise: float = NOISE_
     whitener = Whitener(np.full((y.shape[1], 1), 1.0 / noise), True)
     starts = starts_of(data, linear, whitener)
     rest = (np.zeros((linear.n_blocks, 2)),)
-    knobs = knobs_of(linear, 0.01)
+    nuisances = nuisances_of(linear, 0.01)
     return Setting(
-        data, linear, (), places_of(model), transducers_of(model), knobs, whitener, starts, rest, substeps=1, workers=1
+        data,
+        linear,
+        (),
+        places_of(model),
+        transducers_of(model),
+        nuisances,
+        whitener,
+        starts,
+        rest,
+        substeps=1,
+        workers=1,
     )
 
 
@@ -73,10 +83,10 @@ def hypothesis(model: Model, setting: Setting, name: str, std: float = 0.0, **si
     units = unit_sizes(cls, "theta_x", setting.places, scales)
     candidate = Candidate(cls, "theta_x", {}, units, {})
     start = np.array([sizes[n] / unit for n, unit in units.items()])
-    fit = refit(setting, [candidate], start, np.zeros(len(setting.knobs)))
+    fit = refit(setting, [candidate], start, np.zeros(len(setting.nuisances)))
     effect = make_effect(name, "theta_x", sizes)
     values = np.array([sizes[n] for n in units])
-    change = np.zeros(len(setting.knobs))
+    change = np.zeros(len(setting.nuisances))
     return Hypothesis(
         (name,), replace(fit, effects=(effect,), values=values, std=np.full(values.size, std), change=change)
     )
@@ -87,11 +97,11 @@ def test_a_hypothesis_is_played_with_every_re_tuned_number():
     model = msgspec.structs.replace(one_axis(), feedthrough={"y": {"u": 1e-3}})
     u = sine(0.02, 1.0, 200)
     fitted = setting_of(model, u, read(model, u, []))
-    setting = replace(fitted, knobs=own_knobs_of(fitted.nominal))
-    change = np.linspace(-0.3, 0.2, len(setting.knobs))
+    setting = replace(fitted, nuisances=own_nuisances_of(fitted.nominal))
+    change = np.linspace(-0.3, 0.2, len(setting.nuisances))
     made = hypothesis(model, setting, "cubic-stiffness", stiffness=2500.0)
     found = replace(made, fit=replace(made.fit, change=change)).model(model, setting).linear()
-    wanted = turned(setting.nominal, setting.knobs, change)
+    wanted = turned(setting.nominal, setting.nuisances, change)
     assert wanted.d[0, 0] != 1e-3
     for name in ("omega_rad_s", "sigma_1_s", "b", "b_direct", "c", "c_rate", "d", "delay_s"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, err_msg=name)
@@ -121,10 +131,10 @@ def test_the_separation_is_what_a_joint_fit_of_old_and_new_data_leaves():
     expected = prediction(setting, second, record)
     found = separation(setting, record, expected, information(setting, second))
 
-    sd = np.array([k.sd for k in setting.knobs])
+    sd = np.array([k.sd for k in setting.nuisances])
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        linear = turned(setting.nominal, setting.knobs, x[: sd.size] * sd)
+        linear = turned(setting.nominal, setting.nuisances, x[: sd.size] * sd)
         effect = make_effect("cubic-stiffness", "theta_x", {"stiffness": cubic["stiffness"] * (1.0 + x[sd.size])})
         parts = [x[: sd.size]]
         for i, (u, y) in enumerate(((old_u, old_y), (new_u, new_y))):
@@ -160,8 +170,8 @@ def test_standard_deviations_follow_from_what_is_known():
     spread = with_spread(setting, found, information(setting, found))
     # the search's own covariance, which is tested against scipy, of a fit of the same data
     candidate, start = found.fit.held()
-    exact = refit(setting, candidate, start, np.zeros(len(setting.knobs)), exact=True)
-    # the knobs' columns are found with the torque held, which leaves out the spring's share of the stiffness: up to
+    exact = refit(setting, candidate, start, np.zeros(len(setting.nuisances)), exact=True)
+    # the nuisances' columns are found with the torque held, which leaves out the spring's share of the stiffness: up to
     # 3 · 2500 N m/rad³ · (2 mrad)² / 11.4 N m/rad = 0.3 %, on either of two parameters that trade
     np.testing.assert_allclose(spread.fit.std, exact.std, rtol=6e-3)
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from analysis.diagnosis.fitting.discrepancy import following_of
 from analysis.diagnosis.fitting.fit import linear_of
-from analysis.diagnosis.fitting.leeway import following_of
 from tests.analysis.diagnosis.residuals import moved, setting_of
 
 Array = NDArray[np.float64]

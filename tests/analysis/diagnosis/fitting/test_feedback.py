@@ -11,7 +11,7 @@ from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import effect_class
@@ -23,14 +23,14 @@ SPRING = ("hysteresis", "theta_x", {"stiffness_1": 2.0, **STILL, "reach": 1e3}) 
 
 
 def columns(*effects: tuple[str, str, dict[str, float]]) -> tuple[Array, Array, Array]:
-    """Return the knobs' columns by differences of simulations, with torques held, and with effects that answer."""
+    """Return the nuisances' columns by differences of simulations, with torques held, and with effects that answer."""
     model, linear = one_axis(), linear_model()
     u = drive(8000)
     data = Dataset(RATE_HZ, (Record("r", u, np.zeros((8000, 1)), (Window("all", 0, 8000),)),))
     whitener = Whitener(np.array([[1e6]]), True)
-    knobs, starts = knobs_of(linear, 0.03), starts_of(data, linear, whitener)
+    nuisances, starts = nuisances_of(linear, 0.03), starts_of(data, linear, whitener)
     still = (np.zeros((2, 2)),)
-    setting = Setting(data, linear, (), places_of(model), transducers_of(model), knobs, whitener, starts, still, 8)
+    setting = Setting(data, linear, (), places_of(model), transducers_of(model), nuisances, whitener, starts, still, 8)
     candidates = []
     for name, where, values in effects:
         effect = effect_class(name)
@@ -41,11 +41,11 @@ def columns(*effects: tuple[str, str, dict[str, float]]) -> tuple[Array, Array, 
                       for n in c.unit_sizes])  # fmt: skip
     scales, start = parameters_of(candidates, sizes)
     problem = Problem(setting, tuple(candidates), scales)
-    x = np.concatenate([np.zeros(len(knobs)), start])
+    x = np.concatenate([np.zeros(len(nuisances)), start])
     at = problem.evaluate(x)
     how = Slopes(problem), Slopes(problem), Slopes(problem, strong=True)
     assert how[0].truer()
-    found = (slopes.normal(x, at) and slopes.latest(x, at)[: -x.size, : len(knobs)] for slopes in how)
+    found = (slopes.normal(x, at) and slopes.latest(x, at)[: -x.size, : len(nuisances)] for slopes in how)
     exact, held, answered = found
     return exact, held, answered
 

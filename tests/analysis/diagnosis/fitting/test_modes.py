@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.diagnosis.fitting.modes import numbered
-from analysis.diagnosis.nominal.tuning import imitation, knobs_of, strain_of, turned
+from analysis.diagnosis.nominal.tuning import change_to, mahalanobis2_of, nuisances_of, turned
 from sim_backend.linear import ModalModel
 
 
@@ -24,9 +24,9 @@ def _close_modes() -> ModalModel:
 
 def test_modes_that_have_changed_places_are_numbered_as_before() -> None:
     nominal = _close_modes()
-    knobs = knobs_of(nominal, 0.03)
-    right = 0.02 * np.random.default_rng(1).standard_normal(len(knobs))
-    bench = turned(nominal, knobs, right)
+    nuisances = nuisances_of(nominal, 0.03)
+    right = 0.02 * np.random.default_rng(1).standard_normal(len(nuisances))
+    bench = turned(nominal, nuisances, right)
     # each takes the other's place, with participations that make the same of their products
     order, part = [0, 2, 1], np.array([1.0, bench.c[0, 1] / bench.c[0, 2], bench.c[1, 2] / bench.c[1, 1]])
     wrong = bench.with_(
@@ -35,13 +35,13 @@ def test_modes_that_have_changed_places_are_numbered_as_before() -> None:
         b=bench.b[order] / part[:, None],
         c=bench.c[:, order] * part,
     )
-    exchanged = imitation(nominal, knobs, wrong)
-    assert strain_of(knobs, exchanged) > 100.0 * strain_of(knobs, right)
-    np.testing.assert_allclose(numbered(nominal, knobs, exchanged), right, atol=1e-12)
+    exchanged = change_to(nominal, nuisances, wrong)
+    assert mahalanobis2_of(nuisances, exchanged) > 100.0 * mahalanobis2_of(nuisances, right)
+    np.testing.assert_allclose(numbered(nominal, nuisances, exchanged), right, atol=1e-12)
 
 
 def test_what_is_likeliest_as_it_is_stays() -> None:
     nominal = _close_modes()
-    knobs = knobs_of(nominal, 0.03)
-    change = 0.02 * np.random.default_rng(2).standard_normal(len(knobs))
-    assert numbered(nominal, knobs, change) is change
+    nuisances = nuisances_of(nominal, 0.03)
+    change = 0.02 * np.random.default_rng(2).standard_normal(len(nuisances))
+    assert numbered(nominal, nuisances, change) is change

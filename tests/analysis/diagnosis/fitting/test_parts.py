@@ -9,7 +9,7 @@ import pytest
 
 from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate, Scales, unit_sizes
-from analysis.diagnosis.fitting.balance import settle
+from analysis.diagnosis.fitting.balance import reestimated
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.fitting.parts import parts_of, setting_of
 from analysis.diagnosis.fitting.problem import Problem
@@ -17,7 +17,7 @@ from analysis.diagnosis.fitting.refit import exact_sensitivities, in_parts, refi
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import effect_class, make_effect
@@ -60,7 +60,7 @@ def axes(*, seen_by_both: bool = False) -> Model:
 
 
 def measured(model: Model, hidden: tuple[Effect, ...] = (), seed: int = 3) -> Setting:
-    """Noise of 1 µrad, knobs off by a thousandth, records that begin in motion."""
+    """Noise of 1 µrad, nuisances off by a thousandth, records that begin in motion."""
     rng = np.random.default_rng(seed)
     nominal = model.linear()
     true = nominal.with_(omega_rad_s=nominal.omega_rad_s * (1.0 + 0.001 * rng.standard_normal(nominal.n_blocks)))
@@ -75,8 +75,8 @@ def measured(model: Model, hidden: tuple[Effect, ...] = (), seed: int = 3) -> Se
     whitener = Whitener(np.full((3, 1), 1.0 / NOISE_RAD), True)
     still = tuple(np.zeros((nominal.n_blocks, 2)) for _ in records)
     starts = starts_of(data, nominal, whitener)
-    knobs = knobs_of(nominal, 0.03)
-    return Setting(data, nominal, (), places_of(model), transducers_of(model), knobs, whitener, starts, still, 4)
+    nuisances = nuisances_of(nominal, 0.03)
+    return Setting(data, nominal, (), places_of(model), transducers_of(model), nuisances, whitener, starts, still, 4)
 
 
 def scales_of(setting: Setting) -> Scales:
@@ -104,7 +104,7 @@ def hypothesis(setting: Setting, effects: tuple[Effect, ...]) -> tuple[list[Cand
 def test_a_fit_of_separate_axes_is_the_fit_of_all(hidden: tuple[Effect, ...]) -> None:
     setting = measured(axes(), hidden)
     candidates, sizes = hypothesis(setting, hidden)
-    none = np.zeros(len(setting.knobs))
+    none = np.zeros(len(setting.nuisances))
     assert [len(part.outputs) for part, _ in in_parts(setting, candidates, sizes)] == [1, 1, 1]
     fit = refit(setting, candidates, sizes, none, exact=True)
     # the same numbers, put into the whole problem, leave the same
@@ -133,20 +133,20 @@ def test_a_fit_of_separate_axes_is_the_fit_of_all(hidden: tuple[Effect, ...]) ->
 
 def test_a_start_is_brought_up_to_date_from_where_the_fit_was_simulated() -> None:
     setting = measured(axes(), HIDDEN)
-    fit = refit(setting, (), np.zeros(0), np.zeros(len(setting.knobs)))
+    fit = refit(setting, (), np.zeros(0), np.zeros(len(setting.nuisances)))
     elsewhere = replace(setting, states=tuple(states + 1.0 for states in setting.states))
-    for own, other in zip(settle(setting, fit).states, settle(elsewhere, fit).states, strict=True):
+    for own, other in zip(reestimated(setting, fit).states, reestimated(elsewhere, fit).states, strict=True):
         np.testing.assert_array_equal(own, other)
-    moved = refit(elsewhere, (), np.zeros(0), np.zeros(len(setting.knobs)))
-    assert not np.allclose(settle(setting, moved).states[0], moved.states[0])
+    moved = refit(elsewhere, (), np.zeros(0), np.zeros(len(setting.nuisances)))
+    assert not np.allclose(reestimated(setting, moved).states[0], moved.states[0])
     np.testing.assert_array_equal(moved.states[0], elsewhere.states[0])
 
 
 def test_starts_with_a_mode_that_an_effect_added() -> None:
     setting = measured(axes(), HIDDEN)
     candidates, sizes = hypothesis(setting, HIDDEN)
-    fit = refit(setting, candidates, sizes, np.zeros(len(setting.knobs)))
-    settled = settle(setting, fit)
+    fit = refit(setting, candidates, sizes, np.zeros(len(setting.nuisances)))
+    settled = reestimated(setting, fit)
     assert settled.states[0].shape == (6, 2)  # five modes and the one that was added
     held, own = fit.held()
     found = in_parts(settled, held, own)
@@ -164,7 +164,7 @@ def test_starts_with_a_mode_that_an_effect_added() -> None:
 def test_sensitivities_of_separate_axes_are_those_of_all() -> None:
     setting = measured(axes(), HIDDEN)
     candidates, sizes = hypothesis(setting, HIDDEN)
-    fit = refit(setting, candidates, sizes, np.zeros(len(setting.knobs)))
+    fit = refit(setting, candidates, sizes, np.zeros(len(setting.nuisances)))
     held, own = fit.held()
     scales, x = parameters_of(held, own)
     whole = Problem(setting, tuple(held), scales)
@@ -219,6 +219,6 @@ def test_starts_that_join_axes_keep_them_together() -> None:
 def test_a_size_that_cannot_be_is_left_to_the_fit() -> None:
     setting = replace(measured(axes(), HIDDEN[:1]), workers=1)
     candidates, _ = hypothesis(setting, HIDDEN[:1])
-    fit = refit(setting, candidates, np.array([np.nan]), np.zeros(len(setting.knobs)))
+    fit = refit(setting, candidates, np.array([np.nan]), np.zeros(len(setting.nuisances)))
     assert np.isfinite(fit.misfit)
     assert abs(fit.effects[0].stiffness - HIDDEN[0].stiffness) < 4.0 * fit.std[0]

@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.fitting.balance import plainly_better
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.diagnosis.nominal.tuning import knobs_of, turned
+from analysis.diagnosis.nominal.tuning import nuisances_of, turned
 from sim_backend.linear import DiscreteModel, discretise
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, setting_of
 
@@ -21,19 +21,20 @@ CUT = 300  # samples of motion before the record begins
 
 @pytest.fixture
 def tuned(request: pytest.FixtureRequest) -> tuple[Setting, Fit, Array]:
-    """Return a setting, a fit that turns each knob by a hundredth, and the readings' noise; `param` is what is true."""
+    """Return a setting, a fit that turns each nuisance by a hundredth, and the readings' noise; `param` is what is
+    true."""
     rng = np.random.default_rng(4)
     force = np.repeat(rng.normal(size=60), 25)
     nominal = MODEL.linear()
-    knobs = knobs_of(nominal, 0.03)
-    change = np.full(len(knobs), 0.01)
-    truth = discretise(turned(nominal, knobs, change) if request.param == "tuned" else nominal, RATE_HZ)
+    nuisances = nuisances_of(nominal, 0.03)
+    change = np.full(len(nuisances), 0.01)
+    truth = discretise(turned(nominal, nuisances, change) if request.param == "tuned" else nominal, RATE_HZ)
     noise = NOISE * rng.normal(size=force.size - CUT)
     reading = played(truth, force[:, None])[CUT:] + noise
     setting, fit = setting_of(force[CUT:], reading, reading, NOISE)
     still = (np.zeros((1, 2)),)
     return (
-        replace(setting, knobs=knobs, states=still),
+        replace(setting, nuisances=nuisances, states=still),
         replace(fit, change=change, change_std=change, states=still),
         noise,
     )

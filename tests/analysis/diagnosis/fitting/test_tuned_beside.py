@@ -9,10 +9,10 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.balance import lined_up, score, tuned_beside
+from analysis.diagnosis.fitting.balance import iterated_gls, score, tuned_beside
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
-from analysis.diagnosis.nominal.tuning import imitation, knobs_of, turned
+from analysis.diagnosis.nominal.tuning import change_to, nuisances_of, turned
 from sim_backend.effects import EFFECTS
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, setting_of
 
@@ -32,10 +32,10 @@ def trapped() -> tuple[Setting, Fit, Fit]:
     reading = lfilter(top.ravel(), bottom, force) + NOISE * rng.normal(size=force.size)
     setting, _ = setting_of(force, reading, reading, NOISE)
     nominal = MODEL.linear().with_(sigma_1_s=np.array([DECAY_1_S]))
-    knobs = knobs_of(nominal, 0.03)
-    setting = replace(setting, nominal=nominal, knobs=knobs, states=(np.zeros((1, 2)),))
-    setting, tuned = lined_up(setting, refit(setting, (), np.zeros(0), np.zeros(len(knobs))))
-    there = imitation(nominal, knobs, nominal.with_(omega_rad_s=np.array([omega])))
+    nuisances = nuisances_of(nominal, 0.03)
+    setting = replace(setting, nominal=nominal, nuisances=nuisances, states=(np.zeros((1, 2)),))
+    setting, tuned = iterated_gls(setting, refit(setting, (), np.zeros(0), np.zeros(len(nuisances))))
+    there = change_to(nominal, nuisances, nominal.with_(omega_rad_s=np.array([omega])))
     effect = next(e for e in EFFECTS if e.name == "coulomb-friction")
     beside = replace(tuned, candidates=(Candidate(effect, "x", {}, {}, {}),), change=there)
     return setting, tuned, beside
@@ -47,7 +47,7 @@ def test_numbers_found_beside_an_effect_are_kept_without_it(trapped: tuple[Setti
     assert found is not None
     own, fit = found
     assert not fit.candidates and score(fit, False) < score(tuned, False)
-    omega = turned(own.nominal, own.knobs, fit.change).omega_rad_s[0]
+    omega = turned(own.nominal, own.nuisances, fit.change).omega_rad_s[0]
     # of 5 s and a thousandth of noise the frequency is known to far better than its width of 0.06 Hz
     assert omega / (2.0 * np.pi) == pytest.approx(TRUE_HZ, abs=0.005)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.nominal.responses import played, simulate
-from analysis.diagnosis.nominal.tuning import knobs_of, sensitivities, turned
+from analysis.diagnosis.nominal.tuning import nuisances_of, sensitivities, turned
 from sim_backend import layout
 from sim_backend.assembly import Places
 from sim_backend.linear import ModalModel, discretise, finer_for_delays
@@ -50,10 +50,10 @@ def test_a_command_that_comes_in_within_a_sample_is_as_if_played_at_a_finer_rate
 def test_sensitivities_are_those_of_the_exact_model() -> None:
     u = np.random.default_rng(4).standard_normal((2000, 1))
     model = model_late_by(1.912)
-    knobs = knobs_of(model, 0.03)
-    found = sensitivities(model, knobs, u, RATE_HZ, np.zeros((3, 2)))
-    for k in range(len(knobs)):
-        up, down = (exact(turned(model, [knobs[k]], np.array([by])), u) for by in (1e-5, -1e-5))
+    nuisances = nuisances_of(model, 0.03)
+    found = sensitivities(model, nuisances, u, RATE_HZ, np.zeros((3, 2)))
+    for k in range(len(nuisances)):
+        up, down = (exact(turned(model, [nuisances[k]], np.array([by])), u) for by in (1e-5, -1e-5))
         np.testing.assert_allclose(found[:, :, k], (up - down) / 2e-5, atol=1e-5 * np.std(found[:, :, k]))
 
 

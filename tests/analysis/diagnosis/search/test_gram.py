@@ -14,27 +14,28 @@ from analysis.diagnosis.search.gram import Gram, beside_start
 
 
 def gram_of(columns: np.ndarray, one_sided: bool) -> Gram:
-    """A residual, one knob, and one candidate of all further columns."""
+    """A residual, one nuisance, and one candidate of all further columns."""
     group = np.arange(2, columns.shape[1])
     return Gram(columns.T @ columns, 1, (group,), (one_sided,), columns.shape[0], True)
 
 
 def test_columns_that_differ_by_rounding_count_once() -> None:
-    """A saturation looks alike at two limits beside a command that knows two values, and a knob does nearly the same.
+    """A saturation looks alike at two limits beside a command that knows two values, and a nuisance does nearly the
+    same.
 
-    What is beside the knob is 1e-5 of the columns, so its square is known to 1e-16 / 1e-10, a millionth; the ridge
+    What is beside the nuisance is 1e-5 of the columns, so its square is known to 1e-16 / 1e-10, a millionth; the ridge
     against that rounding (1e-14 / 1e-10) takes a ten-thousandth, and twice that of two columns.
     """
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        knob, beside, noise = rng.standard_normal((3, 5000))
-        beside -= knob * (knob @ beside) / (knob @ knob)
+        nuisance, beside, noise = rng.standard_normal((3, 5000))
+        beside -= nuisance * (nuisance @ beside) / (nuisance @ nuisance)
         residual = noise + 0.2 * beside
-        twins = [knob + 1e-5 * beside * (1.0 + d) for d in (0.0, 1e-12 * seed)]
+        twins = [nuisance + 1e-5 * beside * (1.0 + d) for d in (0.0, 1e-12 * seed)]
         truth = (residual @ beside) ** 2 / (beside @ beside)
         for one_sided in (False, True):
-            gram = gram_of(np.column_stack([residual, knob, *twins]), one_sided)
-            drop, sizes = gram.solve(gram.without(gram.knob_columns()), [0])
+            gram = gram_of(np.column_stack([residual, nuisance, *twins]), one_sided)
+            drop, sizes = gram.solve(gram.without(gram.nuisance_columns()), [0])
             assert abs(drop / truth - 1.0) < 1e-3
             assert np.isfinite(sizes).all()
 
@@ -47,9 +48,9 @@ def test_a_whole_candidate_counts_as_it_is() -> None:
         columns = np.column_stack([noise + share * pattern, rng.standard_normal(50_000), pattern])
         free = gram_of(columns, True)
         whole = Gram(free.products, 1, free.groups, (True,), free.rows, True, (True,))
-        drop, sizes = whole.solve(whole.without(whole.knob_columns()), [0])
+        drop, sizes = whole.solve(whole.without(whole.nuisance_columns()), [0])
         # what a free part explains: 500 at a tenth, known to twice its square root
-        found = free.solve(free.without(free.knob_columns()), [0])[0]
+        found = free.solve(free.without(free.nuisance_columns()), [0])[0]
         assert found > 400.0
         assert drop == (pytest.approx(found, rel=0.01) if explained else 0.0)
         assert abs(sizes[0] - (share if explained else 0.0)) < 0.02
@@ -58,11 +59,11 @@ def test_a_whole_candidate_counts_as_it_is() -> None:
 def test_likelihood_ratios_are_those_of_least_squares() -> None:
     rng = np.random.default_rng(3)
     n = 300
-    knobs, columns = rng.standard_normal((n, 2)), rng.standard_normal((n, 3))
-    residual = columns @ [0.5, 0.0, -0.2] + knobs @ [3.0, 1.0] + rng.standard_normal(n)
-    table = np.column_stack([residual, knobs, columns])
+    nuisances, columns = rng.standard_normal((n, 2)), rng.standard_normal((n, 3))
+    residual = columns @ [0.5, 0.0, -0.2] + nuisances @ [3.0, 1.0] + rng.standard_normal(n)
+    table = np.column_stack([residual, nuisances, columns])
     gram = Gram(table.T @ table, 2, (np.array([3]), np.array([4, 5])), (False, False), n, True)
-    reduced = gram.without(gram.knob_columns())
+    reduced = gram.without(gram.nuisance_columns())
 
     def rss(*parts: np.ndarray) -> float:
         x = np.column_stack(parts)
@@ -70,8 +71,8 @@ def test_likelihood_ratios_are_those_of_least_squares() -> None:
 
     for i, own in enumerate((columns[:, :1], columns[:, 1:])):
         drop, sizes = gram.solve(reduced, [i])
-        assert drop == pytest.approx(rss(knobs) - rss(knobs, own), rel=1e-6)
-        expected = np.linalg.lstsq(np.column_stack([knobs, own]), residual, rcond=None)[0][2:]
+        assert drop == pytest.approx(rss(nuisances) - rss(nuisances, own), rel=1e-6)
+        expected = np.linalg.lstsq(np.column_stack([nuisances, own]), residual, rcond=None)[0][2:]
         np.testing.assert_allclose(sizes, expected, rtol=1e-6)
 
 
@@ -80,7 +81,7 @@ def test_one_sided_sizes_stay_positive() -> None:
     column = rng.standard_normal(200)
     table = np.column_stack([-2.0 * column + rng.standard_normal(200), column])
     gram = Gram(table.T @ table, 0, (np.array([1]),), (True,), 200, True)
-    drop, sizes = gram.solve(gram.without(gram.knob_columns()), [0])
+    drop, sizes = gram.solve(gram.without(gram.nuisance_columns()), [0])
     assert drop == pytest.approx(0.0, abs=1e-9)
     assert sizes[0] == pytest.approx(0.0, abs=1e-12)
 
@@ -105,13 +106,13 @@ def test_false_alarms_come_as_often_as_the_threshold_says() -> None:
     assert 20 - 18 <= alarms <= 20 + 18
 
 
-def test_a_column_that_the_knobs_span_leaves_the_threshold_alone() -> None:
+def test_a_column_that_the_nuisances_span_leaves_the_threshold_alone() -> None:
     rng = np.random.default_rng(8)
-    knob, free, residual = rng.standard_normal((3, 400))
-    spanned = 2.0 * knob + 1e-8 * rng.standard_normal(400)  # 1e-16 of its energy is left: rounding
-    columns = np.stack([residual, knob, free, spanned], axis=1)
+    nuisance, free, residual = rng.standard_normal((3, 400))
+    spanned = 2.0 * nuisance + 1e-8 * rng.standard_normal(400)  # 1e-16 of its energy is left: rounding
+    columns = np.stack([residual, nuisance, free, spanned], axis=1)
     gram = Gram(columns.T @ columns, 1, (np.array([2]), np.array([3])), (False, False), 400, True)
-    maxima = gram.null_ratios(gram.without(gram.knob_columns()), np.random.default_rng(0), 4000).max(axis=0)
+    maxima = gram.null_ratios(gram.without(gram.nuisance_columns()), np.random.default_rng(0), 4000).max(axis=0)
     # one live column: chi-squared with one degree of freedom, 99 % below 6.63; 4000 draws know that to 0.35
     assert np.quantile(maxima, 0.99) == pytest.approx(6.635, abs=1.1)
 
@@ -156,27 +157,28 @@ def test_a_column_that_is_a_start_and_nothing_else_leaves_nothing() -> None:
 
 @pytest.mark.parametrize("known_noise", [True, False])
 def test_a_visible_size_is_seen_in_half_of_all_cases(known_noise: bool) -> None:
-    """At the size that is told the ratio that was asked for is reached as often as not, a knob re-tuned beside it."""
+    """At the size that is told the ratio that was asked for is reached as often as not, a nuisance re-tuned beside
+    it."""
     rng = np.random.default_rng(11)
     asked, n = 30.0, 2000
-    knob, column = rng.standard_normal((2, n))
-    column += 0.8 * knob
+    nuisance, column = rng.standard_normal((2, n))
+    column += 0.8 * nuisance
     reached = 0
     for _ in range(300):
         noise = rng.standard_normal(n)
-        empty = np.column_stack([noise, knob, column])
+        empty = np.column_stack([noise, nuisance, column])
         gram = replace(gram_of(empty, False), known_noise=known_noise)
-        (size,) = gram.seen(gram.without(gram.knob_columns()), 0, asked)
-        there = np.column_stack([noise + size * column, knob, column])
+        (size,) = gram.seen(gram.without(gram.nuisance_columns()), 0, asked)
+        there = np.column_stack([noise + size * column, nuisance, column])
         full = replace(gram_of(there, False), known_noise=known_noise)
-        reduced = full.without(full.knob_columns())
+        reduced = full.without(full.nuisance_columns())
         reached += full.ratios(np.array([full.solve(reduced, [0])[0]]), float(reduced[0, 0]))[0] > asked
     # the ratio is that of a normal number of unit variance about the root of what was asked: a little above half
     assert 0.42 < reached / 300 < 0.62
 
 
-def test_what_a_knob_does_as_well_is_never_visible() -> None:
+def test_what_a_nuisance_does_as_well_is_never_visible() -> None:
     rng = np.random.default_rng(5)
-    noise, knob = rng.standard_normal((2, 500))
-    gram = gram_of(np.column_stack([noise, knob, 2.0 * knob]), False)
-    assert np.isinf(gram.seen(gram.without(gram.knob_columns()), 0, 20.0)).all()
+    noise, nuisance = rng.standard_normal((2, 500))
+    gram = gram_of(np.column_stack([noise, nuisance, 2.0 * nuisance]), False)
+    assert np.isinf(gram.seen(gram.without(gram.nuisance_columns()), 0, 20.0)).all()

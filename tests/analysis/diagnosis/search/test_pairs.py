@@ -1,4 +1,4 @@
-"""Two causes of which one is the model's own numbers: neither may hide in what the knobs do beside the other."""
+"""Two causes of which one is the model's own numbers: neither may hide in what the nuisances do beside the other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from analysis.diagnosis.fitting.balance import again
-from analysis.diagnosis.fitting.leeway import Leeway, form_error
+from analysis.diagnosis.fitting.discrepancy import Discrepancy, form_error
 from analysis.diagnosis.fitting.refit import exact_sensitivities
 from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
@@ -98,7 +98,7 @@ def test_friction_is_found_beside_a_rounded_command() -> None:
     np.testing.assert_allclose((other.reading - played.reading)[:, 0] / 1e-7, gain, atol=0.05 * np.max(gain))
 
 
-def test_what_a_cause_is_worth_does_not_hang_on_where_it_left_the_knobs() -> None:
+def test_what_a_cause_is_worth_does_not_hang_on_where_it_left_the_nuisances() -> None:
     """Of two causes one is taken away. A frequency that is left e times too high finds no way back by itself."""
     rng = np.random.default_rng(3)
     drive = _drive(rng)
@@ -117,17 +117,17 @@ def test_what_a_cause_is_worth_does_not_hang_on_where_it_left_the_knobs() -> Non
 
 
 def test_what_is_explained_in_one_reading_is_no_leeway_in_another() -> None:
-    leeway = Leeway(("theta_x", "theta_y"), (30.0, 0.1))
-    assert leeway.at("theta_y") == leeway.at("theta_x->theta_y") == 0.1
-    assert leeway.at("theta_x") == 30.0
-    assert leeway.at("coil 1") == leeway.of(()) == leeway.total == 30.1
-    assert abs(leeway.of((0.01, 0.99)) - 0.399) < 1e-12  # a torque of theta_y, a tenth of which moves theta_x
+    discrepancy = Discrepancy(("theta_x", "theta_y"), (30.0, 0.1))
+    assert discrepancy.at("theta_y") == discrepancy.at("theta_x->theta_y") == 0.1
+    assert discrepancy.at("theta_x") == 30.0
+    assert discrepancy.at("coil 1") == discrepancy.of(()) == discrepancy.total == 30.1
+    assert abs(discrepancy.of((0.01, 0.99)) - 0.399) < 1e-12  # a torque of theta_y, a tenth of which moves theta_x
 
 
 def test_what_does_not_follow_the_drive_is_no_leeway_of_a_linear_form() -> None:
-    leeway = Leeway(("theta_x", "theta_y"), (30.0, 10.0), linear=(28.0, 0.0))
-    assert leeway.along((1.0, 0.0)).parts == (30.0, 10.0)
-    assert leeway.along((0.25, 0.25)).parts == (9.0, 10.0)  # of theta_y the form is no linear one
+    discrepancy = Discrepancy(("theta_x", "theta_y"), (30.0, 10.0), linear=(28.0, 0.0))
+    assert discrepancy.along((1.0, 0.0)).parts == (30.0, 10.0)
+    assert discrepancy.along((0.25, 0.25)).parts == (9.0, 10.0)  # of theta_y the form is no linear one
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.leeway import leeway_of
+from analysis.diagnosis.fitting.discrepancy import discrepancy_of
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.search.rounds import Found
@@ -37,7 +37,7 @@ def _found(shake: np.ndarray, frequency_hz: float) -> Found:
     none = np.zeros(0)
     screen = Screen((), none, none, (), (), none, none)
     worth = tuned.misfit - best.misfit
-    return Found(setting, tuned, best, (tuned, best), screen, screen, worth, leeway_of(setting, tuned, best))
+    return Found(setting, tuned, best, (tuned, best), screen, screen, worth, discrepancy_of(setting, tuned, best))
 
 
 def test_a_line_stays() -> None:

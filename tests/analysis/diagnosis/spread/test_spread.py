@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.noise.whitener import Bands
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.chance import Chance
@@ -17,7 +17,7 @@ from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.effects.dropped_samples import DroppedSamples
 from tests.analysis.diagnosis.residuals import MODEL, moved, setting_of
 
-_NONE = Leeway(("x",), (0.0,))
+_NONE = Discrepancy(("x",), (0.0,))
 APEX = Chance(ApexNoise("x", linear=0.1), {"linear": 0.01}, 50.0, 1e-20, 0.2, 20.0, (("noise by rate", 30.0),))
 TIED = Chance(ApexNoise("x", linear=0.1), {"linear": 0.01}, 50.0, 1e-20, 0.2, 20.0, (("noise by rate", 1.0),))
 LOST = Chance(DroppedSamples("x", fraction=0.01), {"fraction": 1e-3}, 90.0, 1e-30, 0.1, 9.0)
@@ -108,4 +108,4 @@ def test_what_is_left_out_or_immaterial_is_not_among_them() -> None:
     others = tuple(e for e in EFFECTS if e.name != "sensor-quantisation")
     assert spread_causes(setting, fit, others, _NONE).causes == ()
     # its energy is 8000 · 0.25 / 12 = 167, which is less than 3 parts in a thousand of a million
-    assert spread_causes(setting, fit, EFFECTS, Leeway(("x",), (1e6,))).causes == ()
+    assert spread_causes(setting, fit, EFFECTS, Discrepancy(("x",), (1e6,))).causes == ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
 from analysis.diagnosis.verdict.judging import judge
@@ -34,7 +34,7 @@ def _outcome(
     candidate = Candidate(type(effect), "x", shapes, sizes, shapes, 1, limits)
     best = replace(tuned, candidates=(candidate,), effects=(effect,))
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
-    return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Leeway(("x",), (0.0,)))
+    return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Discrepancy(("x",), (0.0,)))
 
 
 @pytest.mark.parametrize(("part", "verdict"), [(0.2, "named"), (0.47, "named"), (0.49, "ambiguous")])

@@ -12,7 +12,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
@@ -46,10 +46,12 @@ def _setting(residuals: list[Array]) -> tuple[Setting, Fit]:
     whitener = whitener_from(data, residuals)
     starts = starts_of(data, linear, whitener)
     rest = (np.zeros((2, 2)),) * RUNS
-    knobs = knobs_of(linear, 0.02)
-    setting = Setting(data, linear, (), places_of(model), transducers_of(model), knobs, whitener, starts, rest, 1)
+    nuisances = nuisances_of(linear, 0.02)
+    setting = Setting(data, linear, (), places_of(model), transducers_of(model), nuisances, whitener, starts, rest, 1)
     none = np.zeros(0)
-    fit = Fit((), np.zeros(len(knobs)), (), 0.0, 0.0, 2 * RUNS * ROWS, 0.0, 0.0, (), none, none, tuple(residuals), ())
+    fit = Fit(
+        (), np.zeros(len(nuisances)), (), 0.0, 0.0, 2 * RUNS * ROWS, 0.0, 0.0, (), none, none, tuple(residuals), ()
+    )
     return setting, fit
 
 

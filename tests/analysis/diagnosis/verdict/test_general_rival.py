@@ -67,21 +67,23 @@ def rivals_of(found: Found) -> list[GeneralRival]:
 
 
 @pytest.mark.parametrize(
-    ("hidden", "name", "stand_in"),
+    ("hidden", "name", "confounder_in"),
     [
         ({"coupling": 3e-3}, "cross-coupling", "sensor-rotation"),
         ({"friction": 2e-4}, "coulomb-friction", "hysteresis"),
     ],
 )
-def test_a_right_name_is_never_behind_and_a_stand_in_is(hidden: dict[str, float], name: str, stand_in: str) -> None:
+def test_a_right_name_is_never_behind_and_a_stand_in_is(
+    hidden: dict[str, float], name: str, confounder_in: str
+) -> None:
     """What a neighbour explains of a cause that is not listed a column or two of general ways explain better."""
     data = _played(**hidden)
-    right = _found(data, name, stand_in)
+    right = _found(data, name, confounder_in)
     assert [e.reported() for e in right.best.effects] == [name]
     assert all(rival.lead > 0.0 for rival in rivals_of(right))
 
-    wrong = _found(data, stand_in)
-    assert [e.reported() for e in wrong.best.effects] == [stand_in]
+    wrong = _found(data, confounder_in)
+    assert [e.reported() for e in wrong.best.effects] == [confounder_in]
     rivals = rivals_of(wrong)
     assert rivals[0].lead < -SURE_LEAD
     assert judge(wrong, general=rivals).verdict == "unknown"
@@ -92,7 +94,7 @@ def test_only_a_rival_that_is_sure_to_be_ahead_is_an_objection() -> None:
     noise = np.random.default_rng(0).standard_normal(4000)
     setting, fit = setting_of(np.zeros(4000), noise, noise, 1.0, period=1000)
     found = _found(_played(), "hysteresis")
-    found = replace(found, setting=replace(setting, knobs=[]), best=replace(fit, change=np.zeros(0)))
+    found = replace(found, setting=replace(setting, nuisances=[]), best=replace(fit, change=np.zeros(0)))
 
     def rival(lead: float) -> tuple[GeneralRival, ...]:
         return (GeneralRival((0,), ("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)

@@ -17,7 +17,7 @@ from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.diagnosis.nominal.tuning import knobs_of, sensitivities, turned
+from analysis.diagnosis.nominal.tuning import nuisances_of, sensitivities, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover, leftovers
 from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES
@@ -51,11 +51,11 @@ def _setting(residual: Array, seed: int = 1) -> tuple[Setting, Fit]:
     whitener = Whitener(np.ones((2, 1)), True)
     starts = starts_of(data, linear, whitener)
     rest = (np.zeros((2, 2)),) * 2
-    knobs = knobs_of(linear, TOLERANCE)
-    setting = Setting(data, linear, (), places_of(model), transducers_of(model), knobs, whitener, starts, rest, 1)
+    nuisances = nuisances_of(linear, TOLERANCE)
+    setting = Setting(data, linear, (), places_of(model), transducers_of(model), nuisances, whitener, starts, rest, 1)
     none = np.zeros(0)
     parts = (residual[:half], residual[half:])
-    fit = Fit((), np.zeros(len(knobs)), (), 0.0, 0.0, 2 * ROWS, 0.0, 0.0, (), none, none, parts, ())
+    fit = Fit((), np.zeros(len(nuisances)), (), 0.0, 0.0, 2 * ROWS, 0.0, 0.0, (), none, none, parts, ())
     return setting, fit
 
 
@@ -90,23 +90,24 @@ def _words(what: str, reading: bool) -> str:
 
 
 def test_a_part_is_as_large_as_least_squares_makes_it() -> None:
-    """Columns made here, knobs by differences of two models, starts from states of one: what `numpy.linalg` removes."""
+    """Columns made here, nuisances by differences of two models, starts from states of one: what `numpy.linalg`
+    removes."""
     setting, fit = _setting(_noise(3))
     linear = setting.nominal
     _, x, v = _motion(linear)
     x, v = x[:, 0] / np.abs(x[:, 0]).max(), v[:, 0] / np.abs(v[:, 0]).max()
     laws = [x * abs(x), x**3, x**5, v * abs(v), v**3, np.tanh(20 * v), x * x, x * x * v, x * v * v, abs(x) * v]
     columns = [_through(law, 0, linear).reshape(-1) for law in laws]
-    knobs, u = [], _drive(1)
-    for k in range(len(setting.knobs)):
-        step = np.zeros(len(setting.knobs))
+    nuisances, u = [], _drive(1)
+    for k in range(len(setting.nuisances)):
+        step = np.zeros(len(setting.nuisances))
         step[k] = 1e-5
-        sides = [turned(linear, setting.knobs, sign * step) for sign in (1.0, -1.0)]
+        sides = [turned(linear, setting.nuisances, sign * step) for sign in (1.0, -1.0)]
         halves = [
             np.concatenate([simulate(discretise(m, RATE_HZ), u[s]) for s in (slice(0, 1500), slice(1500, None))])
             for m in sides
         ]
-        knobs.append((halves[0] - halves[1]).reshape(-1) / 2e-5)
+        nuisances.append((halves[0] - halves[1]).reshape(-1) / 2e-5)
     starts = []
     for s in (slice(0, 1500), slice(1500, None)):
         for axis, name in enumerate(AXES):
@@ -116,13 +117,13 @@ def test_a_part_is_as_large_as_least_squares_makes_it() -> None:
                 column = np.zeros((ROWS, 2))
                 column[s, axis] = np.exp(-9.0 * t) * wave
                 starts.append(column.reshape(-1))
-    prior = np.eye(len(knobs)) / TOLERANCE
-    zeros = np.zeros((len(knobs), 1))
+    prior = np.eye(len(nuisances)) / TOLERANCE
+    zeros = np.zeros((len(nuisances), 1))
 
     def left(extra: list[Array]) -> float:
-        table = np.column_stack([*knobs, *starts, *extra])
-        full = np.vstack([table, np.hstack([prior, np.tile(zeros, table.shape[1] - len(knobs))])])
-        goal = np.concatenate([_noise(3).reshape(-1), np.zeros(len(knobs))])
+        table = np.column_stack([*nuisances, *starts, *extra])
+        full = np.vstack([table, np.hstack([prior, np.tile(zeros, table.shape[1] - len(nuisances))])])
+        goal = np.concatenate([_noise(3).reshape(-1), np.zeros(len(nuisances))])
         size = np.linalg.norm(full, axis=0)
         solution = np.linalg.lstsq(full / size, goal, rcond=1e-12)[0]
         return float(np.sum((goal - full / size @ solution) ** 2))
@@ -141,12 +142,12 @@ def test_noise_alone_makes_p_values_uniform() -> None:
     seen: dict[tuple[str, str], list[float]] = {}
     setting, _ = _setting(_noise(0))
     still = np.zeros((2, 2))
-    knobs = np.concatenate(
-        [sensitivities(setting.nominal, setting.knobs, r.u, RATE_HZ, still) for r in setting.data.records]
+    nuisances = np.concatenate(
+        [sensitivities(setting.nominal, setting.nuisances, r.u, RATE_HZ, still) for r in setting.data.records]
     )
     for seed in range(40):
-        wrong = TOLERANCE * np.random.default_rng(1000 + seed).standard_normal(knobs.shape[2])
-        setting, fit = _setting(_noise(100 + seed) + knobs @ wrong)
+        wrong = TOLERANCE * np.random.default_rng(1000 + seed).standard_normal(nuisances.shape[2])
+        setting, fit = _setting(_noise(100 + seed) + nuisances @ wrong)
         for one in leftovers(setting, fit):
             seen.setdefault((one.what, one.where), []).append(one.p_value())
     general = {(_words(what, reading), a) for reading in (False, True) for what in WAYS[reading] for a in AXES}
@@ -231,7 +232,7 @@ ERRORS: dict[str, Made] = {
 def test_what_is_missing_is_heard_where_it_acts(what: str, reading: bool) -> None:
     """A change of 30 standard deviations, of a form that is not among the columns, stands out at x and not at y.
 
-    What knobs and start imitate of it leaves some tenths of its square, 900; one in a million takes about 50.
+    What nuisances and start imitate of it leaves some tenths of its square, 900; one in a million takes about 50.
     """
     added = np.zeros((ROWS, 2))
     if reading:

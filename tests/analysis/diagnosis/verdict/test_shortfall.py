@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD, Screen
 from analysis.diagnosis.verdict.general_rival import GeneralRival
@@ -30,7 +30,7 @@ def found(*, before: float, after: float) -> Found:
     tuned = replace(tuned, misfit=before * tuned.rows)
     best = replace(tuned, candidates=(candidate,), effects=(spring,), misfit=after * tuned.rows)
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
-    return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Leeway(("x",), (0.0,)))
+    return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Discrepancy(("x",), (0.0,)))
 
 
 def rival(lead: float) -> GeneralRival:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.fitting.leeway import Leeway
-from analysis.diagnosis.nominal.tuning import knobs_of
+from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.pipeline import Options, diagnose
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
@@ -22,16 +22,18 @@ from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, setting_of
 ROWS = 4000
 
 
-def _found(change: float = 0.0, leeway: float = 0.0, strangers: tuple[tuple[str, float], ...] = ()) -> Found:
-    """Return an outcome without effects whose first knob is `change` tolerances off, of noise of unit size."""
+def _found(change: float = 0.0, discrepancy: float = 0.0, strangers: tuple[tuple[str, float], ...] = ()) -> Found:
+    """Return an outcome without effects whose first nuisance is `change` tolerances off, of noise of unit size."""
     noise = np.random.default_rng(0).standard_normal(ROWS)
     setting, fit = setting_of(np.zeros(ROWS), noise, noise, 1.0, period=ROWS // 4)
-    setting: Setting = replace(setting, knobs=knobs_of(setting.nominal, 0.02))
-    turned = np.zeros(len(setting.knobs))
+    setting: Setting = replace(setting, nuisances=nuisances_of(setting.nominal, 0.02))
+    turned = np.zeros(len(setting.nuisances))
     turned[0] = change * 0.02
     fit: Fit = replace(fit, change=turned)
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
-    return Found(setting, fit, fit, (fit,), nothing, nothing, 1e4, Leeway(("x",), (leeway,)), strangers=strangers)
+    return Found(
+        setting, fit, fit, (fit,), nothing, nothing, 1e4, Discrepancy(("x",), (discrepancy,)), strangers=strangers
+    )
 
 
 def _left(gain: float) -> tuple[Leftover, ...]:
@@ -50,9 +52,9 @@ def test_a_leftover_that_is_no_noise_is_told_with_its_place() -> None:
     assert "a torque that follows time at x" in judged.objection
 
 
-@pytest.mark.parametrize(("leeway", "told"), [(30.0, False), (5.0, True)])
-def test_what_the_form_of_the_cause_may_be_wrong_by_is_no_objection(leeway: float, told: bool) -> None:
-    assert bool(objection(_found(leeway=leeway), _left(60.0))) is told
+@pytest.mark.parametrize(("discrepancy", "told"), [(30.0, False), (5.0, True)])
+def test_what_the_form_of_the_cause_may_be_wrong_by_is_no_objection(discrepancy: float, told: bool) -> None:
+    assert bool(objection(_found(discrepancy=discrepancy), _left(60.0))) is told
 
 
 def test_random_causes_take_their_share_first() -> None:
@@ -60,7 +62,7 @@ def test_random_causes_take_their_share_first() -> None:
 
 
 def test_nominal_numbers_far_beyond_their_tolerance_are_an_objection() -> None:
-    """Chi-square of the three knobs: 6.5² is four in 10⁹, 5² one in 7·10⁴."""
+    """Chi-square of the three nuisances: 6.5² is four in 10⁹, 5² one in 7·10⁴."""
     assert len(_found().best.change) == 3
     assert "tolerance" in objection(_found(change=6.5), ())
     assert objection(_found(change=5.0), ()) == ""

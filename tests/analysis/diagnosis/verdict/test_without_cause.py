@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.leeway import Leeway
+from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
 from analysis.diagnosis.verdict.judging import judge, shortfall
@@ -27,7 +27,7 @@ def _found(gain: float) -> Found:
     line = Candidate(effect_class("vibration-line"), "x", shape, {}, shape)
     one = np.ones(1)
     last = Screen((line,), gain * one, gain * one, (one,), (one,), one, THRESHOLD * one)
-    return Found(setting, tuned, tuned, (tuned,), last, last, 0.0, Leeway(("x",), (0.0,)))
+    return Found(setting, tuned, tuned, (tuned,), last, last, 0.0, Discrepancy(("x",), (0.0,)))
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ many seems to follow."""
 
 
 @dataclass(frozen=True)
-class Leeway:
+class Discrepancy:
     """What may be wrong, as a sum of squares in units of the noise, in each of the readings at `outputs`.
 
     What an effect explains in one reading says nothing of how well another is understood. So much of `parts` as
@@ -66,12 +66,12 @@ class Leeway:
             return self.total
         return float(np.dot(self.parts, shares))
 
-    def along(self, following: Sequence[float] | Array) -> Leeway:
+    def along(self, following: Sequence[float] | Array) -> Discrepancy:
         """Return it for what follows the drive by a linear law in these parts of its energy, one for each reading."""
         if not any(self.linear):
             return self
         rest = np.array(self.parts) - np.array(self.linear) * (1.0 - np.asarray(following))
-        return Leeway(self.outputs, tuple(rest.tolist()))
+        return Discrepancy(self.outputs, tuple(rest.tolist()))
 
     def at(self, where: str) -> float:
         """Return it in the reading of a place, in all of them where the place has none of its own."""
@@ -100,7 +100,7 @@ def explained_by(setting: Setting, tuned: Fit, best: Fit) -> float:
     return max(float(np.sum(squares_of(setting, tuned.residuals))) - best.misfit, 0.0)
 
 
-def beyond_form(setting: Setting, before: Fit, after: Fit, least: Leeway) -> bool:
+def beyond_form(setting: Setting, before: Fit, after: Fit, least: Discrepancy) -> bool:
     """Tell whether `after` explains more beside `before` than `least` allows the form of the effects there.
 
     Where these are linear, by what of the difference follows the drive by a linear law.
@@ -126,11 +126,11 @@ def _change(before: Fit, after: Fit) -> list[Array]:
     return [a - b for a, b in zip(before.residuals, after.residuals, strict=True)]
 
 
-def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
+def discrepancy_of(setting: Setting, tuned: Fit, best: Fit) -> Discrepancy:
     """Return how much of what `best` explains its effects' forms may be wrong by."""
     outputs = setting.places.outputs
     if not best.candidates:
-        return Leeway(tuple(outputs), (0.0,) * len(outputs))
+        return Discrepancy(tuple(outputs), (0.0,) * len(outputs))
     left = squares_of(setting, best.residuals)
     explained = np.maximum(squares_of(setting, tuned.residuals) - left, 0.0)
 
@@ -139,7 +139,7 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
         """Return what the other effects explain beside those that are `kept`."""
         if not kept or len(kept) == len(best.effects):
             return np.zeros_like(explained) if kept else explained
-        moved = left_by(setting, turned(setting.nominal, setting.knobs, best.change), kept)
+        moved = left_by(setting, turned(setting.nominal, setting.nuisances, best.change), kept)
         return np.clip(squares_of(setting, moved) - left, 0.0, explained)
 
     by_law = beside(tuple(e for e in best.effects if e.exact))
@@ -150,7 +150,7 @@ def leeway_of(setting: Setting, tuned: Fit, best: Fit) -> Leeway:
     # what is linear, by a law and exactly
     lawful, exactly = by_law - by_bent_law, np.maximum((explained - by_law) - (bent - by_bent_law), 0.0)
     linear = (_LAW - _STEADY) * lawful + (_EXACT - _STEADY) * exactly
-    return Leeway(tuple(outputs), tuple(parts.tolist()), tuple(linear.tolist()))
+    return Discrepancy(tuple(outputs), tuple(parts.tolist()), tuple(linear.tolist()))
 
 
 def following_of(setting: Setting, linear: ModalModel, change: Sequence[Array]) -> Array:
