@@ -9,8 +9,8 @@ import scipy
 from numpy.typing import NDArray
 
 from sim_backend.jit import njit
+from sim_backend.linear import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ROWS_PER_BIN = 100

@@ -34,10 +34,8 @@ from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.result import Domain
 from analysis.pages.quantities import span
-from sim_backend.linear import DiscreteModel, discretise
+from sim_backend.linear import Array, DiscreteModel, discretise
 from sim_backend.model import Model, Port
-
-Array = NDArray[np.float64]
 
 _DOMAINS = "frequency", "amplitude", "position", "direction", "rate", "time", "temperature", "cross-axis"
 

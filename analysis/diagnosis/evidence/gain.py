@@ -15,9 +15,7 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import SELDOM, Gain, OutputGain, SegmentGain
-from sim_backend.linear import ModalModel, discretise
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel, discretise
 
 DRAWS = 2000
 

@@ -12,8 +12,8 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener, filtered
+from sim_backend.linear import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _LOUDER = 1.1

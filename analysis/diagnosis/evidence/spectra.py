@@ -15,8 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.identification.loop_at_once import echo_of
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 PER_DECADE = 16
 

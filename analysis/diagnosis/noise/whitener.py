@@ -15,8 +15,8 @@ import scipy
 from numpy.typing import NDArray
 
 from sim_backend.jit import njit
+from sim_backend.linear import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 

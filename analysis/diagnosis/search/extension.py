@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import squares_of
@@ -16,8 +15,7 @@ from analysis.diagnosis.fitting.refit import part_to_take, refit, taken_over
 from analysis.diagnosis.nominal.tuning import bounds_of, spreads_of
 from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _TRUSTED = 3.0
 """Refits start with nuisances within this many standard deviations of the nominal model."""

@@ -15,8 +15,8 @@ import scipy
 from numpy.typing import NDArray
 
 from sim_backend.effects.view import LEAST_PART
+from sim_backend.linear import Array
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 COLLINEAR = 1e-4

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener, runs_of
 from analysis.diagnosis.nominal.responses import played, response
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import Array, ModalModel, discretise
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _LONGEST = 20_000

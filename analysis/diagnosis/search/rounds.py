@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import (
@@ -29,7 +28,6 @@ from analysis.diagnosis.search.rubbing import rubbing
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from sim_backend.effects.base import Effect
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 

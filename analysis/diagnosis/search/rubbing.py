@@ -12,7 +12,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -20,9 +19,7 @@ from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.shortlist import Screen
 from analysis.identification.axes import Moved, moved_by
 from sim_backend.effects.coulomb_friction import CoulombFriction
-
-Array = NDArray[np.float64]
-
+from sim_backend.linear import Array
 
 _PARTS = (1.0, 0.1, 0.01)
 """Parts of a screened breakaway rate or give at which a fit begins.

@@ -16,9 +16,8 @@ from analysis.diagnosis.nominal.tuning import Nuisance, root_of
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.search.gram import COLLINEAR, Gram, beside_start
 from sim_backend.assembly import Places
-from sim_backend.linear import ModalModel
+from sim_backend.linear import Array, ModalModel
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 

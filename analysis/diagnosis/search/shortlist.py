@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates, measured_motion
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
@@ -19,9 +18,7 @@ from analysis.diagnosis.search.screening import Footing, Noise, gram_of
 from sim_backend.effects.base import Effect
 from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
 from sim_backend.effects.view import RecordView
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel
 
 SURE = 0.99
 """An effect is kept, and a cause named, when there is less than one chance in a hundred that it is another or none."""

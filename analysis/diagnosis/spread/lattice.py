@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.spread.chance import Chance
 from sim_backend.effects.sensor_quantisation import SensorQuantisation
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _ROUNDING = 4.0
 """A reading is known to so many units of its last place: it was rounded, scaled to SI units, and subtracted."""

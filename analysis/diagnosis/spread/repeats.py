@@ -18,8 +18,8 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.spread.chance import Chance
 from analysis.diagnosis.spread.lattice import lattice_of
 from sim_backend.effects.dropped_samples import DroppedSamples
+from sim_backend.linear import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _IMPOSSIBLE = 1e-6

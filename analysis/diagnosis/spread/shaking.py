@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.starts import without_starts
@@ -24,9 +23,7 @@ from analysis.diagnosis.spread.whittle import Band, Series, Start, Whittle, seri
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.broadband_vibration import BroadbandVibration
 from sim_backend.effects.command_quantisation import CommandQuantisation
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel
 
 _ORDERS = (4, 6, 8, 10, 12)
 """Terms of the floor's polynomial."""

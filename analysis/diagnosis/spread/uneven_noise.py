@@ -21,8 +21,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.whitener import Bands, Whitener, runs_of
 from analysis.diagnosis.spread.chance import Chance
 from sim_backend.effects.apex_noise import ApexNoise
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 BLOCK = 16
 _UPPER = slice(BLOCK // 2, BLOCK)

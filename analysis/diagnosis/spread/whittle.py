@@ -14,14 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import band_of, runs_of
 from analysis.diagnosis.records.dataset import Record
-from sim_backend.linear import ModalModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, ModalModel
 
 _GROWTH, _LEAST_ROWS = 1.03, 8
 """Ratio of the edges of a bin, and how many numbers it holds at least."""

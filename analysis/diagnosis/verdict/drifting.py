@@ -9,7 +9,6 @@ of every run's own, tells the noise.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import in_noise
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -17,8 +16,7 @@ from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.noise.whitener import Whitener, frequency_of_rows
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.verdict.leftover import Leftover, in_words
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _WHAT = "the seconds of a run"
 

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import again, score
 from analysis.diagnosis.fitting.discrepancy import target_of
@@ -23,8 +22,6 @@ from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.leftover import Beside, Way, general_ways, in_words
 from sim_backend.assembly import Places
-
-Array = NDArray[np.float64]
 
 _MOST = 6
 """Columns at most: as many numbers as three causes have."""

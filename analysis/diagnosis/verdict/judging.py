@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import score
@@ -25,10 +24,9 @@ from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.verdict.remainder import remainder_of, telling
 from sim_backend.effects.base import UNLISTED, Effect, Site
+from sim_backend.linear import Array
 from sim_backend.model import Model
 from sim_backend.modes import units_at
-
-Array = NDArray[np.float64]
 
 _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times

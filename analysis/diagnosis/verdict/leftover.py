@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import as_simulated
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -28,8 +27,7 @@ from analysis.diagnosis.search.shortlist import beside, views_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
 from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from sim_backend.assembly import Places
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 ONE_IN_A_MILLION = 1e-6
 """Chance of as much along one way at one place below which it is no noise. Some hundred are looked at; the rest of the

@@ -15,15 +15,12 @@ from typing import Literal, Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
 from sim_backend.assembly import Places
 from sim_backend.effects.view import RecordView
-from sim_backend.linear import DiscreteModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, DiscreteModel
 
 _DISTANCES = 1024
 """Waves over the position among which the strongest are chosen."""

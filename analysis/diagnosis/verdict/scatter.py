@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.independent import independent_rows
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array
 
 _TWICE = 2.0
 """Times the motion of the stillest record, and times its scatter as a power, from which on another's is told."""

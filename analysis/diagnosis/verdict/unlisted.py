@@ -12,15 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
 from sim_backend.assembly import Places
 from sim_backend.jit import njit
-from sim_backend.linear import DiscreteModel
-
-Array = NDArray[np.float64]
+from sim_backend.linear import Array, DiscreteModel
 
 _SLOW, _CHANGING = 9, 5
 """Cosines over the whole time, the constant among them, of what is slow, and of how a size changes."""
