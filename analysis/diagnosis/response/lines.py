@@ -9,7 +9,7 @@ sum of squares of one, the difference Σ w q of lines with the noise σ has the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -82,19 +82,8 @@ class Lines:
 
     def only(self, keep: Mask) -> Lines:
         """Return the lines that `keep` (n,) marks."""
-        return replace(
-            self,
-            frequency_hz=self.frequency_hz[keep],
-            response=self.response[keep],
-            output=self.output[keep],
-            input=self.input[keep],
-            level=self.level[keep],
-            curve=self.curve[keep],
-            count=self.count[keep],
-            std=None if self.std is None else self.std[keep],
-            coherence=None if self.coherence is None else self.coherence[keep],
-            held_out=self.held_out[keep],
-        )
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "scatter"}
+        return replace(self, **{name: values[keep] for name, values in own.items() if isinstance(values, np.ndarray)})
 
 
 def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines:
