@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,13 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import layout
+from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.kinematics import dof_from_points, points_from_dof
 from sim_backend.linear import ModalModel, delay_taps, discretise
-from sim_backend.model import Hardware, Model, number
+from sim_backend.model import EffectEntry, Hardware, Model, number
 
 Array = NDArray[np.float64]
+
+
+def stated(entries: Iterable[EffectEntry]) -> list[Effect]:
+    """Return the effects that entries of a model file state; raises as `make_effect`."""
+    return [make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in entries]
 
 
 @dataclass(frozen=True, eq=False)

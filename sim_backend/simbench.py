@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
-from sim_backend.assembly import bus_of, current_from_command, places_of, plant_of, retuned, transducers_of
+from sim_backend.assembly import bus_of, current_from_command, places_of, plant_of, retuned, stated, transducers_of
 from sim_backend.bench import Coil, Identity, Limits, Record, Segment, Signal
-from sim_backend.effects import make_effect
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.kernel import side_by_side
@@ -140,9 +139,7 @@ class SimBench:
         self._truth = truth
         self._name = name
         self.places = places_of(model)
-        effects = [
-            make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
-        ]
+        effects = stated(model.effects)
         self._rewriting = [e for e in effects if e.site is Site.RECORD]
         for effect in self._rewriting:
             self.places.find(self.places.outputs, effect.where, effect.name)

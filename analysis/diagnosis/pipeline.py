@@ -41,13 +41,13 @@ from analysis.diagnosis.verdict.scatter import scatter_follows_play
 from analysis.diagnosis.verdict.sensitivity import sensitivity_of
 from analysis.diagnosis.verdict.stranger import beside_strangers
 from campaigns.plans import Plan
-from sim_backend.assembly import places_of, retuned, transducers_of
+from sim_backend.assembly import places_of, retuned, stated, transducers_of
 from sim_backend.bench import Bench
-from sim_backend.effects import INSIDE, library, make_effect, named
+from sim_backend.effects import INSIDE, library, named
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import Array, ModalModel
-from sim_backend.model import Model, Quantity, number
+from sim_backend.model import Model, Quantity
 
 _COARSER = 8
 """First trials take steps so many times longer, but none longer than a sample."""
@@ -97,11 +97,9 @@ def search_causes(
     """Return everything the search finds, the noise being at least as strong as `added` say."""
     searched = searched_effects(options)
     linear, places = model.linear(), places_of(model)
-    known = tuple(
-        make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()}) for e in model.effects
-    )
-    linear = retuned(linear, known, places)
-    known = tuple(e for e in known if e.site is not Site.MODEL)  # the linear model has those already
+    effects = stated(model.effects)
+    linear = retuned(linear, effects, places)
+    known = tuple(e for e in effects if e.site is not Site.MODEL)  # the linear model has those already
     runs = [record.name for record in data.records]
     own = fitted_to(model, runs)
     nuisances = own_nuisances_of(linear, fitted_delays(model, runs)) if own else nuisances_of(linear, options.tolerance)

@@ -16,13 +16,13 @@ from analysis.diagnosis.records.dataset import Record, Window, period_within
 from campaigns.plans import Plan, checked_segments
 from campaigns.plans.base import Reach, rate_of
 from campaigns.plans.multisine import Multisine
-from sim_backend.assembly import places_of, retuned
+from sim_backend.assembly import places_of, retuned, stated
 from sim_backend.bench import Bench, Identity, Limits, Segment, Signal
 from sim_backend.bench import Record as BenchRecord
-from sim_backend.effects import Aux, effect_class, make_effect
+from sim_backend.effects import Aux, effect_class
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array, ModalModel
-from sim_backend.model import Model, number
+from sim_backend.model import Model
 from sim_backend.simbench import SimBench
 
 if TYPE_CHECKING:  # they bring the whole search, for which a first experiment does not wait
@@ -207,13 +207,9 @@ def first_plan(bench: Bench, model: Model) -> Plan:
     headroom = Headroom(np.array([limits.get(dof, np.inf) for dof in places.outputs]), float(bench.limits.current_a))
     usual = Multisine()
     own = np.array([usual.force_rms_n if axis == "z" else usual.torque_rms_nm for axis in places.inputs])
-    effects = [
-        make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()})
-        for e in model.effects
-        if effect_class(e.effect).aux is not Aux.EXOGENOUS
-    ]
-    reach = largest_commands(axes, bench, retuned(model.linear(), effects, places), places.inputs, headroom, 3.5 * own)
     kept = [e for e in model.effects if effect_class(e.effect).aux is not Aux.EXOGENOUS]
+    linear = retuned(model.linear(), stated(kept), places)
+    reach = largest_commands(axes, bench, linear, places.inputs, headroom, 3.5 * own)
     quiet = msgspec.structs.replace(model, effects=kept, sample_rate_hz=rate_of(bench))
     for level in LEVELS:
         plan = next(iter(Multisine.offers(bench, reach.scaled(level))))

@@ -23,11 +23,11 @@ from analysis.diagnosis.search.rounds import Progress, silent
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.judging import Judgement, causes_of
 from analysis.pages.quantities import span
-from sim_backend.assembly import places_of, retuned
-from sim_backend.effects import effect_class, make_effect
+from sim_backend.assembly import places_of, retuned, stated
+from sim_backend.effects import effect_class
 from sim_backend.effects.base import Site
 from sim_backend.linear import ComplexArray
-from sim_backend.model import Model, number
+from sim_backend.model import Model
 
 Mask = NDArray[np.bool_]
 
@@ -80,11 +80,7 @@ def diagnose_response(
 def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: bool) -> Setting:
     """Return all lines with the noise about the model as it is given."""
     places = places_of(model)
-    known = [
-        make_effect(e.effect, e.where, {k: number(v) for k, v in e.parameters.items()})
-        for e in model.effects
-        if changes_the_response(effect_class(e.effect))
-    ]
+    known = stated(e for e in model.effects if changes_the_response(effect_class(e.effect)))
     linear = retuned(model.linear(), known, places)
     table = [path.name]
     late = fitted_delays(model, table)
