@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
-from analysis.diagnosis.noise.levels import levels_of_means, levels_of_medians
+from analysis.diagnosis.noise.levels import held_by_few, levels_of_means, levels_of_medians, no_weaker
 from analysis.diagnosis.noise.whitener import Array, Mask, Whitener, runs_of
 from analysis.diagnosis.records.dataset import Dataset, Record
 
@@ -78,7 +78,12 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     left = [_powers(plain, parts, o) for o, parts in enumerate(whole)]
     edges, levels = levels_of_medians(left, highest)
     if not plain.repeats:
-        return Whitener(plain.taps, False, edges, levels)
+        few = [o for o in plain.outputs if held_by_few(left[o], highest)]
+        weak = {o: no_weaker(edges, levels[o], plain.taps[o]) for o in few}
+        return Whitener(
+            plain.taps, False, edges, np.stack([weak.get(o, np.maximum(levels[o], 1.0)) for o in plain.outputs])
+        )
+    levels = np.maximum(levels, 1.0)
     repeated = [
         [
             part

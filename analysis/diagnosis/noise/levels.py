@@ -22,12 +22,18 @@ _MEDIAN_OF_SQUARE = 0.4549
 _EFFICIENCY = 0.37
 """A median of squares knows their level as well as the mean of so many times fewer."""
 
+_NEVER = 1e-6
+"""Rows are called weaker than their filter says where that happens by chance no more often than this."""
+
 _BY_CHANCE = 1e-3
 """Two levels are taken for one unless they differ by more than happens so seldom by chance."""
 
 
 def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
-    """Return edges and levels of the bands below `highest` from medians; nothing where there are too few rows."""
+    """Return edges and levels of the bands below `highest` from medians; nothing where there are too few rows.
+
+    A level may be below one: `no_weaker` and `held_by_few` say what that means.
+    """
     below = np.sort(spectra[0][0][spectra[0][0] < highest])
     count = min(below.size // BAND_ROWS, _MAX_BANDS)
     if count < 1:
@@ -43,8 +49,38 @@ def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tup
         for b in range(edges.size - 1):
             inside = power[band == b]
             if inside.size:
-                levels[o, b] = max(1.0, float(np.median(inside)) / _MEDIAN_OF_SQUARE)
+                levels[o, b] = float(np.median(inside)) / _MEDIAN_OF_SQUARE
     return edges, levels
+
+
+def held_by_few(spectrum: tuple[Array, Array], highest: float) -> bool:
+    """Tell whether few rows below `highest` hold so much that the filter takes all of them for strong noise.
+
+    A drift of a reading stands in the lowest rows alone, but a filter has no such edge: it weakens whatever is slow,
+    and most rows down there then are far weaker than one, more than happens by chance. (A step is no such thing: its
+    power falls with the square of the frequency, as that of a random walk.)
+    """
+    frequency, power = spectrum
+    below = power[np.argsort(frequency)][: int(np.sum(frequency < highest))]
+    counts = BAND_ROWS * 2 ** np.arange(int(np.log2(max(below.size // BAND_ROWS, 1))) + 1)
+    if below.size < BAND_ROWS:
+        return False
+    known = _EFFICIENCY * counts
+    levels = np.array([np.median(below[:count]) for count in counts]) / _MEDIAN_OF_SQUARE
+    return bool(np.min(scipy.special.chdtr(known, known * levels)) * counts.size < _NEVER)
+
+
+def no_weaker(edges: Array, levels: Array, taps: Array) -> Array:
+    """Return the `levels` (k,) of a noise filtered by `taps`, so that it is nowhere weaker than at higher frequencies.
+
+    Bands between `edges` (k + 1,) that are weaker than a higher one share a level with it (isotonic regression); at the
+    last edge it is one.
+    """
+    places = np.append(0.5 * (edges[:-1] + edges[1:]), edges[-1])
+    passed = np.abs(np.exp(-2j * np.pi * np.outer(places, np.arange(taps.size))) @ taps) ** 2
+    power = levels / passed[:-1]
+    falling = scipy.optimize.isotonic_regression(power, weights=np.diff(edges), increasing=False).x
+    return np.asarray(np.maximum(falling, 1.0 / passed[-1]) * passed[:-1])
 
 
 def levels_of_means(
