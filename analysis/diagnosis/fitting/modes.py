@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.nominal.responses import contrast, driven_by, played
+from analysis.diagnosis.nominal.responses import contrast, driven_by, free_responses, played
 from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Nuisance, change_to, mahalanobis2_of, mode_alone, turned
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
@@ -67,8 +67,29 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
 
 
 def _spectrum(left: Array) -> Array:
-    """Return the power of every line of residuals (n, n_y), (lines, n_y); a drift does not leak into all of them."""
-    return np.asarray(np.abs(np.fft.rfft(left * np.hanning(left.shape[0])[:, None], axis=0)) ** 2)
+    """Return the power of every line of residuals (n, n_y), (lines, n_y)."""
+    return np.asarray(np.abs(_lines(left)) ** 2)
+
+
+def _lines(left: Array) -> NDArray[np.complex128]:
+    """Return the lines of `left` (n, …) along its first axis; a drift does not leak into all of them."""
+    taper = np.hanning(left.shape[0]).reshape(-1, *[1] * (left.ndim - 1))
+    return np.asarray(np.fft.rfft(left * taper, axis=0))
+
+
+def _beside(left: NDArray[np.complex128], swing: NDArray[np.complex128]) -> float:
+    """Return the squares of lines `left` (k, n_y) beside what two numbers make of the `swing` (k, n_y, 2) from a start.
+
+    A light mode swings on for long from what was before a record: at the wrong place no start explains that.
+    """
+    target = np.concatenate([left.real.ravel(), left.imag.ravel()])
+    columns = np.concatenate([swing.real.reshape(-1, 2), swing.imag.reshape(-1, 2)])
+    size = np.linalg.norm(columns, axis=0)
+    if target.size <= 2 or not np.all(size > 0.0):
+        return float(target @ target)
+    # what there is of a start is nearly as much a sine as a cosine, so that no more care is needed
+    basis = np.linalg.qr(columns / size)[0]
+    return float(target @ target - np.sum((basis.T @ target) ** 2))
 
 
 def _weights(power: Array) -> Array:
@@ -123,9 +144,10 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
     def squares(model: DiscreteModel) -> float:
         total = 0.0
         for e, f, x, used, w in zip(fit.residuals, forces, starts, rows, weights, strict=True):
-            power = _spectrum((e - contrast(model, here, f, x))[used]) * w
-            lines = np.arange(power.shape[0]) / max(int(used.sum()), 1)
-            total += float(np.sum(power[(lines > band[0]) & (lines < band[1])]))
+            lines = np.arange(w.shape[0]) / max(int(used.sum()), 1)
+            near, loud = (lines > band[0]) & (lines < band[1]), np.sqrt(w)
+            left, swing = e - contrast(model, here, f, x), free_responses(model, e.shape[0])
+            total += _beside(*((_lines(part[used]).T * loud.T).T[near] for part in (left, swing)))
         return total
 
     left = [squares(at(place)) for place in places]
