@@ -29,6 +29,8 @@ def wired(fx: layout.Effects, bus: layout.Bus) -> layout.Effects:
     wires = np.zeros_like(fx.wires)
     for site, signal in signals.items():
         at = slice(fx.first[site], fx.first[site + 1])
+        if at.start == at.stop:  # most sites of most benches: a search wires one or two effects some thousand times
+            continue
         wires[at, 0] = wires[at, 4] = _addresses(signal, fx.channel[at])
         wires[at, 1] = _addresses(bus.middle if site is Site.DRIVE else bus.at, fx.watched[at])
         if site is Site.STRUCTURE:

@@ -23,7 +23,7 @@ from analysis.diagnosis.experiment.hypotheses import Hypothesis
 from analysis.diagnosis.fitting.fit import Setting, residuals_of, simulated
 from analysis.diagnosis.fitting.refit import exact_sensitivities
 from analysis.diagnosis.fitting.starts import Start, stack_white, start_of
-from analysis.diagnosis.nominal.tuning import root_of, sensitivities, turned
+from analysis.diagnosis.nominal.tuning import root_of, turned, turning
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.linear import Array
 
@@ -55,12 +55,11 @@ def _responses(setting: Setting, hypothesis: Hypothesis) -> tuple[list[Array], l
     if fit.effects:
         held = replace(fit, change=np.zeros(0), residuals=residuals)
         own = exact_sensitivities(replace(setting, nominal=linear, nuisances=[]), held)
-    columns = []
-    for motion, states, part in zip(motions, setting.states, own, strict=True):
-        nuisances = sensitivities(
-            linear, setting.nuisances, motion.torque, setting.data.rate_hz, states, through_delay=False
-        )
-        columns.append(np.concatenate([nuisances, part], axis=2))
+    turn = turning(linear, setting.nuisances, setting.data.rate_hz, through_delay=False)
+    columns = [
+        np.concatenate([turn.columns(motion.torque, states), part], axis=2)
+        for motion, states, part in zip(motions, setting.states, own, strict=True)
+    ]
     return [m.reading for m in motions], columns
 
 

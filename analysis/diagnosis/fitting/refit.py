@@ -31,7 +31,7 @@ from analysis.diagnosis.fitting.parts import Part, parts_of, setting_of, whole_o
 from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.nominal.responses import stacked
-from analysis.diagnosis.nominal.tuning import change_to, mahalanobis2_of, sensitivities, turned
+from analysis.diagnosis.nominal.tuning import change_to, mahalanobis2_of, turned, turning
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
@@ -221,9 +221,9 @@ def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Ar
 
 def plain_sensitivities(setting: Setting, linear: ModalModel) -> tuple[Array, ...]:
     """Return, per record, the change of the outputs of `linear` by itself per unit of each nuisance, (n, n_y, k)."""
+    turn = turning(linear, setting.nuisances, setting.data.rate_hz)
     return tuple(
-        sensitivities(linear, setting.nuisances, record.u, setting.data.rate_hz, states)
-        for record, states in zip(setting.data.records, setting.states, strict=True)
+        turn.columns(record.u, states) for record, states in zip(setting.data.records, setting.states, strict=True)
     )
 
 

@@ -24,7 +24,7 @@ import scipy
 from analysis.diagnosis.candidates.signature import Motion, force_along, moved_as
 from analysis.diagnosis.fitting.problem import Point, Problem
 from analysis.diagnosis.nominal.responses import coasting, simulate
-from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned
+from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned, turning
 from analysis.diagnosis.records.dataset import Record
 from sim_backend import kernel
 from sim_backend.assembly import Places, retuned
@@ -172,9 +172,6 @@ class Slopes:
         commanded = finer_for_delays(linear, rate_hz) > 1 and not on_the_way
         played = [r.u for r in s.data.records] if commanded else at.torques
 
-        def held(torque: Array, start: Array) -> Array:
-            return sensitivities(linear, nuisances, torque, rate_hz, start, through_delay=commanded)
-
         def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:
             motion = moved_as(record, record.y - left, rate_hz)
             own = answering(linear, acting, s.places, motion, torque, start, rate_hz)
@@ -182,7 +179,7 @@ class Slopes:
 
         if self._answering:
             return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
-        return s.each(held, played, s.states)
+        return s.each(turning(linear, nuisances, rate_hz, through_delay=commanded).columns, played, s.states)
 
     def _slope(self, x: Array, at: Point, i: int) -> Array:
         """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""

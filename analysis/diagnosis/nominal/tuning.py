@@ -186,57 +186,115 @@ def change_to(linear: ModalModel, nuisances: list[Nuisance], changed: ModalModel
     return out
 
 
-def sensitivities(
-    linear: ModalModel, nuisances: list[Nuisance], u: Array, rate_hz: float, start: Array, *, through_delay: bool = True
-) -> Array:
-    """Return the change of the outputs per unit of each nuisance, shape (n, n_y, n_nuisances), by central differences.
+@dataclass(frozen=True)
+class Turning:
+    """Every nuisance of a model turned a little to both sides, for as many records as there are.
 
-    `u` (n, n_u) are commands or, without `through_delay`, torques, `start` (m, 2) the states in which they find the
-    model. Only the nuisance's own mode is simulated, so that the cost is that of two modes per nuisance; a delay's
-    column is the whole model's answer to the slope of what passes it. Each column of each output is one stretch of
-    memory: what follows (filters, transforms) works along time.
+    `linear` is the model, `whole` it at the rate of the records; `there` and `back` hold, side by side, the own mode of
+    each nuisance that has one, turned by plus and minus `_STEP`.
     """
+
+    linear: ModalModel
+    nuisances: list[Nuisance]
+    whole: DiscreteModel
+    there: DiscreteModel
+    back: DiscreteModel
+    through_delay: bool
+
+    def columns(self, u: Array, start: Array) -> Array:
+        """Return the change of the outputs per unit of each nuisance, (n, n_y, n_nuisances), by central differences.
+
+        `u` (n, n_u) are commands or, where nothing goes `through_delay`, torques, `start` (m, 2) the states in which
+        they find the model. Only the nuisance's own mode is simulated, so that the cost is that of two modes for each;
+        a delay's column is the whole model's answer to the slope of what passes it. Each column of each output is one
+        stretch of memory: what follows (filters, transforms) works along time.
+        """
+        # each input is played from one stretch of memory
+        forces = np.asfortranarray(driven_by(self.whole, u).forces if self.through_delay else u)
+        series = np.zeros((len(self.nuisances), self.linear.n_outputs, u.shape[0]))
+        of_mode = 0
+        for k, nuisance in enumerate(self.nuisances):
+            if nuisance.mode < 0:
+                series[k] = self._of_no_mode(nuisance, u).T
+                continue
+            there, back = (alone(model, of_mode) for model in (self.there, self.back))
+            series[k] = contrast(there, back, forces, start[nuisance.mode]).T / (2.0 * _STEP)
+            of_mode += 1
+        return series.T
+
+    def _of_no_mode(self, nuisance: Nuisance, u: Array) -> Array:
+        """Return the column (n, n_y) of a delay or of a direct path."""
+        whole, rate_hz, split = self.whole, self.whole.rate_hz, self.whole.late is not None
+        if nuisance.field == "delay_s" and split:
+            shortest = min(
+                _STEP, float(self.linear.delay_s[nuisance.index]) / nuisance.unit
+            )  # no delay is shorter than none
+            later, sooner = (
+                discretise(turned(self.linear, [nuisance], np.array([by])), rate_hz, split=True)
+                for by in (_STEP, -shortest)
+            )
+            return np.asarray((simulate(later, u) - simulate(sooner, u)) / (_STEP + shortest))
+        if nuisance.field == "delay_s":
+            (source,) = nuisance.index
+            taps = delay_taps(float(whole.delay_samples[source]) if self.through_delay else 0.0)
+            return response(whole, rate_hz * nuisance.unit * weighted(u[:, source], taps.first, taps.slopes), source)
+        output, source = nuisance.index
+        # within a sample its first instant counts
+        late = np.ceil(whole.delay_samples) if split else whole.delay_samples
+        column = np.zeros((u.shape[0], self.linear.n_outputs))
+        column[:, output] = nuisance.unit * (delayed(u, late) if self.through_delay else u)[:, source]
+        return column
+
+
+def turning(linear: ModalModel, nuisances: list[Nuisance], rate_hz: float, *, through_delay: bool = True) -> Turning:
+    """Return every nuisance of `linear` turned to both sides at one rate, for `Turning.columns` of any record."""
     split = through_delay and finer_for_delays(linear, rate_hz) > 1
     whole = discretise(linear, rate_hz, split=split)
-    # each input is played from one stretch of memory
-    forces = np.asfortranarray(driven_by(whole, u).forces if through_delay else u)
+    there, back = (modes_alone(linear, nuisances, by, rate_hz, split=split) for by in (_STEP, -_STEP))
+    return Turning(linear, nuisances, whole, there, back, through_delay)
 
-    def moved(nuisance: Nuisance, by: float) -> DiscreteModel:
-        return mode_alone(turned(linear, [nuisance], np.array([by])), nuisance.mode, rate_hz, split=split)
 
-    series = np.zeros((len(nuisances), linear.n_outputs, u.shape[0]))
-    for k, nuisance in enumerate(nuisances):
-        if nuisance.field == "delay_s" and split:
-            back = min(_STEP, float(linear.delay_s[nuisance.index]) / nuisance.unit)  # no delay is shorter than none
-            later, sooner = (
-                discretise(turned(linear, [nuisance], np.array([by])), rate_hz, split=True) for by in (_STEP, -back)
-            )
-            series[k] = (simulate(later, u) - simulate(sooner, u)).T / (_STEP + back)
-        elif nuisance.field == "delay_s":
-            (source,) = nuisance.index
-            taps = delay_taps(float(whole.delay_samples[source]) if through_delay else 0.0)
-            late_by = rate_hz * nuisance.unit * weighted(u[:, source], taps.first, taps.slopes)
-            series[k] = response(whole, late_by, source).T
-        elif nuisance.mode < 0:
-            output, source = nuisance.index
-            # within a sample its first instant counts
-            late = np.ceil(whole.delay_samples) if split else whole.delay_samples
-            passed = delayed(u, late) if through_delay else u
-            series[k, output] = nuisance.unit * passed[:, source]
-        else:
-            change = contrast(moved(nuisance, _STEP), moved(nuisance, -_STEP), forces, start[nuisance.mode])
-            series[k] = change.T / (2.0 * _STEP)
-    return series.T
+def modes_alone(
+    linear: ModalModel, nuisances: Sequence[Nuisance], by: float, rate_hz: float, *, split: bool
+) -> DiscreteModel:
+    """Return the own mode of each nuisance that has one, turned `by` so much, side by side as one model at one rate.
+
+    No mode has a direct term, and each is for the forces that drive the whole model: where delays are `split` every
+    command drives it twice, as in `responses.driven_by`. All are made at once, which takes as long as one alone.
+    """
+    own = [nuisance for nuisance in nuisances if nuisance.mode >= 0]
+    modes = [nuisance.mode for nuisance in own]
+    moved = {name: getattr(linear, name)[modes] for name in ("omega_rad_s", "sigma_1_s", "b", "b_direct")}
+    moved |= {name: getattr(linear, name)[:, modes] for name in ("c", "c_rate")}
+    for k, nuisance in enumerate(own):
+        at = tuple(
+            k if axis == (1 if nuisance.field in ("c", "c_rate") else 0) else i for axis, i in enumerate(nuisance.index)
+        )
+        values = moved[nuisance.field]
+        values[at] = nuisance.turned(values[at], by)
+    model = discretise(linear.with_(**moved, d=np.zeros_like(linear.d)), rate_hz, split=split)
+    return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)
+
+
+def alone(model: DiscreteModel, m: int) -> DiscreteModel:
+    """Return block `m` of a model by itself."""
+    one = slice(m, m + 1)
+    late = None if model.late is None else model.late[one]
+    return replace(model, a=model.a[one], b=model.b[one], c=model.c[:, one], rate_c=model.rate_c[:, one], late=late)
 
 
 def mode_alone(linear: ModalModel, m: int, rate_hz: float, *, split: bool) -> DiscreteModel:
-    """Return mode `m` of a model at one rate, without a direct term, for the forces that drive the whole model.
-
-    Where delays are `split` every command drives it twice, as in `responses.driven_by`.
-    """
-    alone = linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))
-    model = discretise(alone, rate_hz, split=split)
+    """Return mode `m` of a model at one rate, without a direct term, for the forces that drive the whole model."""
+    own = linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))
+    model = discretise(own, rate_hz, split=split)
     return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)
+
+
+def sensitivities(
+    linear: ModalModel, nuisances: list[Nuisance], u: Array, rate_hz: float, start: Array, *, through_delay: bool = True
+) -> Array:
+    """Return the change of the outputs of one record per unit of each nuisance, see `Turning.columns`."""
+    return turning(linear, nuisances, rate_hz, through_delay=through_delay).columns(u, start)
 
 
 def covariance_of(nuisances: Sequence[Nuisance]) -> Array:
