@@ -174,7 +174,6 @@ THOROUGH = (
     ("campaigns/facts/test_clock.py::test_two_clocks_are_told_*", DRAWN),
     ("campaigns/facts/test_clock.py::test_a_resonance_that_softens_*", DRAWN),
     ("campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*", MORE),
-    ("campaigns/importing/test_hostile.py::test_a_hostile_dataset_is_refused*mat-*", MORE),
     ("campaigns/log/test_kill.py::test_a_killed_writer_*", MORE),
     ("campaigns/log/test_trust.py::test_a_sidecar_that_is_no_file_*", MORE),
     (
@@ -259,8 +258,6 @@ STAY = (
     ),
     "campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*tdms-holes]",
     "campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*parquet-one-value]",
-    "campaigns/importing/test_hostile.py::test_a_hostile_dataset_is_refused*mat-bomb]",
-    "campaigns/importing/test_hostile.py::test_a_hostile_dataset_is_refused*mat-external-link]",
     "campaigns/log/test_kill.py::test_a_killed_writer_*0]",
     "campaigns/log/test_kill.py::test_a_killed_writer_*1]",
     "campaigns/log/test_trust.py::test_a_sidecar_that_is_no_file_*show-pipe]",
