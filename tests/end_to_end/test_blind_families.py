@@ -21,6 +21,7 @@ from analysis.challenge.run import run_challenge
 from analysis.challenge.truth import reveal
 from tests import running
 from tests.kept import SIMULATED, kept
+from tests.selection import is_thorough
 
 pytestmark = [pytest.mark.slow, pytest.mark.blind]
 
@@ -124,9 +125,12 @@ def adding_it_pays(said: Said) -> None:
 
 
 @pytest.mark.parametrize(("slug", "seed"), FAMILIES.items(), ids=FAMILIES)
-def test_a_hidden_cause_is_named_and_adding_it_pays(slug: str, seed: int, tmp_path: Path) -> None:
+def test_a_hidden_cause_is_named_and_adding_it_pays(
+    slug: str, seed: int, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     shape = "full" if slug in FULL else "short"
-    said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape, drawn=True)
+    drawn = is_thorough(request.node.nodeid)  # in the quick run the tutorial and other pages draw what they name
+    said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape, drawn=drawn)
     (hidden,) = said.judged.case.effects
     assert hidden.effect == slug and hidden.size >= 2.0 * hidden.naming_limit
     if slug in NOT_YET:
