@@ -29,7 +29,7 @@ BENCHES = (
     "unlisted_force",
 )
 SEARCHED = "a whole search, as others that stay"
-CLUSTER = "one of many ways in which a cluster ends; a killed worker stays"
+CLUSTER = "a whole study on a cluster; workers that are refused stay"
 MORE = "more cases of a test of which some stay"
 LINE = "one of many faults of a line, which takes as long as the line"
 
@@ -89,6 +89,7 @@ THOROUGH = (
     ("analysis/identification/test_fsm.py::test_one_model_per_level_*", "the measured mirror"),
     ("analysis/study/test_cluster.py::test_trials_of_every_kind_*", "every kind of trial three times over"),
     ("analysis/study/test_cluster.py::test_a_pause_leaves_the_cluster_*", CLUSTER),
+    ("analysis/study/test_cluster.py::test_a_killed_worker_*", CLUSTER),
     ("analysis/study/test_cluster.py::test_a_killed_scheduler_*", CLUSTER),
     ("analysis/study/test_cluster.py::test_a_cluster_without_workers_*", CLUSTER),
     ("analysis/study/test_cluster.py::test_a_trial_that_has_cost_too_many_workers_*", CLUSTER),
