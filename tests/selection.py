@@ -178,6 +178,7 @@ THOROUGH = (
     ("analysis/diagnosis/verdict/test_general_rival.py::test_only_a_rival_that_is_sure_*", SEARCHED),
     ("analysis/diagnosis/verdict/test_drifting.py::test_a_drift_is_heard_*", MORE),
     ("analysis/diagnosis/response/test_diagnose_response.py::test_a_linear_cause_is_named_*", MORE),
+    ("analysis/diagnosis/response/test_diagnose_response.py::test_of_two_drives_and_two_readings_*", SEARCHED),
     ("analysis/identification/test_sweep_fit.py::test_a_drawn_delay_is_found*", DRAWN),
     ("analysis/identification/test_sweep_fit.py::test_an_amplifier_behind_a_drawn_pole_*", DRAWN),
     ("analysis/identification/test_input_delay.py::test_modes_that_imitate_a_delay_*", MORE),
