@@ -3,6 +3,7 @@
 import gc
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Generator
 from pathlib import Path
@@ -25,6 +26,10 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 # Nothing has imported numpy yet: it reads these once.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# jsonschema compiles a grammar of international addresses, if one is installed, while it is imported: 2 s of every
+# worker. No schema here has a format.
+sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
 
 # Compiled code and the list of fonts are those of whoever runs the tests, whatever home a test has.
 # What is kept goes by the contents of the sources, so it is never out of date.
@@ -49,11 +54,12 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Look for no garbage among what is imported and collected: nearly all of it stays, and the search takes 1 s."""
+    """Look for no garbage among what is imported and collected, now or later: it stays, and each search takes 1 s."""
     gc.disable()
     try:
         return (yield)
     finally:
+        gc.freeze()
         gc.enable()
 
 

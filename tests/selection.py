@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from fnmatch import translate
 
 import pytest
@@ -28,15 +29,19 @@ BENCHES = (
     "unlisted_force",
 )
 SEARCHED = "a whole search, as others that stay"
-CLUSTER = "one of many ways in which a cluster ends; a killed worker stays"
+CLUSTER = "a whole study on a cluster; workers that are refused stay"
+MORE = "more cases of a test of which some stay"
 LINE = "one of many faults of a line, which takes as long as the line"
 
+BLIND = "end_to_end/test_blind_families.py::test_a_hidden_cause_is_named_and_adding_it_pays"
+
 THOROUGH = (
+    (f"{BLIND}*", "a diagnosis each; one family of every site where effects act stays"),
     ("end_to_end/test_blind_families.py::test_two_hidden_causes_*", "pairs take a minute each"),
     ("end_to_end/test_mirror.py::*", "the measured mirror takes five minutes"),
     ("end_to_end/test_design.py::*", "a whole design and what it reaches; test_schema.py and pages run the command"),
     *((f"end_to_end/test_{name}.py::*", BENCH) for name in BENCHES),
-    ("end_to_end/test_markup.py::test_a_diagnosis_shows_markup_*", "two minutes each; the report's markup stays"),
+    ("end_to_end/test_markup.py::test_a_diagnosis_shows_markup_*", "two minutes each; test_page_browser.py stays"),
     ("end_to_end/test_extended_model.py::*", "a diagnosis and chops on what it corrected"),
     ("analysis/diagnosis/test_investigation.py::test_an_instrument_beside_the_bench_decides_*", SEARCHED),
     ("analysis/diagnosis/test_investigation.py::test_what_a_slow_loop_leaves_tied_*", SEARCHED),
@@ -84,6 +89,7 @@ THOROUGH = (
     ("analysis/identification/test_fsm.py::test_one_model_per_level_*", "the measured mirror"),
     ("analysis/study/test_cluster.py::test_trials_of_every_kind_*", "every kind of trial three times over"),
     ("analysis/study/test_cluster.py::test_a_pause_leaves_the_cluster_*", CLUSTER),
+    ("analysis/study/test_cluster.py::test_a_killed_worker_*", CLUSTER),
     ("analysis/study/test_cluster.py::test_a_killed_scheduler_*", CLUSTER),
     ("analysis/study/test_cluster.py::test_a_cluster_without_workers_*", CLUSTER),
     ("analysis/study/test_cluster.py::test_a_trial_that_has_cost_too_many_workers_*", CLUSTER),
@@ -108,7 +114,10 @@ THOROUGH = (
     ("campaigns/serial/test_disk.py::test_a_campaign_that_a_full_disk_ended_*", "the disk that is too small stays"),
     ("campaigns/serial/test_disk.py::test_a_log_that_another_program_writes_*a]", "the other way to open it stays"),
     ("campaigns/importing/test_imports_drawn.py::test_two_thousand_*", "sixty stay"),
-    ("campaigns/importing/test_dialects_drawn.py::test_ten_thousand_*", "three hundred stay"),
+    (
+        "campaigns/importing/test_dialects_drawn.py::test_ten_thousand_*",
+        "a drawn count; the other tests of the file stay",
+    ),
     ("campaigns/importing/test_hostile.py::test_mutated_sources_*mat*", "as the mutated HDF5 sources, which stay"),
     ("campaigns/serial/test_faulty_line.py::test_a_damaged_line_gives_right_data*tcp*", LINE),
     ("campaigns/serial/test_faulty_line.py::test_a_bench_that_stalls_again_and_again_*", LINE),
@@ -133,7 +142,7 @@ THOROUGH = (
     ("benchmarks/test_speed.py::test_all_compute_the_same*thermal*", "a whole thermal test"),
     ("campaigns/serial/test_client.py::test_throughput_*tcp*", LINE),
     ("campaigns/serial/test_interrupts.py::test_a_killed_host_is_caught_*tcp*", LINE),
-    ("mccdcli/test_hostile.py::test_drawn_cases_*000]", "hostile command lines; a hundred stay"),
+    ("mccdcli/test_hostile.py::test_drawn_cases_*0]", "hostile command lines; twenty stay"),
     ("sim_backend/test_damaged_cache.py::test_no_flipped_bit_*17]", "fifty flipped bits, one of each kind stays"),
     ("sim_backend/test_damaged_cache.py::test_files_*_cut]", "compiles anew; what is no file of ours stays"),
     ("sim_backend/test_damaged_cache.py::test_files_*_empty]", "compiles anew; what is no file of ours stays"),
@@ -147,14 +156,165 @@ THOROUGH = (
         "analysis/diagnosis/response/test_diagnose_response.py::test_a_cause_is_named_where_nothing_*",
         "a whole search, as others that stay",
     ),
+    ("analysis/challenge/second/test_integrate.py::test_a_law_moves_the_bench_*", MORE),
+    ("analysis/challenge/test_limits.py::test_signature_grows_*", MORE),
+    (
+        "analysis/challenge/test_sealed.py::test_a_diagnosis_opens_its_own_case_*",
+        "what one opens is seen by tests that stay",
+    ),
+    ("analysis/challenge/second/test_limits.py::test_a_line_is_seen_*control1]", MORE),
+    ("packaging/test_plugin.py::test_a_diagnosis_names_*", "a whole diagnosis; models, plans and strategies stay"),
+    ("packaging/test_plugin.py::test_a_package_that_does_not_keep_its_promise_*", MORE),
+    ("packaging/test_plugin.py::test_a_strategy_that_returns_no_sound_stages_*", MORE),
+    ("end_to_end/test_learning_is_watched.py::test_nothing_goes_on_*", MORE),
+    ("end_to_end/test_learning_is_watched.py::test_the_papers_learning_*90.0]", MORE),
+    ("end_to_end/test_one_error.py::*", "a whole diagnosis, as others that stay"),
+    ("analysis/diagnosis/spread/test_shaking.py::test_a_hum_of_a_reading_*0]", DRAWN),
+    ("analysis/diagnosis/spread/test_shaking.py::test_the_ring_of_a_start_*", SEARCHED),
+    ("analysis/diagnosis/answer/test_page_browser.py::test_identical_data_*", "draws a page again"),
+    ("campaigns/importing/test_dialects_drawn.py::test_a_table_comes_back_*", DRAWN),
+    ("analysis/diagnosis/test_investigation.py::test_a_model_that_is_right_*", "pages and test_schema.py investigate"),
+    ("analysis/diagnosis/evidence/test_evidence.py::test_the_p_values_of_the_spectra_*", DRAWN),
+    ("analysis/diagnosis/verdict/test_general_rival.py::test_only_a_rival_that_is_sure_*", SEARCHED),
+    ("analysis/diagnosis/verdict/test_drifting.py::test_a_drift_is_heard_*", MORE),
+    ("analysis/diagnosis/response/test_diagnose_response.py::test_a_linear_cause_is_named_*", MORE),
+    ("analysis/diagnosis/response/test_diagnose_response.py::test_of_two_drives_and_two_readings_*", SEARCHED),
+    ("analysis/identification/test_sweep_fit.py::test_a_drawn_delay_is_found*", DRAWN),
+    ("analysis/identification/test_sweep_fit.py::test_an_amplifier_behind_a_drawn_pole_*", DRAWN),
+    ("analysis/identification/test_input_delay.py::test_modes_that_imitate_a_delay_*", MORE),
+    ("analysis/identification/test_closed_loop.py::test_its_numbers_are_right_*", DRAWN),
+    ("analysis/design/test_output.py::test_the_power_of_a_bench_*", "designs twice; the price of a move stays"),
+    ("analysis/identification/test_refined.py::test_the_error_is_the_noise_*", MORE),
+    ("analysis/identification/test_from_table.py::test_modes_are_found_in_any_form*", MORE),
+    ("analysis/diagnosis/answer/test_page_browser.py::test_it_loads_without_errors_*1400-dark*", MORE),
+    ("analysis/diagnosis/answer/test_page_browser.py::test_it_loads_without_errors_*390-light*", MORE),
+    ("analysis/identification/test_whole_delay.py::test_two_modes_are_found_*14]", "a whole fit, as others that stay"),
+    ("analysis/study/test_run.py::test_the_number_of_threads_*5]", MORE),
+    ("analysis/study/test_run.py::test_told_to_end_*", "Ctrl-C stays"),
+    ("campaigns/facts/test_loop.py::test_a_loop_that_moves_much_*", DRAWN),
+    ("campaigns/facts/test_loop.py::test_with_its_reference_*", DRAWN),
+    ("campaigns/facts/test_clock.py::test_two_clocks_are_told_*", DRAWN),
+    ("campaigns/facts/test_clock.py::test_a_resonance_that_softens_*", DRAWN),
+    ("campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*", MORE),
+    ("campaigns/log/test_kill.py::test_a_killed_writer_*", MORE),
+    ("campaigns/log/test_trust.py::test_a_sidecar_that_is_no_file_*", MORE),
+    (
+        "campaigns/serial/test_client.py::test_a_bench_that_is_not_there*serial*",
+        "waits five seconds, as its like of TCP",
+    ),
+    ("campaigns/serial/test_conformance.py::test_a_firmware_that_bends_the_rules_*", LINE),
+    ("campaigns/serial/test_disk.py::test_a_disk_without_room_for_a_header_*", MORE),
+    ("campaigns/serial/test_hostile_bench.py::test_a_flood_is_bounded_in_time*", LINE),
+    ("campaigns/serial/test_hostile_bench.py::test_blocks_that_drip_in_*tcp]", LINE),
+    ("campaigns/serial/test_interrupts.py::test_a_second_interrupt_*signals1]", MORE),
+    ("campaigns/serial/test_strangers.py::test_what_does_not_greet_*", LINE),
+    ("campaigns/serial/test_strangers.py::test_a_greeting_has_its_time_*", LINE),
+    (
+        "mccdcli/commands/test_bench_serial.py::test_mistakes_end_in_one_line*cannot be opened]",
+        "waits five seconds, as TCP",
+    ),
+    ("benchmarks/test_peers_identify.py::test_a_run_writes_a_page_*", "a benchmark that identifies a whole case"),
+    *(
+        (f"analysis/challenge/second/test_make.py::test_{name}_*", "makes many cases; test_schema.py makes some")
+        for name in (
+            "logs_are_whole",
+            "the_nominal_model_has",
+            "nothing_public_tells",
+            "sizes_are_within",
+            "the_truth_has",
+        )
+    ),
+    ("mccd/test_programs.py::test_a_diagnosis_as_table_*", "the notebook diagnoses by the same verb"),
+    ("mccd/test_programs.py::test_records_of_another_shape_*", "takes a diagnosis"),
+    *(
+        (
+            f"mccdcli/commands/test_own_controller.py::test_{name}_*",
+            "identifies and designs, as test_tables.py's report",
+        )
+        for name in ("it_is_designed_from", "it_is_used_the_next_time", "that_of_another_bench")
+    ),
+    ("mccdcli/test_hostile.py::test_a_campaign_with_one_amplitude_*", "a report; one that lacks runs stays"),
+    ("contract/test_tables.py::test_known_misses_pass_*", "builds the report again; what is known is judged without"),
+    ("end_to_end/test_markup.py::test_a_report_shows_markup_*", "a report; a note with markup stays in test_tables.py"),
+    *(
+        (f"packaging/test_release.py::test_{name}_*", "builds wheel and source archive, as `make release` does")
+        for name in ("both_archives", "the_wheel_holds", "the_source_archive", "an_installed_wheel")
+    ),
+    ("benchmarks/test_speed_profile.py::test_a_sampled_command_*", "profiles a command"),
 )
 """Patterns of node IDs below tests/, and why these tests are left to the longer run."""
 
-# one expression: every worker asks for each of thousands of tests
-# in a pattern "[" begins a set of letters, so parameters are matched by "*"
-_ANY_PATTERN = re.compile("|".join(translate(f"tests/{pattern}") for pattern, _ in THOROUGH))
+STAY = (
+    # the quickest family of each site: command, drive, structure, reading, model, record
+    f"{BLIND}*amplifier-saturation]",
+    f"{BLIND}*position-dependent-force-constant]",
+    f"{BLIND}*coulomb-friction]",
+    f"{BLIND}*sensor-quantisation]",
+    f"{BLIND}*damping-shift]",
+    f"{BLIND}*sample-clock-error]",
+    # smooth and abrupt laws, laws with a state, of the command, of time and of another axis
+    *(
+        f"analysis/challenge/second/test_integrate.py::test_a_law_moves_the_bench_*{law}]"
+        for law in ("cubic-hardening", "one-sided-stop", "smooth-loop", "rounded-command", "hum", "crosstalk")
+    ),
+    # again one of each site
+    *(
+        f"analysis/challenge/test_limits.py::test_signature_grows_*{family}]"
+        for family in ("ActuatorGain", "ForceConstant", "CubicStiffness", "SensorGain", "StiffnessShift", "ClockError")
+    ),
+    "packaging/test_plugin.py::test_a_package_that_does_not_keep_its_promise_*broken*",
+    "packaging/test_plugin.py::test_a_package_that_does_not_keep_its_promise_*cubic-stiffness*own*",
+    "packaging/test_plugin.py::test_a_strategy_that_returns_no_sound_stages_*Thing = 3-*",
+    "packaging/test_plugin.py::test_a_strategy_that_returns_no_sound_stages_*n_samples=2.5*",
+    "end_to_end/test_learning_is_watched.py::test_nothing_goes_on_*all at once-0.0]",
+    "analysis/diagnosis/spread/test_shaking.py::test_a_hum_of_a_reading_*8.0-2.0]",
+    "analysis/diagnosis/verdict/test_drifting.py::test_a_drift_is_heard_*warming up-some walk]",
+    "analysis/diagnosis/response/test_diagnose_response.py::test_a_linear_cause_is_named_*lag]",
+    "analysis/identification/test_sweep_fit.py::test_a_drawn_delay_is_found*0]",
+    "analysis/identification/test_sweep_fit.py::test_an_amplifier_behind_a_drawn_pole_*4-2.4]",
+    "analysis/identification/test_input_delay.py::test_modes_that_imitate_a_delay_*white*",
+    "analysis/identification/test_closed_loop.py::test_its_numbers_are_right_*drifting-10000]",
+    "analysis/identification/test_refined.py::test_the_error_is_the_noise_*periodic, late*",
+    "analysis/identification/test_from_table.py::test_modes_are_found_in_any_form*unwrapped degrees]",
+    "analysis/identification/test_from_table.py::test_modes_are_found_in_any_form*real and imaginary]",
+    "campaigns/facts/test_loop.py::test_a_loop_that_moves_much_*white]",
+    "campaigns/facts/test_loop.py::test_with_its_reference_*white]",
+    "campaigns/facts/test_clock.py::test_two_clocks_are_told_*-500.0-white]",
+    "campaigns/facts/test_clock.py::test_two_clocks_are_told_*100.0-multisine]",
+    "campaigns/facts/test_clock.py::test_a_resonance_that_softens_*white]",
+    # one of each kind of file
+    *(
+        f"campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*{bomb}]"
+        for bomb in ("npz-two-names", "npy-holes", "text-one-line", "mat-holes", "h5-lying-chunks", "nc-holes")
+    ),
+    "campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*tdms-holes]",
+    "campaigns/importing/test_bombs.py::test_a_bomb_is_refused_*parquet-one-value]",
+    "campaigns/log/test_kill.py::test_a_killed_writer_*0]",
+    "campaigns/log/test_kill.py::test_a_killed_writer_*1]",
+    "campaigns/log/test_trust.py::test_a_sidecar_that_is_no_file_*show-pipe]",
+    "campaigns/log/test_trust.py::test_a_sidecar_that_is_no_file_*summary-endless]",
+    "campaigns/log/test_trust.py::test_a_sidecar_that_is_no_file_*verify-folder]",
+    "campaigns/serial/test_conformance.py::test_a_firmware_that_bends_the_rules_*takes any lock]",
+    "campaigns/serial/test_disk.py::test_a_disk_without_room_for_a_header_*4]",
+    "campaigns/serial/test_hostile_bench.py::test_a_flood_is_bounded_in_time*piece0]",
+    "campaigns/serial/test_strangers.py::test_what_does_not_greet_*GET*",
+    "campaigns/serial/test_strangers.py::test_a_greeting_has_its_time_**ID]",
+    "mccdcli/test_hostile.py::test_drawn_cases_*0-20]",
+)
+"""Patterns of tests that run in `make test` all the same: of each kind that is left to the longer run, at least one."""
+
+
+def _any_of(patterns: Iterable[str]) -> re.Pattern[str]:
+    """Return one expression for all: every worker asks for each of thousands of tests.
+
+    In a pattern "[" begins a set of letters, so parameters are matched by "*".
+    """
+    return re.compile("|".join(translate(f"tests/{pattern}") for pattern in patterns))
+
+
+_THOROUGH, _STAY = _any_of(pattern for pattern, _ in THOROUGH), _any_of(STAY)
 
 
 def is_thorough(nodeid: str) -> bool:
     """Tell whether a test runs in `make test-all` only."""
-    return _ANY_PATTERN.match(nodeid) is not None
+    return _THOROUGH.match(nodeid) is not None and _STAY.match(nodeid) is None

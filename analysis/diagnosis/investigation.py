@@ -226,16 +226,17 @@ def _judged(
         diagnosis = diagnose(loaded.data, quest.model, quest.options, progress, description, references, done)
         diagnosis = replace(diagnosis, notes=(*loaded.notes, *diagnosis.notes))
         folder_within(folder.parent, folder.name)
-        write_page(diagnosis, quest.model, loaded.sources, folder)
         files = write_files(diagnosis, quest.model, loaded.sources, folder)
         chops: tuple[ChopGain, ...] = ()
-        if diagnosis.verdict == "named":
-            nominal = write_text(folder / "nominal.toml", dump_model(quest.model))
-            extended, bench = files["extended.toml"], partial(open_bench, quest.address, quest.seed)
-            chops, why = chops_or_why(bench, nominal, extended, quest.model, quest.seed)
-            diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *why))
+        try:
+            if diagnosis.verdict == "named":
+                nominal = write_text(folder / "nominal.toml", dump_model(quest.model))
+                extended, bench = files["extended.toml"], partial(open_bench, quest.address, quest.seed)
+                chops, why = chops_or_why(bench, nominal, extended, quest.model, quest.seed)
+                diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *why))
+                write_files(diagnosis, quest.model, loaded.sources, folder, chops)
+        finally:  # once: drawing takes as long as judging
             write_page(diagnosis, quest.model, loaded.sources, folder, chops)
-            write_files(diagnosis, quest.model, loaded.sources, folder, chops)
         found = document(diagnosis, loaded.sources, chops)
     return replace(
         entry,

@@ -181,6 +181,8 @@ class Canvas:
         if self._finished:
             raise ValueError("a canvas is laid out once; keep the text of its first svg()")
         self._finished = True
+        from matplotlib.backends.backend_svg import FigureCanvasSVG
+
         buffer = io.BytesIO()
         with self._styled():
             for axes in self.axes:
@@ -188,7 +190,8 @@ class Canvas:
             if stamp:
                 at_foot = {"x": 0.005, "ha": "left", "fontsize": 6, "color": QUIET}
                 self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
-            self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "mccd"})
+            # `savefig` gives the same text, but draws a figure twice that is laid out by its contents
+            FigureCanvasSVG(self.figure).print_svg(buffer, metadata={"Date": None, "Creator": "mccd"})
         return buffer.getvalue().decode("utf-8")
 
     def _styled(self) -> Any:

@@ -22,6 +22,7 @@ START_S = 120.0
 """The first start ever compiles the simulated bench's loop, for half a minute on a busy machine."""
 
 STOP_S = 30.0
+COMMAND = (sys.executable, "-m", "campaigns.serial")
 PTY_BAUD = 4_000_000
 """A pseudo-terminal takes any; this one only bounds how long a transfer may take."""
 
@@ -35,7 +36,7 @@ class EmulatorProcess:
     def __init__(self, options: ServeOptions, journal: IO[bytes] | None = None) -> None:
         text = msgspec.json.encode(msgspec.structs.replace(options, lifeline=True)).decode()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "campaigns.serial", text],
+            [*COMMAND, text],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL if journal is None else journal,

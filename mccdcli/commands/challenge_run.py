@@ -28,8 +28,8 @@ from mccdcli.progress import progress
 def run(folder: Path, jobs: int, limit_s: float, first: str | None, as_json: bool) -> None:
     """Diagnose every case of a challenge that has no result yet.
 
-    Each diagnosis is `mccd diagnose` in a process of its own. It gets the case's logs and nominal model, and, for a
-    family that is to be left out of the search, its name.
+    Each diagnosis is `mccd diagnose --no-page` in a process of its own. It gets the case's logs and nominal model,
+    and, for a family that is to be left out of the search, its name.
 
     \b
     Examples:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,6 +16,8 @@ from mccdcli.progress import progress
 if TYPE_CHECKING:
     from analysis.diagnosis.evidence.chop_gain import ChopGain
     from analysis.diagnosis.experiment.planned import BenchDescription
+    from analysis.diagnosis.records.loading import Source
+    from analysis.diagnosis.result import Diagnosis
     from sim_backend.model import Model
 
 
@@ -57,6 +60,7 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
 @click.option(
     "--held", is_flag=True, help="With --frf: it was measured at the model's rate, behind the hold of its input."
 )
+@click.option("--page/--no-page", default=True, show_default=True, help="Draw the page index.html and its figures.")
 @click.option(
     "--expect",
     type=click.Choice(POSSIBLE),
@@ -82,6 +86,7 @@ def diagnose(
     nominal_tolerance: float,
     rows: int,
     bench: str | None,
+    page: bool,
     expect: str | None,
     junit: Path | None,
 ) -> int:
@@ -107,9 +112,9 @@ def diagnose(
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
     settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}
     if table_file is not None:
-        found = _of_table(table_file, model, folder, settings, level, held=held, as_json=as_json)
+        found = _of_table(table_file, model, folder, settings, level, held=held, page=page, as_json=as_json)
     else:
-        found = _of_logs(runs, nominal, model, folder, settings, rows, bench, as_json=as_json)
+        found = _of_logs(runs, nominal, model, folder, settings, rows, bench, page=page, as_json=as_json)
     return _concluded(found, nominal, expect, junit)
 
 
@@ -122,13 +127,13 @@ def _of_logs(
     rows: int,
     bench: str | None,
     *,
+    page: bool,
     as_json: bool,
 ) -> dict[str, Any]:
     """Judge the model by logs, write the files, chop on a bench where one is named, and show the answer."""
     from dataclasses import replace
 
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
-    from analysis.diagnosis.answer.page import write_page
     from analysis.diagnosis.experiment.reference_sensor import load_logs
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.pipeline import diagnose as judge
@@ -147,17 +152,28 @@ def _of_logs(
             references=references,
         )
     found = replace(found, notes=(*loaded.notes, *found.notes))
-    files = write_page(found, model, loaded.sources, folder) | write_files(found, model, loaded.sources, folder)
+    files = write_files(found, model, loaded.sources, folder)
     chops: tuple[ChopGain, ...] = ()
-    if bench is not None:
-        # the diagnosis is safe by then, whatever the bench does
-        chops, why = _chops(bench, settings["seed"], nominal, files["extended.toml"], model)
-        found = replace(found, notes=(*found.notes, *why))
-        files = write_page(found, model, loaded.sources, folder, chops)
-        files |= write_files(found, model, loaded.sources, folder, chops)
+    try:
+        if bench is not None:
+            # the diagnosis is safe by then, whatever the bench does
+            chops, why = _chops(bench, settings["seed"], nominal, files["extended.toml"], model)
+            found = replace(found, notes=(*found.notes, *why))
+            files = write_files(found, model, loaded.sources, folder, chops)
+    finally:  # once: drawing takes as long as judging
+        drawn = _page(found, model, loaded.sources, folder, chops) if page else {}
+    files = drawn | files
     content = document(found, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
     return content
+
+
+def _page(
+    found: Diagnosis, model: Model, sources: Sequence[Source], folder: Path, chops: Sequence[ChopGain]
+) -> dict[str, Path]:
+    from analysis.diagnosis.answer.page import write_page
+
+    return write_page(found, model, sources, folder, chops)
 
 
 def _concluded(found: dict[str, Any], nominal: str, expect: str | None, junit: Path | None) -> int:
@@ -188,7 +204,15 @@ def _require_one(
 
 
 def _of_table(
-    file: Path, model: Model, out: Path, settings: dict[str, Any], level: float | None, *, held: bool, as_json: bool
+    file: Path,
+    model: Model,
+    out: Path,
+    settings: dict[str, Any],
+    level: float | None,
+    *,
+    held: bool,
+    page: bool,
+    as_json: bool,
 ) -> dict[str, Any]:
     """Judge the model by a table of frequency response, write the files and show the answer."""
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
@@ -207,7 +231,8 @@ def _of_table(
         found, drawn = diagnose_response(
             lines, model, file, options, held=held, progress=lambda what, part: report(part, 1.0, what)
         )
-    files = write_response_page(found, drawn, model, sources, folder) | write_files(found, model, sources, folder)
+    pages = write_response_page(found, drawn, model, sources, folder) if page else {}
+    files = pages | write_files(found, model, sources, folder)
     content = document(found, sources)
     emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
     return content
@@ -251,7 +276,8 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
         parts.append(table(causes, heads=("cause", "where", "probability", "parameters")))
     parts += ["tied: " + " or ".join(tied) for tied in found["ambiguous"]]
     parts += map(without_exponents, found["notes"])
-    parts.append(", ".join(str(files[name]) for name in ("index.html", "diagnosis.json", "extended.toml")))
+    named = ("index.html", "diagnosis.json", "extended.toml")
+    parts.append(", ".join(str(files[name]) for name in named if name in files))
     return "\n\n".join(parts)
 
 

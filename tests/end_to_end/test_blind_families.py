@@ -21,6 +21,7 @@ from analysis.challenge.run import run_challenge
 from analysis.challenge.truth import reveal
 from tests import running
 from tests.kept import SIMULATED, kept
+from tests.selection import is_thorough
 
 pytestmark = [pytest.mark.slow, pytest.mark.blind]
 
@@ -87,8 +88,8 @@ def mccd(*arguments: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def diagnosed(folder: Path, seed: int, *what: str) -> Said:
-    """Make one case, diagnose it, and only then open the truth."""
+def diagnosed(folder: Path, seed: int, *what: str, drawn: bool = False) -> Said:
+    """Make one case, diagnose it as a challenge does or with its page, and only then open the truth."""
     made = kept(
         f"blind-{seed}",
         lambda out: mccd("challenge", "make", str(out / "challenge"), "--seed", str(seed), *what),
@@ -96,11 +97,12 @@ def diagnosed(folder: Path, seed: int, *what: str) -> Said:
         recipe=" ".join(what),
     )
     shutil.copytree(made / "challenge", folder / "challenge")
-    run_challenge(folder / "challenge", command=(*running.MCCD, "diagnose"))
+    run_challenge(folder / "challenge", command=(*running.MCCD, "diagnose", "--page" if drawn else "--no-page"))
     ((name, case),) = reveal(folder / "challenge").cases.items()
     judged = judge(folder / "challenge", name, case)
     result = folder / "challenge" / "results" / name
     assert judged.verdict != "failed", (result / "words.txt").read_text(encoding="utf-8")
+    assert (result / "index.html").exists() == drawn
     return Said(judged, json.loads((result / "diagnosis.json").read_text(encoding="utf-8")))
 
 
@@ -123,9 +125,12 @@ def adding_it_pays(said: Said) -> None:
 
 
 @pytest.mark.parametrize(("slug", "seed"), FAMILIES.items(), ids=FAMILIES)
-def test_a_hidden_cause_is_named_and_adding_it_pays(slug: str, seed: int, tmp_path: Path) -> None:
+def test_a_hidden_cause_is_named_and_adding_it_pays(
+    slug: str, seed: int, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     shape = "full" if slug in FULL else "short"
-    said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape)
+    drawn = is_thorough(request.node.nodeid)  # in the quick run the tutorial and other pages draw what they name
+    said = diagnosed(tmp_path, seed, "--family", slug, "--one", "1", "--none", "0", "--shape", shape, drawn=drawn)
     (hidden,) = said.judged.case.effects
     assert hidden.effect == slug and hidden.size >= 2.0 * hidden.naming_limit
     if slug in NOT_YET:

@@ -14,7 +14,7 @@ import pytest
 from campaigns.log import read_run
 from mccdcli.main import main
 from sim_backend.model import dump_model
-from tests.kept import ANALYSED, kept
+from tests.designed import designed
 from tests.shifted_bench import shifted_bench
 
 pytestmark = pytest.mark.slow
@@ -31,14 +31,10 @@ BENCHES = {
 }
 
 
-def designed(out: Path) -> None:
-    """Design on the bundled linear model and the noise of the bench as built."""
-    assert main(["design", "--model", "design", "--out", str(out)]) == 0
-
-
 @pytest.fixture(scope="module")
 def controller() -> Path:
-    return kept("watched", designed, of=ANALYSED, recipe="mccd design --model design") / "controller.toml"
+    """The design on the bundled linear model and the noise of the bench as built."""
+    return designed() / "design" / "controller.toml"
 
 
 def settled(here: Path, controller: Path, alpha: float, kind: str = "sim", **shift: object) -> tuple[int, Path]:

@@ -14,6 +14,7 @@ from mccdcli.registry import COMMANDS
 from mccdcli.schema import described, names, schema_of
 from mccdcli.settings import options_of
 from sim_backend.model import dump_model
+from tests.designed import designed
 from tests.small_bench import NOISE, bench_model
 
 SHORT_SWEEP = "bands=[{start_hz=20.0, stop_hz=40.0, step_hz=5.0, settle_s=0.3, measure_s=0.2}]"
@@ -35,8 +36,8 @@ QUICK = (
     "--set stop_hz=500.0"
 ).split()
 
-# in an order in which each finds what it needs; report is checked by the contract of its tables, and a diagnosis with
-# causes by the tutorial
+# in an order in which each finds what it needs; report is checked by the contract of its tables, a diagnosis with
+# causes by the tutorial, a design below
 CALLS = {
     "simulate": ["--plan", "sinesweep", "--set", "axis=theta_x", "--set", SHORT_SWEEP, "--out", "sweep.h5"],
     "identify": ["--log", "sweep.h5", "--modes", "1", "-o", "one.toml"],
@@ -69,9 +70,8 @@ CALLS = {
     "challenge run": ["blind"],
     "challenge score": ["blind", "-o", "score"],
     "challenge pool": ["score.json", "-o", "pooled"],
-    "design": ["--model", "design", "--stages", "--out", "designed"],
     "investigate": ["--bench", "sim:bench.toml", "--model", "nominal.toml", "-o", "rounds", *QUICK],
-    "diagnose": ["rounds/round-1/multisine.h5", "--model", "nominal.toml", "-o", "diagnosis"],
+    "diagnose": ["rounds/round-1/multisine.h5", "--model", "nominal.toml", "--no-page", "-o", "diagnosis"],
 }
 
 
@@ -111,6 +111,10 @@ def test_a_result_is_as_its_schema_says(name: str, home: Path, monkeypatch, caps
     before = ["--json"] if name == "config show" else []
     assert main([*name.split(), *before, *CALLS[name], *([] if before else ["--json"])]) in (0, 1)
     jsonschema.validate(json.loads(capsys.readouterr().out), schema_of(name))
+
+
+def test_a_design_with_all_its_stages_is_as_its_schema_says() -> None:
+    jsonschema.validate(json.loads((designed() / "printed.json").read_text(encoding="utf-8")), schema_of("design"))
 
 
 @pytest.mark.parametrize(("name", "more"), [("chop", []), ("campaign run", ["mine.toml"])])

@@ -7,6 +7,7 @@ is told to end with; a command is killed when its client goes away.
 from __future__ import annotations
 
 import atexit
+import gc
 import importlib
 import io
 import json
@@ -55,6 +56,7 @@ def load() -> None:
         for info in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
             if not info.name.endswith("__main__"):
                 importlib.import_module(info.name)
+    gc.freeze()  # no fork looks for garbage among it, nor copies it by looking
 
 
 def accept(listening: socket.socket, watched: selectors.BaseSelector) -> None:

@@ -9,7 +9,6 @@ import shutil
 import signal
 import sqlite3
 import subprocess
-import sys
 import time
 import tracemalloc
 from pathlib import Path
@@ -25,6 +24,7 @@ from analysis.study.trial import Job, run_trial, run_trials
 from campaigns.plans import ChopPlan
 from sim_backend.errors import ConfigError, DataError
 from tests.analysis.study.studies import SPREAD, results, spread
+from tests.running import MCCD, REAL
 
 ROOT = Path(__file__).parents[3]
 
@@ -185,7 +185,8 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
 
 
 def running(folder: Path, study: Path, *more: str, most_bytes: int = 0) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "mccdcli", "study", str(study), "-o", str(folder), "--workers", "2", *more]
+    # a limit is that of the process itself
+    command = [*(REAL if most_bytes else MCCD), "study", str(study), "-o", str(folder), "--workers", "2", *more]
 
     def limit() -> None:
         if most_bytes:

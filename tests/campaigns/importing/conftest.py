@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from campaigns.importing import ImportReport, import_run
+from benchmarks.forked import forked
+from campaigns.importing import ImportReport, import_run, isolated
 
 Import = Callable[[str], ImportReport]
 
@@ -28,6 +29,12 @@ unit = "mrad"
 role = "output"
 dof = "theta_x"
 """
+
+
+@pytest.fixture
+def forked_readers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let readers be copies of this process, which has imported what they need; elsewhere they are started."""
+    monkeypatch.setattr(isolated, "start_python", forked)
 
 
 @pytest.fixture

@@ -46,6 +46,7 @@ def imported(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: py
     return run
 
 
+@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("suffix", ["h5", "mat"])
 def test_a_hostile_dataset_is_refused(tmp_path, imported, name, suffix):
@@ -60,6 +61,7 @@ def test_a_hostile_dataset_is_refused(tmp_path, imported, name, suffix):
     assert code == 4 and expected in said
 
 
+@pytest.mark.usefixtures("forked_readers")
 def test_a_way_through_a_group_that_contains_itself_ends(tmp_path, imported):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["g"] = file["/"]
@@ -149,6 +151,7 @@ def test_a_reader_has_its_time_however_slowly_the_clock_lets_it_compute(tmp_path
     assert "has no variable 'x'" in imported("a.h5")[1]
 
 
+@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize("suffix", ["h5", "mat", "73.mat"])
 def test_mutated_sources_are_imported_or_refused(tmp_path, imported, suffix):
     values = np.random.default_rng(3).normal(size=200)
@@ -168,6 +171,7 @@ def test_mutated_sources_are_imported_or_refused(tmp_path, imported, suffix):
     assert set(codes) <= {0, 4} and 4 in codes
 
 
+@pytest.mark.usefixtures("forked_readers")
 def test_a_map_of_many_files_keeps_few_processes(tmp_path, imported, monkeypatch):
     living: list[int] = []
     started = isolated.start_python

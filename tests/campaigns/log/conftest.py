@@ -29,10 +29,9 @@ def channels() -> list[Channel]:
     return two_channels()
 
 
-@pytest.fixture
-def small_log(tmp_path: Path) -> tuple[Path, dict[str, np.ndarray]]:
-    """A closed log of 1000 rows in chunks of 128, two segments with a gap of 100 rows between them."""
-    path, data = tmp_path / "small.h5", values(1000)
+def write_small_log(path: Path) -> dict[str, np.ndarray]:
+    """Write a closed log of 1000 rows in chunks of 128, two segments with a gap of 100 rows between them."""
+    data = values(1000)
 
     def rows(start: int, stop: int) -> dict[str, np.ndarray]:
         return {name: column[start:stop] for name, column in data.items()}
@@ -51,7 +50,14 @@ def small_log(tmp_path: Path) -> tuple[Path, dict[str, np.ndarray]]:
         log.append(rows(450, 550))
         with log.segment("held-out µ"):
             log.append(rows(550, 1000))
-    return path, data
+    return data
+
+
+@pytest.fixture
+def small_log(tmp_path: Path) -> tuple[Path, dict[str, np.ndarray]]:
+    """A small log and its values."""
+    path = tmp_path / "small.h5"
+    return path, write_small_log(path)
 
 
 @pytest.fixture

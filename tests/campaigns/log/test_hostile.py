@@ -11,6 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
+from campaigns.log import sidecar_of
+from tests.campaigns.log.conftest import write_small_log
+
 HEADROOM_BYTES = 512 * 2**20  # above what the libraries map at start: less than any bomb below would take
 
 # Reads everything that the log offers, with the memory limited; prints what the one clear line says.
@@ -138,16 +141,25 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_channel_is_refused(unsealed, name):
-    path = unsealed
-    make, said = HOSTILE[name]
-    with h5py.File(path.parent / "secret.h5", "w") as secret:
+@pytest.fixture(scope="module")
+def answers(tmp_path_factory) -> dict[str, str]:
+    """What one reader says of each hostile log, one after the other."""
+    folder = tmp_path_factory.mktemp("hostile")
+    with h5py.File(folder / "secret.h5", "w") as secret:
         secret["data"] = np.full(1000, 42.0)
-    (path.parent / "secret.raw").write_bytes(np.full(1000, 42.0).tobytes())
-    with h5py.File(path, "r+") as file:
-        replace_channel(file, make)
-    (line,) = read_bounded(path)
+    (folder / "secret.raw").write_bytes(np.full(1000, 42.0).tobytes())
+    paths = [folder / f"{name}.h5" for name in HOSTILE]
+    for path in paths:
+        write_small_log(path)
+        sidecar_of(path).unlink()
+        with h5py.File(path, "r+") as file:
+            replace_channel(file, HOSTILE[path.stem][0])
+    return dict(zip(HOSTILE, read_bounded(*paths), strict=True))
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_channel_is_refused(answers, name):
+    line, said = answers[name], HOSTILE[name][1]
     assert line.startswith("DataError") and said in line and "/channels/angle_x" in line or "channels/angle_x" in line
     assert said in line
 

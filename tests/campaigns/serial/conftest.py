@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from campaigns.serial import EmulatorProcess, ServeOptions
+from campaigns.serial import EmulatorProcess, ServeOptions, emulator
 from sim_backend.bench import Gate, Learning, Record, Segment
 from sim_backend.control.blocks import filter_from_zpk
 from sim_backend.model import dump_model
+from tests.running import PYTHON
 from tests.small_bench import NOISE, bench_model
 
 RATE_HZ = 10_000.0
@@ -38,6 +39,18 @@ class Served:
 
 
 Serve = Callable[..., Served]
+
+
+@pytest.fixture(autouse=True)
+def forked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fork the processes of emulated benches from one that has imported all they need, unless a test starts them."""
+    if "started" not in request.fixturenames:
+        monkeypatch.setattr(emulator, "COMMAND", (*PYTHON, "-m", "campaigns.serial"))
+
+
+@pytest.fixture
+def started() -> None:
+    """Let emulated benches start as they do for users."""
 
 
 @pytest.fixture

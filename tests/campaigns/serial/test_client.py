@@ -59,6 +59,7 @@ def test_its_face_is_that_of_the_bench_itself(serve: Serve, model_path: str) -> 
         assert replace(bench.identity, kind="sim") == direct.identity
 
 
+@pytest.mark.usefixtures("started")
 def test_the_emulator_by_its_address(model_path: str) -> None:
     bench, direct = open_bench(f"emulator:{model_path}", 8), open_bench(f"sim:{model_path}", 8)
     segment = noise_segment("a", 400)

@@ -18,6 +18,7 @@ from campaigns.serial import SerialBench, transport_at
 from campaigns.serial.client import WATCHDOG_S
 from sim_backend.errors import HardwareError
 from tests.campaigns.serial.conftest import Serve, Served
+from tests.running import PYTHON
 
 ROOT = Path(__file__).parents[3]
 Start = Callable[[Served, float], subprocess.Popen[str]]
@@ -30,7 +31,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
 
     def begin(served: Served, segment_s: float) -> subprocess.Popen[str]:
         host = subprocess.Popen(
-            command(served, tmp_path, segment_s),
+            [*PYTHON, *words(served, tmp_path, segment_s)],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -46,9 +47,8 @@ def start(tmp_path: Path) -> Iterator[Start]:
         host.communicate()
 
 
-def command(served: Served, folder: Path, segment_s: float) -> list[str]:
-    module = "tests.campaigns.serial.host"
-    return [sys.executable, "-m", module, served.address, str(folder / "run.h5"), str(segment_s)]
+def words(served: Served, folder: Path, segment_s: float) -> list[str]:
+    return ["-m", "tests.campaigns.serial.host", served.address, str(folder / "run.h5"), str(segment_s)]
 
 
 def wait_for(host: subprocess.Popen[str], line: str) -> None:
@@ -112,7 +112,7 @@ def test_a_closed_terminal_makes_the_bench_safe(serve: Serve, tmp_path: Path) ->
     child, terminal = pty.fork()
     if child == 0:
         os.chdir(ROOT)
-        os.execv(sys.executable, command(served, tmp_path, 60.0))
+        os.execv(sys.executable, [sys.executable, *words(served, tmp_path, 60.0)])
     try:
         assert wait_until(lambda: served.state == "running", 30.0)
         os.close(terminal)

@@ -6,16 +6,15 @@ import json
 
 import pytest
 
-from mccdcli.main import main
 from tests import headless
+from tests.designed import designed
 
 
 @pytest.mark.skipif(headless.installed() is None, reason="no Chromium is installed; MCCD_BROWSER may name one")
-def test_it_asks_for_nothing_fits_a_telephone_and_is_readable(tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["design", "--model", "design", "--stages", "--out", "design", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    page = tmp_path / "design" / "index.html"
+def test_it_asks_for_nothing_fits_a_telephone_and_is_readable() -> None:
+    made = designed()
+    found = json.loads((made / "printed.json").read_text(encoding="utf-8"))
+    page = made / "design" / "index.html"
     with headless.browser() as tab:
         for width, scheme in ((1280, "light"), (390, "dark")):
             tab.open(page, width=width, prefers_color_scheme=scheme)

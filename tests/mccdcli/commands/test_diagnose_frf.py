@@ -31,6 +31,11 @@ def test_files_and_exit_codes_are_those_of_logs(folder):
     assert (folder / "out" / "figures" / "response-x-x.csv").exists()
     again = mccd("simulate", "--model", "out/extended.toml", "--plan", "chop", "--dry-run", cwd=folder)
     assert "Traceback" not in again.stderr
+    # without its page the answer is the same, and it names no file that is not there
+    given = ("diagnose", "--frf", "h.csv", "--model", "nominal.toml", "--no-page")
+    done = mccd(*given, "-o", "bare", "--json", cwd=folder)
+    assert done.returncode == 0 and json.loads(done.stdout) == content
+    assert {path.name for path in (folder / "bare").iterdir()} == {"diagnosis.json", "extended.toml"}
 
 
 def table(f=F, h=None, head="phase (deg)", phase=None):
