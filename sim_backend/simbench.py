@@ -22,7 +22,7 @@ from sim_backend.kernel import side_by_side
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import Model, number
 from sim_backend.noise import Normals, standard_normal
-from sim_backend.wiring import effects_of
+from sim_backend.wiring import effects_of, require_place
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,11 @@ def streams_of(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Gene
 
 def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
     return np.random.default_rng([seed, crc32(label.encode()), rank])
+
+
+def _idle(effect: Effect) -> bool:
+    """Tell whether an effect of shapes alone adds nothing: a file may state it, and no sample has to pay for it."""
+    return not effect.sizes() and effect.is_neutral()
 
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:
@@ -149,7 +154,9 @@ class SimBench:
         self._linear = retuned(model.linear(), effects, self.places)
         self._substeps = substeps
         self._hw = transducers_of(model)
-        self._fx, self._effects = effects_of(effects, self.places, self._linear)
+        for effect in filter(_idle, effects):
+            require_place(effect, self.places)
+        self._fx, self._effects = effects_of([e for e in effects if not _idle(e)], self.places, self._linear)
         self._streams = streams_of(seed, [*self._effects, *self._rewriting])
         drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
         self._normals = Normals([self._streams[id(e)] for e in drawing])

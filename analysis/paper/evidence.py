@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from analysis.measurements.loop_fit import magnetisation
 from analysis.paper.chop_drive import power_w
 from analysis.paper.high_mode import high_mode
+from analysis.paper.lead_and_delay import lead_and_delay
 from analysis.paper.measured import RATE_HZ
 from analysis.paper.move_length import FEEDFORWARD, move_length
 from analysis.paper.numbers import paper_tables
@@ -176,6 +177,7 @@ EVIDENCE: tuple[Callable[[], Evidence], ...] = (
     move_length,
     high_mode,
     learning_filter_order,
+    lead_and_delay,
     rounded_controller,
     pinning,
     stability_against_percentages,
