@@ -134,15 +134,26 @@ class SimBench:
     `command_<dof>` (input), `<dof>` (output), `reference_<dof>` (reference); with hardware also `current_<actuator>`,
     `head_<sensor>` and `temperature`. A hardware with a theodolite has `theodolite_<dof>` for every angle: an
     instrument of its own beside the bench, recorded only by segments that ask for it by name. `truth` adds
-    `true_<dof>`, for tests.
+    `true_<dof>`, for tests. `disturbance` multiplies everything random that drives or shakes the mechanism, as it was
+    when this bench was played; sensors keep their noise. Raises ConfigError for a level that is negative or not finite.
     """
 
     def __init__(
-        self, model: Model, seed: int, *, substeps: int = 1, name: str = "simulated", truth: bool = False
+        self,
+        model: Model,
+        seed: int,
+        *,
+        substeps: int = 1,
+        name: str = "simulated",
+        truth: bool = False,
+        disturbance: float = 1.0,
     ) -> None:
+        if not 0.0 <= disturbance < math.inf:
+            raise ConfigError(f"simulated bench: disturbance is {disturbance}; it must be zero or more, and finite")
         self._model = model
         self._seed = seed
         self._truth = truth
+        self._disturbance = disturbance
         self._name = name
         self.places = places_of(model)
         effects = [
@@ -160,7 +171,7 @@ class SimBench:
         self._streams = streams_of(seed, [*self._effects, *self._rewriting])
         drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
         self._normals = Normals([self._streams[id(e)] for e in drawing])
-        stds = [e.drawn_std(self.rate_hz) for e in drawing]
+        stds = [e.drawn_std(self.rate_hz) * (disturbance if e.site < Site.HEAD else 1.0) for e in drawing]
         self._drawn_std = [(row, std) for row, std in enumerate(stds) if std != 1.0]
         hw = model.hardware
         seen = (
@@ -186,7 +197,8 @@ class SimBench:
     @property
     def identity(self) -> Identity:
         """Its public name; never the model's parameters."""
-        return Identity("sim", self._name, f"seed-{self._seed}", "1")
+        level = "" if self._disturbance == 1.0 else f" disturbance-{self._disturbance:g}"
+        return Identity("sim", self._name, f"seed-{self._seed}{level}", "1")
 
     @property
     def rate_hz(self) -> float:

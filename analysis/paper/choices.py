@@ -197,6 +197,7 @@ PLAYED: dict[str, Callable[[], float]] = {
     "feed-forward of the bench (samples)": lambda: float(MOVE_SAMPLES),
     "feed-forward of Table 6.4 (samples)": lambda: float(calibrated_samples()),
     "move of the learned reference (s)": lambda: Tuning().move_s,
+    "disturbance of the chops of Table 6.7 (lowest level)": lambda: min(load_campaign("paper").levels().values()),
     "learning of θx (s)": lambda: _learning_s(0.0),
     "learning of θy (s)": lambda: _learning_s(90.0),
 }

@@ -15,7 +15,9 @@ from analysis.paper.lead_and_delay import lead_and_delay
 from analysis.paper.measured import RATE_HZ
 from analysis.paper.move_length import FEEDFORWARD, move_length
 from analysis.paper.numbers import paper_tables
+from analysis.paper.open_loop_motion import open_loop_motion
 from analysis.paper.pieces import Evidence, shown
+from analysis.paper.run_levels import run_levels
 from analysis.recorded.loop_fit import HELD
 from campaigns.calibration import MOVE_SAMPLES
 from campaigns.strategies.design import Design
@@ -181,5 +183,7 @@ EVIDENCE: tuple[Callable[[], Evidence], ...] = (
     rounded_controller,
     pinning,
     stability_against_percentages,
+    run_levels,
+    open_loop_motion,
     forces_and_radii,
 )
