@@ -16,41 +16,42 @@ DEFAULT_MODEL = "as-built"
 
 @dataclass(frozen=True)
 class BenchKind:
-    """One way to reach a bench: `open` takes the address after the colon and a seed.
+    """One way to reach a bench: `open` takes the address after the colon, a seed and the level of the disturbance.
 
+    A bench that is not simulated has its own disturbance, whatever the level.
     `digest` tells two benches at the same address apart. A `repeatable` bench gives the same record for the same seed.
     Of a bench that is `many`, each opening gives another one, so that several can play at once.
     """
 
     form: str
     help: str
-    open: Callable[[str, int], Bench]
+    open: Callable[[str, int, float], Bench]
     digest: Callable[[str], str]
     repeatable: bool
     many: bool = False
 
 
-def _open_simulated(address: str, seed: int) -> Bench:
+def _open_simulated(address: str, seed: int, disturbance: float) -> Bench:
     # a kind of bench is imported when one is opened: each brings a good part of the project
     model = address or DEFAULT_MODEL
     loaded = load_model(model)
     from sim_backend.simbench import SimBench
 
-    return SimBench(loaded, seed, name=Path(model).stem)
+    return SimBench(loaded, seed, name=Path(model).stem, disturbance=disturbance)
 
 
 def _model_digest(address: str) -> str:
     return hashlib.sha256(dump_model(load_model(address or DEFAULT_MODEL)).encode()).hexdigest()
 
 
-def _open_emulated(address: str, seed: int) -> Bench:
+def _open_emulated(address: str, seed: int, disturbance: float) -> Bench:
     from campaigns.serial import EmulatedBench, ServeOptions
 
-    return EmulatedBench(ServeOptions(bench=f"sim:{address or DEFAULT_MODEL}", seed=seed))
+    return EmulatedBench(ServeOptions(bench=f"sim:{address or DEFAULT_MODEL}", seed=seed, disturbance=disturbance))
 
 
-def _open_at(kind: str) -> Callable[[str, int], Bench]:
-    def opened(address: str, _seed: int) -> Bench:
+def _open_at(kind: str) -> Callable[[str, int, float], Bench]:
+    def opened(address: str, _seed: int, _disturbance: float) -> Bench:
         from campaigns.serial import SerialBench, transport_at
 
         return SerialBench(transport_at(kind, address), kind)
@@ -99,7 +100,10 @@ def bench_kind(address: str) -> tuple[BenchKind, str]:
     return BENCHES[name], rest
 
 
-def open_bench(address: str, seed: int) -> Bench:
-    """Return the bench at `address`, at rest; raises ConfigError for an address or model that does not exist."""
+def open_bench(address: str, seed: int, disturbance: float = 1.0) -> Bench:
+    """Return the bench at `address`, at rest, a simulated one with its disturbance at a level.
+
+    Raises ConfigError for an address or model that does not exist, and for a level that cannot be.
+    """
     kind, rest = bench_kind(address)
-    return kind.open(rest, seed)
+    return kind.open(rest, seed, disturbance)

@@ -56,6 +56,20 @@ def contradictions_page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def choices_page() -> str:
+    """Return every choice behind the bench and the paper's campaign, from the model file and what is told of each."""
+    from analysis.paper.choices import choices, choices_table
+
+    rows = choices()
+    return (
+        "# Every choice of the bench\n\n"
+        f"The {len(rows)} numbers behind the [bench as built](bench-model.md) and the paper's campaign, in SI units. "
+        "*input*: printed, or computed from printed numbers. *calibrated*: set so that one printed number comes out. "
+        "*bound*: assumed, and held by a printed upper bound. *assumed*: nothing printed decides it. What is "
+        "*predicted* is nobody's choice: those rows stand in the report.\n\n" + choices_table(rows) + "\n"
+    )
+
+
 def effects_page() -> str:
     """Return the library of effects: what each looks like, its parameters, and what it is called."""
     from sim_backend.effects import NAMED
@@ -136,6 +150,7 @@ PAGES = {
     "reference/json.md": schemas_page,
     "reference/effects.md": effects_page,
     "reference/diagnosis-json.md": diagnosis_page,
+    "choices.md": choices_page,
     "contradictions.md": contradictions_page,
     "notebook.md": notebook_page,
 }

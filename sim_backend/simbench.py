@@ -21,7 +21,7 @@ from sim_backend.kernel import side_by_side
 from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
 from sim_backend.model import Model, number
 from sim_backend.noise import Normals, standard_normal
-from sim_backend.wiring import effects_of
+from sim_backend.wiring import effects_of, require_place
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,11 @@ def streams_of(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Gene
 
 def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
     return np.random.default_rng([seed, crc32(label.encode()), rank])
+
+
+def _idle(effect: Effect) -> bool:
+    """Tell whether an effect of shapes alone adds nothing: a file may state it, and no sample has to pay for it."""
+    return not effect.sizes() and effect.is_neutral()
 
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:
@@ -128,15 +133,26 @@ class SimBench:
     `command_<dof>` (input), `<dof>` (output), `reference_<dof>` (reference); with hardware also `current_<actuator>`,
     `head_<sensor>` and `temperature`. A hardware with a theodolite has `theodolite_<dof>` for every angle: an
     instrument of its own beside the bench, recorded only by segments that ask for it by name. `truth` adds
-    `true_<dof>`, for tests.
+    `true_<dof>`, for tests. `disturbance` multiplies everything random that drives or shakes the mechanism, as it was
+    when this bench was played; sensors keep their noise. Raises ConfigError for a level that is negative or not finite.
     """
 
     def __init__(
-        self, model: Model, seed: int, *, substeps: int = 1, name: str = "simulated", truth: bool = False
+        self,
+        model: Model,
+        seed: int,
+        *,
+        substeps: int = 1,
+        name: str = "simulated",
+        truth: bool = False,
+        disturbance: float = 1.0,
     ) -> None:
+        if not 0.0 <= disturbance < math.inf:
+            raise ConfigError(f"simulated bench: disturbance is {disturbance}; it must be zero or more, and finite")
         self._model = model
         self._seed = seed
         self._truth = truth
+        self._disturbance = disturbance
         self._name = name
         self.places = places_of(model)
         effects = stated(model.effects)
@@ -146,11 +162,13 @@ class SimBench:
         self._linear = retuned(model.linear(), effects, self.places)
         self._substeps = substeps
         self._hw = transducers_of(model)
-        self._fx, self._effects = effects_of(effects, self.places, self._linear)
+        for effect in filter(_idle, effects):
+            require_place(effect, self.places)
+        self._fx, self._effects = effects_of([e for e in effects if not _idle(e)], self.places, self._linear)
         self._streams = streams_of(seed, [*self._effects, *self._rewriting])
         drawing = [e for e in self._effects if e.aux is Aux.EXOGENOUS]
         self._normals = Normals([self._streams[id(e)] for e in drawing])
-        stds = [e.drawn_std(self.rate_hz) for e in drawing]
+        stds = [e.drawn_std(self.rate_hz) * (disturbance if e.site < Site.HEAD else 1.0) for e in drawing]
         self._drawn_std = [(row, std) for row, std in enumerate(stds) if std != 1.0]
         hw = model.hardware
         seen = (
@@ -176,7 +194,8 @@ class SimBench:
     @property
     def identity(self) -> Identity:
         """Its public name; never the model's parameters."""
-        return Identity("sim", self._name, f"seed-{self._seed}", "1")
+        level = "" if self._disturbance == 1.0 else f" disturbance-{self._disturbance:g}"
+        return Identity("sim", self._name, f"seed-{self._seed}{level}", "1")
 
     @property
     def rate_hz(self) -> float:

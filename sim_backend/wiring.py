@@ -70,6 +70,12 @@ def effects_of(
     ), ordered
 
 
+def require_place(effect: Effect, places: Places) -> None:
+    """Raise ConfigError when the `where` of an effect on signals that is not played names no channel of the bench."""
+    if effect.site <= Site.READING:
+        _wire(_Put(type(effect), effect.where), places, None)
+
+
 @lru_cache(maxsize=WIRINGS_KEPT)
 def _connected(
     puts: tuple[_Put, ...], places: Places, linear: ModalModel | None

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from analysis.measurements.loop_fit import magnetisation
 from analysis.paper.chop_drive import power_w
 from analysis.paper.high_mode import high_mode
+from analysis.paper.lead_and_delay import lead_and_delay
 from analysis.paper.measured import RATE_HZ
 from analysis.paper.move_length import FEEDFORWARD, move_length
 from analysis.paper.numbers import paper_tables
+from analysis.paper.open_loop_motion import open_loop_motion
 from analysis.paper.pieces import Evidence, shown
+from analysis.paper.run_levels import run_levels
 from analysis.recorded.loop_fit import HELD
 from campaigns.calibration import MOVE_SAMPLES
 from campaigns.strategies.design import Design
@@ -176,8 +179,11 @@ EVIDENCE: tuple[Callable[[], Evidence], ...] = (
     move_length,
     high_mode,
     learning_filter_order,
+    lead_and_delay,
     rounded_controller,
     pinning,
     stability_against_percentages,
+    run_levels,
+    open_loop_motion,
     forces_and_radii,
 )

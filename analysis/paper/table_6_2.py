@@ -47,9 +47,9 @@ def table_6_2_coefficients(measured: Measured) -> dict[str, Ours]:
 
 def _fits(measured: Measured) -> Iterator[tuple[str, ModalModel]]:
     for axis in MODES:
-        fit = measured.fit(axis)
-        if fit is not None:
-            yield axis, fit.model
+        model = measured.paper_model(axis)
+        if model is not None:
+            yield axis, model
 
 
 def _upper(rising: NDArray[np.float64]) -> NDArray[np.complex128]:

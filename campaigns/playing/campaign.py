@@ -25,11 +25,15 @@ from sim_backend.errors import ConfigError, did_you_mean
 
 
 class RunEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One run: its name, which is its log's too, its plan and the settings that differ from the plan's defaults."""
+    """One run: its name, which is its log's too, its plan and the settings that differ from the plan's defaults.
+
+    `disturbance` is its level on a simulated bench during this run.
+    """
 
     name: str
     plan: str
     settings: dict[str, Any] = {}
+    disturbance: float = 1.0
 
 
 class Campaign(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -44,6 +48,10 @@ class Campaign(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def plans(self) -> dict[str, Plan]:
         """Return the plan of every run by its name; raises ConfigError for one that cannot be."""
         return {entry.name: self._plan(entry) for entry in self.runs}
+
+    def levels(self) -> dict[str, float]:
+        """Return the level of the disturbance of every run by its name."""
+        return {entry.name: entry.disturbance for entry in self.runs}
 
     def _plan(self, entry: RunEntry) -> Plan:
         settings, model = dict(entry.settings), entry.settings.get("model")

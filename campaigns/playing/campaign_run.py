@@ -65,6 +65,7 @@ class RunState:
     log: Path
     seed: int
     fingerprint: str
+    disturbance: float = 1.0
     status: str = "missing"
     run_uid: str = ""
     played: bool = False
@@ -99,11 +100,11 @@ def run_campaign(
     *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or a
     disk with too little room for what is missing, and whatever a run raises.
     """
-    home, plans = Path(folder), campaign.plans()
+    home, plans, levels = Path(folder), campaign.plans(), campaign.levels()
     survey = _survey(campaign, address, seed)
     estimates = within_bounds(campaign, {name: counted for name, (counted, _) in survey.items()})
     states = {
-        name: RunState(name, plans[name].name, home / f"{name}.h5", run_seed(seed, name), mark)
+        name: RunState(name, plans[name].name, home / f"{name}.h5", run_seed(seed, name), mark, levels[name])
         for name, (_, mark) in survey.items()
     }
     whole = _whole_fingerprint(campaign, states, address, seed)
@@ -206,10 +207,10 @@ def read_state(folder: str | Path) -> dict[str, Any] | None:
 
 def _survey(campaign: Campaign, address: str, seed: int) -> dict[str, tuple[Estimate, str]]:
     """Return the estimate and the fingerprint of every run; nothing moves."""
-    survey = {}
+    survey, levels = {}, campaign.levels()
     for name, plan in campaign.plans().items():
         own = run_seed(seed, name)
-        with contextlib.closing(open_bench(address, own)) as bench, in_run(campaign, name):
+        with in_run(campaign, name), contextlib.closing(open_bench(address, own, levels[name])) as bench:
             survey[name] = estimate(plan, bench), fingerprint(plan, bench, own)
     return survey
 
@@ -297,7 +298,7 @@ def _play(
     kind, _ = bench_kind(address)
     # a repeatable bench gives the same data again, so the same configuration has the same name
     uid = state.fingerprint[:32] if kind.repeatable else None
-    with contextlib.closing(open_bench(address, state.seed)) as bench:
+    with contextlib.closing(open_bench(address, state.seed, state.disturbance)) as bench:
         return run_plan(
             plan,
             bench,

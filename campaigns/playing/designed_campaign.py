@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +29,12 @@ def measuring_campaign(axes: Sequence[str]) -> Campaign:
     return Campaign(name="measuring", title="what a controller is designed from", runs=tuple(runs))
 
 
-def designed_campaign(controller: Path) -> Campaign:
-    """Return the runs that play the controller in a file: slow chops, fast ones by knowledge, and the long one."""
+def designed_campaign(controller: Path, levels: Mapping[str, float] | None = None) -> Campaign:
+    """Return the runs that play the controller in a file: slow chops, fast ones by knowledge, and the long one.
+
+    `levels` of the disturbance go by the names of the paper's runs: a slow chop has that of the same chop there.
+    """
+    shaken = levels or {}
     runs = [
         _run(f"{strategy}-settle-{axis}", "settling", controller, strategy, alpha_deg=alpha)
         for strategy in KNOWING
@@ -45,6 +49,7 @@ def designed_campaign(controller: Path) -> Campaign:
             from_rad=start,
             to_rad=stop,
             tuning={"learning_s": SLOW_LEARNING_S},
+            disturbance=shaken.get(f"chop-{alpha}-{form}", 1.0),
         )
         for alpha in ALPHAS_DEG
         for form, (start, stop) in FORMS_RAD.items()
@@ -53,5 +58,8 @@ def designed_campaign(controller: Path) -> Campaign:
     return Campaign(name="designed", title="this project's controller", runs=tuple(runs))
 
 
-def _run(name: str, plan: str, controller: Path, strategy: str = "designed", **settings: Any) -> RunEntry:
-    return RunEntry(name=name, plan=plan, settings={"strategy": strategy, "controller": str(controller), **settings})
+def _run(
+    name: str, plan: str, controller: Path, strategy: str = "designed", disturbance: float = 1.0, **settings: Any
+) -> RunEntry:
+    played = {"strategy": strategy, "controller": str(controller), **settings}
+    return RunEntry(name=name, plan=plan, settings=played, disturbance=disturbance)

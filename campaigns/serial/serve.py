@@ -31,13 +31,15 @@ Say = Callable[[str], None]
 class ServeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How an emulated bench is served.
 
-    `bench` is the simulated bench behind it. A pty gets the lasting name `link`. `baud` throttles the line,
-    `speed` paces the bench (1: real time; none: as fast as it computes). `lifeline`: end when standard input does.
-    A `host` that other machines reach needs `allow_remote` and a token, from `token_file` or the environment.
+    `bench` is the simulated bench behind it, with its `disturbance` at a level. A pty gets the lasting name `link`.
+    `baud` throttles the line, `speed` paces the bench (1: real time; none: as fast as it computes). `lifeline`: end
+    when standard input does. A `host` that other machines reach needs `allow_remote` and a token, from `token_file` or
+    the environment.
     """
 
     bench: str = "sim"
     seed: int = 0
+    disturbance: float = 1.0
     transport: Literal["pty", "tcp"] = "pty"
     host: str = LOOPBACK
     port: int = 0
@@ -58,7 +60,7 @@ class ServeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
                 raise ConfigError(f"emulated bench: {name} is {value}; it must be a finite number above zero")
 
 
-def serve(options: ServeOptions, open_bench: Callable[[str, int], Bench], say: Say, journal: Say) -> None:
+def serve(options: ServeOptions, open_bench: Callable[[str, int, float], Bench], say: Say, journal: Say) -> None:
     """Serve until SIGINT, SIGTERM, SIGHUP or the end of the lifeline; leave the bench safe.
 
     `say` gets the address under which clients find it, `journal` one line per state that the bench enters. Raises
@@ -80,12 +82,12 @@ def _serve_at(
     options: ServeOptions,
     token: bytes | None,
     faults: tuple[int, FaultSpec] | None,
-    open_bench: Callable[[str, int], Bench],
+    open_bench: Callable[[str, int, float], Bench],
     say: Say,
     journal: Say,
 ) -> None:
-    _warm(open_bench(options.bench, options.seed))
-    bench = open_bench(options.bench, options.seed)
+    _warm(open_bench(options.bench, options.seed, options.disturbance))
+    bench = open_bench(options.bench, options.seed, options.disturbance)
     boots = (secrets.randbelow(2**31) for _ in itertools.count())
     started_s = time.monotonic()
 

@@ -14,6 +14,8 @@ from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from analysis.paper.known_misses import Known
     from analysis.paper.measured import Measured
     from analysis.report import Report
@@ -103,7 +105,7 @@ def report(
     from analysis.report import report_of
 
     with Measured(logs) as measured:
-        if own and (code := _play_design(measured, folder / "designed", bench, seed)):
+        if own and (code := _play_design(measured, folder / "designed", bench, seed, loaded.levels())):
             return code
         with progress("report") as advance:
             built = report_of(measured, folder, advance)
@@ -120,9 +122,10 @@ def _known(file: Path | None) -> Known:
     return load_known_misses(file)
 
 
-def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int:
+def _play_design(measured: Measured, folder: Path, bench: str, seed: int, levels: Mapping[str, float]) -> int:
     """Design a controller from what a campaign measured, play it and add its logs; return an exit code.
 
+    Its chops have the `levels` of the disturbance that the campaign's runs have.
     Nothing is done where the campaign does not hold what a design needs.
     """
     from contextlib import closing
@@ -137,7 +140,7 @@ def _play_design(measured: Measured, folder: Path, bench: str, seed: int) -> int
     controller = design_from_logs(measured.runs, limits, axes, folder)
     if controller is None:
         return 0
-    own = designed_campaign(controller)
+    own = designed_campaign(controller, levels)
     played = play_campaign(own, folder, bench, seed, resume=(folder / STATE_FILE).exists())
     measured.add(folder)
     return played.exit_code

@@ -5,15 +5,22 @@ from functools import cache
 import msgspec
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.special import erf
 
+from analysis.paper.numbers import paper_tables
 from campaigns.calibration import (
+    INSIDE_PERCENT,
     calibrations,
+    disturbance_levels,
     largest_normal,
     magnetic_stiffness_nm_rad,
     main,
     scatter_of_sigma,
+    share_inside,
     stability_rad,
 )
+from campaigns.playing.campaign import load_campaign
 from sim_backend.along import torque_along
 from sim_backend.bench import Gate, Segment
 from sim_backend.control.feedback import theta_controller
@@ -125,8 +132,36 @@ def test_scatter_of_sigma_of_first_order_noise():
     assert scatter == pytest.approx(np.sqrt(1.0 / (4.0 * np.pi * corner_hz * 7.5)), rel=1e-3)
 
 
+def test_share_inside_a_circle():
+    # equal angles: Rayleigh's closed form
+    assert share_inside(0.6, 0.6, 1.7) == pytest.approx(1.0 - np.exp(-0.5 * (1.7 / 0.6) ** 2), rel=1e-12)
+    # unequal ones: one angle in closed form, the other by quadrature
+    strip, _ = quad(lambda x: np.exp(-0.5 * x**2) * erf(np.sqrt((1.7**2 - x**2) / 2.0) / 0.4), -1.7, 1.7, epsabs=1e-12)
+    assert share_inside(1.0, 0.4, 1.7) == pytest.approx(strip / np.sqrt(2.0 * np.pi), rel=1e-7)
+    draws = np.random.default_rng(2).normal(size=(2, 400_000)) * [[0.9], [0.5]]
+    # a share of 93 % of 400,000 is known to 0.04 %, four times that
+    assert share_inside(0.9, 0.5, 1.7) == pytest.approx(np.mean(np.hypot(*draws) < 1.7), abs=1.6e-3)
+
+
+def test_levels_of_the_campaign_are_those_that_table_6_7_asks_for():
+    levels = load_campaign("paper").levels()
+    asked = disturbance_levels(BENCH, DESIGN)
+    assert {name: levels[name] for name in asked} == {name: round(level, 3) for name, level in asked.items()}
+    assert {name for name, level in levels.items() if level != 1.0} == set(asked)
+
+
+def test_the_percentages_are_those_of_position_1():
+    forms = {"0:+8.5": "up", "0:-8.5": "down", "-8.5:+8.5": "wide"}
+    printed = paper_tables()["6.7"]
+    assert INSIDE_PERCENT == {
+        f"chop-{alpha}-{name}": pytest.approx(100.0 * printed.value(f"{alpha} {form} 1"), abs=1e-9)
+        for alpha in (0, 120, 240)
+        for form, name in forms.items()
+    }
+
+
 def test_command_prints_every_target(capsys):
     main()
     printed = capsys.readouterr().out.splitlines()
-    assert len(printed) == len(rows())
-    assert all(row.target in line for row, line in zip(rows().values(), printed, strict=True))
+    assert len(printed) == len(rows()) + len(INSIDE_PERCENT)
+    assert all(row.target in line for row, line in zip(rows().values(), printed, strict=False))

@@ -18,6 +18,7 @@ MADE = {
     "reference/diagnosis-json.md",
     "reference/effects.md",
     "reference/json.md",
+    "choices.md",
     "contradictions.md",
     "notebook.md",
 }

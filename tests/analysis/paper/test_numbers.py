@@ -53,6 +53,7 @@ def test_mistakes_are_named(written, words):
 CHOSEN_IN_THE_CAMPAIGN = (
     "learning time of θx: 10 s in campaigns/paper.toml, chosen knowing what 8 s and 20 s give",
     "length of the feed-forward of Table 6.4: searched in analysis/paper/move_length.py",
+    "level of the run: disturbance of every chop of Table 6.7 in campaigns/paper.toml",
     "pinning of the hysteresis: k·µ0, chosen knowing that the printed k/µ0 gives no hysteresis",
     "profile of the learned move: eight stretches of 0.6 ms, chosen knowing what other lengths give",
 )
@@ -105,7 +106,8 @@ def test_what_cannot_fail_is_no_prediction():
         if n.label == "bound"
     )
     labels = Counter(n.label for n in rows.values())
-    assert labels["predicted"] >= 25 and min(labels.values()) > 5
+    # 20 since nine of the 18 percentages of Table 6.7 set the levels of their runs; 29 before
+    assert labels["predicted"] >= 20 and min(labels.values()) > 5
     by_definition = ("amplitude 0.05", "amplitude 0.08"), ("2 overshoot",)
     assert (
         {rows["text", key].label for key in by_definition[0]} == {rows["6.4", by_definition[1][0]].label} == {"input"}

@@ -35,7 +35,7 @@ class SlowBench(SimBench):
         print("safe", flush=True)
 
 
-def open_small(_address: str, seed: int) -> SlowBench:
+def open_small(_address: str, seed: int, _disturbance: float = 1.0) -> SlowBench:
     return SlowBench(bench_model(NOISE), seed)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import signal
@@ -17,7 +18,7 @@ import pytest
 
 import campaigns.benches
 from campaigns.benches import BenchKind, open_bench
-from campaigns.log import probe, verify
+from campaigns.log import probe, read_run, verify
 from campaigns.playing.campaign import bundled_campaigns, load_campaign, parse_campaign, run_seed
 from campaigns.playing.campaign_run import read_state, run_campaign
 from campaigns.playing.counting import estimate_campaign
@@ -59,7 +60,10 @@ def file(tmp_path):
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    kind = BenchKind("small", "", lambda _a, seed: SimBench(bench_model(NOISE), seed), lambda _a: "small", True)
+    def opened(_address, seed, disturbance):
+        return SimBench(bench_model(NOISE), seed, disturbance=disturbance)
+
+    kind = BenchKind("small", "", opened, lambda _address: "small", True)
     monkeypatch.setitem(campaigns.benches.BENCHES, "small", kind)
 
 
@@ -226,6 +230,28 @@ def test_a_log_of_another_configuration_is_not_taken_for_this_one(file, tmp_path
     assert bytes_of(tmp_path / "out") == before
 
 
+def test_each_run_has_its_level_of_the_disturbance_and_its_log_says_so(file, tmp_path):
+    text = CAMPAIGN.replace('name = "stops"', 'name = "stops"\ndisturbance = 0.25')
+    (file.parent / "levels.toml").write_text(text, encoding="utf-8")
+    play(file.parent / "levels.toml", tmp_path / "out")
+    serials = {}
+    for name in ("stops", "sines"):
+        with read_run(tmp_path / "out" / f"{name}.h5") as run:
+            serials[name] = run.header.bench["serial"]
+    assert serials["stops"].endswith(" disturbance-0.25") and "disturbance" not in serials["sines"]
+    # complete runs are kept under the same levels and refused under others
+    assert play(file.parent / "levels.toml", tmp_path / "out", resume=True).status == "complete"
+    with pytest.raises(ConfigError, match="cannot be resumed: runs was"):
+        play(file, tmp_path / "out", resume=True)
+
+
+def test_a_level_that_cannot_be_names_its_run(file, tmp_path):
+    text = CAMPAIGN.replace('name = "sines"', 'name = "sines"\ndisturbance = -1.0')
+    (file.parent / "levels.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"run 'sines'.*disturbance is -1"):
+        play(file.parent / "levels.toml", tmp_path / "out")
+
+
 def test_a_changed_design_model_is_noticed(file, tmp_path):
     play(file, tmp_path / "out")
     (file.parent / "design.toml").write_text(
@@ -329,6 +355,11 @@ def test_the_paper_campaign_holds_every_test_of_the_paper():
 def test_an_unknown_bench_is_named_with_those_there_are():
     with pytest.raises(ConfigError, match=r"no bench 'toaster'; benches: sim\[:MODEL\]"):
         open_bench("toaster", 0)
+
+
+def test_an_emulated_bench_gets_its_level_too():
+    with contextlib.closing(open_bench("emulator", 3, 0.5)) as bench:
+        assert bench.identity.serial == "seed-3 disturbance-0.5"
 
 
 def test_a_simulated_bench_of_a_file(tmp_path):

@@ -6,7 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from campaigns.calibration import INSIDE_PERCENT
 from campaigns.plans import checked_segments, make_plan
+from campaigns.playing.campaign import load_campaign
 from campaigns.playing.designed_campaign import designed_campaign
 from campaigns.strategies.controller import AxisControl, Blocks, Controller, dump_controller
 from campaigns.strategies.design import Design
@@ -225,6 +227,14 @@ def test_the_campaign_plays_every_form_of_table_6_7_and_every_piece_of_knowledge
     assert sum(p.name == "settling" for p in plans.values()) == 8
     assert sum(p.name == "thermal" for p in plans.values()) == 1
     assert all(p.controller == path for p in plans.values())
+
+
+def test_a_chop_has_the_disturbance_of_the_papers_own(path):
+    paper = load_campaign("paper").levels()
+    levels = designed_campaign(Path(path), paper).levels()
+    chops = {name: level for name, level in levels.items() if name.startswith("designed-chop-")}
+    assert chops == {f"designed-{name}": paper[name] for name in INSIDE_PERCENT} and len(chops) == 9
+    assert set(designed_campaign(Path(path)).levels().values()) == {1.0}
 
 
 def test_a_controller_that_would_learn_without_end_is_refused_before_anything_moves(tmp_path):
