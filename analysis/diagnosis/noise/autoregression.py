@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.diagnosis.noise.whitener import Array, Mask
+from analysis.diagnosis.noise.whitener import Mask
+from sim_backend.linear import Array
 
 MAX_ORDER = 40
 """Samples that a noise remembers at most; what it remembers longer stands in the levels of its bands."""

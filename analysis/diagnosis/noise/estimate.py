@@ -9,8 +9,9 @@ import scipy
 
 from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
 from analysis.diagnosis.noise.levels import held_by_few, levels_of_means, levels_of_medians, no_weaker
-from analysis.diagnosis.noise.whitener import Array, Mask, Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Mask, Whitener, runs_of
 from analysis.diagnosis.records.dataset import Dataset, Record
+from sim_backend.linear import Array
 
 _TREND = 3
 """Degree of what is taken for a trend of differences: below their first line and a half, where they show no noise."""

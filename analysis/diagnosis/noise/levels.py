@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from analysis.diagnosis.noise.whitener import Array, band_of
+from analysis.diagnosis.noise.whitener import band_of
+from sim_backend.linear import Array
 
 BAND_ROWS, _MAX_BANDS = 12, 24
 """Rows of a band at least: their median is known to 40 %; and bands at most."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -82,8 +83,9 @@ class Lines:
 
     def only(self, keep: Mask) -> Lines:
         """Return the lines that `keep` (n,) marks."""
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "scatter"}
-        return replace(self, **{name: values[keep] for name, values in own.items() if isinstance(values, np.ndarray)})
+        own: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "scatter"}
+        kept: dict[str, Any] = {n: values[keep] for n, values in own.items() if isinstance(values, np.ndarray)}
+        return replace(self, **kept)
 
 
 def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines:
