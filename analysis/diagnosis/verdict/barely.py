@@ -30,6 +30,9 @@ _ABOVE = 2.0
 _SURELY = 3.0
 """Standard deviations from which on what was added is of another size on held-out rows, where none is told of it."""
 
+_HALF = 0.5
+"""Part of its size below which a change leaves more squares than it takes away: (1 - t)² is above t²."""
+
 _PLAYED = "amplitude", "position", "direction", "rate"
 """Domains of the evidence that what is played decides."""
 
@@ -61,13 +64,12 @@ def loses(gain: Gain | None) -> bool:
 
 
 def gainsaid(gain: Gain | None) -> str:
-    """Return of what other size what was added would have to be for held-out rows, surely and by a good part, in words.
+    """Return of what other size what was added would have to be for held-out rows, in words, where it is surely worse.
 
-    A cause that is right is of one size on all rows, noise or no noise: a stand-in has it where it was fitted. As the
-    error may exceed the noise, the size may be off.
+    Of less than half its size there, what was added misses more than it explains (decision 42): a stand-in has its size
+    where it was fitted. A right cause beside others that the model lacks is of some size above that.
     """
-    off = 0.0 if gain is None else abs(gain.times - 1.0)
-    if gain is None or not off > max(ABOVE_NOISE - 1.0, _SURELY * gain.times_std):
+    if gain is None or not gain.times + _SURELY * gain.times_std < _HALF:
         return ""
     return (
         "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "

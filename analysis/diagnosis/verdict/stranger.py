@@ -26,13 +26,20 @@ _AT = 0.86
 
 def beside_strangers(found: Found, rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return `found` with the lead of its best fit over a stranger at every place where one could stand for it."""
-    leads = []
-    for place in _doubtful(found):
+    leads, places = [], _doubtful(found)
+    own = _own_score(found) if places else 0.0
+    for place in places:
         progress(f"fitting a force that is no listed cause at {place}", _AT)
-        stranger = _stranger(found, place, rules, scales)
+        stranger = _stranger(found, place, rules, scales, own)
         if stranger is not None:
-            leads.append((place, _lead(found, stranger)))
+            leads.append((place, _lead(found, stranger, own)))
     return replace(found, strangers=tuple(leads))
+
+
+def _own_score(found: Found) -> float:
+    """Return the score of the best fit: where its noise is what it leaves, after as many rounds as a stranger has."""
+    known = found.setting.whitener.repeats
+    return score(found.best if known else iterated_gls(found.setting, found.best)[1], known)
 
 
 def _doubtful(found: Found) -> Sequence[str]:
@@ -47,7 +54,7 @@ def _torque_at(effect: Effect) -> str:
     return effect.where.rpartition("->")[2] if effect.site in (Site.DRIVE, Site.STRUCTURE) else ""
 
 
-def _stranger(found: Found, place: str, rules: Rules, scales: Scales) -> Fit | None:
+def _stranger(found: Found, place: str, rules: Rules, scales: Scales, own: float) -> Fit | None:
     """Return the best fit with a stranger instead of all torques that were found at `place`, the other effects kept."""
     setting, best = found.setting, found.best
     keep = [i for i, e in enumerate(best.effects) if _torque_at(e) != place]
@@ -59,7 +66,7 @@ def _stranger(found: Found, place: str, rules: Rules, scales: Scales) -> Fit | N
     fit = extended(setting, rest, seen.candidates[at[0]], seen.sizes[at[0]], seen.nuisances[at[0]])
     if setting.whitener.repeats:
         return again(setting, fit)
-    return iterated_gls(setting, fit, score(best, False) + _price(found, fit))[1]
+    return iterated_gls(setting, fit, own + _price(found, fit))[1]
 
 
 def _price(found: Found, stranger: Fit) -> float:
@@ -67,8 +74,7 @@ def _price(found: Found, stranger: Fit) -> float:
     return found.first.price * (len(found.best.candidates) - len(stranger.candidates))
 
 
-def _lead(found: Found, stranger: Fit) -> float:
-    """Return by how much the best fit leads a stranger's, the price of every effect included."""
-    best, known = found.best, found.setting.whitener.repeats
-    lead = (score(stranger, known) - score(best, known)) / found.inflation - _price(found, stranger)
+def _lead(found: Found, stranger: Fit, own: float) -> float:
+    """Return by how much the best fit, of this score, leads a stranger's, the price of every effect included."""
+    lead = (score(stranger, found.setting.whitener.repeats) - own) / found.inflation - _price(found, stranger)
     return 0.5 * lead if np.isfinite(lead) else np.inf
