@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from analysis.diagnosis.fitting.balance import again, guessed_squares, reestimated, score, sharpened
+from analysis.diagnosis.fitting.balance import again, guessed_squares, iterated_gls, reestimated, score, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
 from sim_backend.effects.base import Site
@@ -100,8 +100,13 @@ def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
-    """Return what is left after pruning as exact as what is found, and the setting with the noise beside it."""
-    if not best.candidates:  # the noise was that beside a cause
+    """Return what is left after pruning as exact as what is found, and the setting with the noise beside it.
+
+    That noise was told beside more. Where it is what a fit leaves, the rivals' is each one's own, and so is this.
+    """
+    if not setting.whitener.repeats:
+        setting, best = iterated_gls(setting, best)
+    elif not best.candidates:
         setting = reestimated(setting, best)
         best = again(setting, best)
     return setting, sharpened(setting, best)
