@@ -44,6 +44,7 @@ def profile(run: Callable[[], Any]) -> list[str]:
 
 def _compiled() -> set[tuple[str, int, str]]:
     """Return file, first line and name of every function that numba has compiled in this process."""
+    gc.unfreeze()  # what a process has frozen is in no list
     # by its own type: a weak reference to what is gone cannot be asked for another
     codes = [found.py_func.__code__ for found in gc.get_objects() if issubclass(type(found), Dispatcher)]
     return {(code.co_filename, code.co_firstlineno, code.co_name) for code in codes}
