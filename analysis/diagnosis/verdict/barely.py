@@ -63,13 +63,18 @@ def loses(gain: Gain | None) -> bool:
     return gain.rms_after > ABOVE_NOISE * gain.noise_floor and not by_chance
 
 
-def gainsaid(gain: Gain | None) -> str:
-    """Return of what other size what was added would have to be for held-out rows, in words, where it is surely worse.
+def gainsaid(gain: Gain | None, *, tied: bool = False) -> str:
+    """Return of what other size what was added would have to be for held-out rows, in words, where that forbids it.
 
     Of less than half its size there, what was added misses more than it explains (decision 42): a stand-in has its size
-    where it was fitted. A right cause beside others that the model lacks is of some size above that.
+    where it was fitted. A right cause beside others that the model lacks is of some size above that; a tie says that it
+    is one of its causes and nothing else, and that one is of its own size everywhere.
     """
-    if gain is None or not gain.times + _SURELY * gain.times_std < _HALF:
+    if gain is None:
+        return ""
+    sure = _SURELY * gain.times_std
+    off = abs(gain.times - 1.0) > max(ABOVE_NOISE - 1.0, sure) if tied else gain.times + sure < _HALF
+    if not off:
         return ""
     return (
         "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "
@@ -97,15 +102,15 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
     causes that are *named* must gain something, or leave little beside noise, and lose nothing. What they leave of
     held-out rows beside noise is a remainder.
     """
-    against = ""
+    against, claimed = "", judgement.verdict in ("named", "ambiguous")
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
         against = f"on held-out rows the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
-    elif judgement.verdict in ("named", "ambiguous") and loses(gain):
+    elif claimed and loses(gain):
         against = (
             "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
             "worse than the model without it"
         )
-    elif judgement.verdict in ("named", "ambiguous") and not judgement.remainder and (other := gainsaid(gain)):
+    elif claimed and not judgement.remainder and (other := gainsaid(gain, tied=judgement.verdict == "ambiguous")):
         against = other
     elif repeats:
         against = unsteady if judgement.verdict == "consistent" and played else ""
@@ -122,7 +127,7 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
         )
     if against:
         return replace(judgement, verdict="unknown", named=(), tied=(), objection=against, remainder=None)
-    if judgement.verdict in ("named", "ambiguous") and judgement.remainder is None and beyond_noise(gain):
+    if claimed and judgement.remainder is None and beyond_noise(gain):
         return replace(judgement, remainder=_on_held_out(gain))
     return judgement
 

@@ -92,15 +92,26 @@ def test_a_loss_that_slow_noise_decides_is_none_unless_it_is_large(after, likeli
 
 
 @pytest.mark.parametrize(
-    ("times", "std", "verdict"),
-    [(1.1, 0.01, "named"), (0.3, 0.1, "named"), (0.3, 0.05, "unknown"), (2.3, 0.02, "named"), (-0.3, 0.2, "unknown")],
+    ("times", "std", "name", "tie"),
+    [
+        (1.1, 0.01, "named", "ambiguous"),
+        (0.7, 0.2, "named", "ambiguous"),
+        (0.7, 0.05, "named", "unknown"),
+        (2.3, 0.02, "named", "unknown"),
+        (0.3, 0.1, "named", "unknown"),
+        (0.3, 0.05, "unknown", "unknown"),
+        (-0.3, 0.2, "unknown", "unknown"),
+    ],
 )
-def test_a_cause_that_misses_more_than_it_explains_has_no_name(times, std, verdict) -> None:
+def test_a_cause_that_misses_more_than_it_explains_has_no_name(times, std, name, tie) -> None:
     """Of less than half its size it leaves more squares than it takes away; of more it is short of something else."""
     level = Gain(("run#held-out",), 0.1, 0.1, 0.1, 0.0, (-0.01, 0.01), times=times, times_std=std)
-    assert doubted(NAMED, level, True, "").verdict == verdict
+    assert doubted(NAMED, level, True, "").verdict == name
+    tied = replace(NAMED, verdict="ambiguous", named=(), tied=(("coulomb-friction", "hysteresis"),))
+    assert doubted(tied, level, True, "").verdict == tie
     told = replace(NAMED, remainder=Remainder(0.1, 1e-3, "the position"))
     assert doubted(told, level, True, "").verdict == "named"
+    assert doubted(replace(NAMED, verdict="consistent", named=()), level, True, "").verdict == "consistent"
 
 
 @pytest.mark.parametrize("repeats", [True, False])
