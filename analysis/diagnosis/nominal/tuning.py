@@ -272,8 +272,7 @@ def modes_alone(
         )
         values = moved[nuisance.field]
         values[at] = nuisance.turned(values[at], by)
-    model = discretise(linear.with_(**moved, d=np.zeros_like(linear.d)), rate_hz, split=split)
-    return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)
+    return _for_forces(linear.with_(**moved), rate_hz, split=split)
 
 
 def alone(model: DiscreteModel, m: int) -> DiscreteModel:
@@ -285,9 +284,13 @@ def alone(model: DiscreteModel, m: int) -> DiscreteModel:
 
 def mode_alone(linear: ModalModel, m: int, rate_hz: float, *, split: bool) -> DiscreteModel:
     """Return mode `m` of a model at one rate, without a direct term, for the forces that drive the whole model."""
-    own = linear.only(np.arange(linear.n_blocks) == m).with_(d=np.zeros_like(linear.d))
-    model = discretise(own, rate_hz, split=split)
-    return replace(model, b=driven_by(model, np.zeros((0, linear.n_inputs))).b)
+    return _for_forces(linear.only(np.arange(linear.n_blocks) == m), rate_hz, split=split)
+
+
+def _for_forces(modes: ModalModel, rate_hz: float, *, split: bool) -> DiscreteModel:
+    """Return modes at one rate without their direct term, for what `responses.driven_by` makes of the commands."""
+    model = discretise(modes.with_(d=np.zeros_like(modes.d)), rate_hz, split=split)
+    return replace(model, b=driven_by(model, np.zeros((0, modes.n_inputs))).b)
 
 
 def sensitivities(
