@@ -34,8 +34,9 @@ def test_trials_that_do_nothing_go_through_a_study(tmp_path: Path) -> None:
     assert found == {"trials_that_do_nothing": []}
     row = study_cost.nothing_in_threads(30, 2, tmp_path)
     assert (row["engine"], row["workers"], row["trials"]) == ("threads", 2, 30)
-    # every trial is in a transaction, and none holds more than the six that may be under way
-    assert 5 <= row["transactions"] <= 30
+    # three tasks for each of two threads are under way at most. The first are of one trial each, and a task is at most
+    # twice as large as what has finished: six trials, then twelve, so that thirty take three transactions or more
+    assert 3 <= row["transactions"] <= 30
     assert 0.0 < row["store_s"] < row["trials_wall_s"] < row["wall_s"] and row["bytes_per_trial"]["trials.csv"] > 10.0
     assert "nothing" not in KINDS  # only in processes that are measured
 
