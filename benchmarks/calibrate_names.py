@@ -31,7 +31,9 @@ def names_of(scores: Sequence[Path]) -> list[tuple[float, bool]]:
     found: list[tuple[float, bool]] = []
     for path in scores:
         for case in json.loads(path.read_text(encoding="utf-8"))["cases"]:
-            found += zip(case["stated"], case["stated_right"], strict=True)
+            # scores from before the posterior was told beside the probability: they were one
+            kind = "posteriors" if "posteriors" in case else "stated"
+            found += zip(case[kind], case[f"{kind}_right"], strict=True)
     return sorted(found)
 
 

@@ -29,6 +29,7 @@ class _Cause(msgspec.Struct):
     where: str
     probability: float
     parameters: dict[str, _Number]
+    posterior: float | None = None
 
 
 class _Gain(msgspec.Struct):
@@ -54,7 +55,7 @@ class Judged:
     effect, `without_std` the number of those that none was stated for; `spreads` are the stated variances and `misses`
     the squared errors, both over the Cramér–Rao bound; `held_out` is the error after over that of the truth, None when
     it was not right. `remainder` tells whether the names were said to leave something, None of a diagnosis that does
-    not say.
+    not say. `posteriors` holds, per name that is hidden or wrong, its posterior and whether it is in the truth.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Judged:
     misses: tuple[float, ...]
     held_out: float | None
     remainder: bool | None = None
+    posteriors: tuple[tuple[float, bool], ...] = ()
 
     @property
     def right(self) -> bool:
@@ -116,6 +118,12 @@ def judge(folder: Path, name: str, case: Case) -> Judged:
         misses=tuple(row[2] for row in compared if row[2] is not None),
         held_out=_held_out(said, case) if by_name and all(by_name) and not wrong else None,
         remainder=said["remainder"] is not None if "remainder" in said else None,
+        # what is granted is there in every case of its kind, and says nothing of how sure a name is
+        posteriors=tuple(
+            (float(cause["probability"] if cause.get("posterior") is None else cause["posterior"]), key not in wrong)
+            for key, cause in causes.items()
+            if key not in granted or key in truth
+        ),
     )
 
 

@@ -40,6 +40,8 @@ def row_of(j: Judged) -> dict[str, Any]:
         "wrong": [list(key) for key in j.wrong],
         "stated": [probability for probability, _ in j.stated],
         "stated_right": [right for _, right in j.stated],
+        "posteriors": [posterior for posterior, _ in j.posteriors],
+        "posteriors_right": [right for _, right in j.posteriors],
         "pulls": list(j.pulls),
         "without_std": j.without_std,
         "spreads": list(j.spreads),
@@ -96,4 +98,5 @@ def judged_of(row: dict[str, Any]) -> Judged:
         misses=tuple(row["misses"]),
         held_out=row["held_out"],
         remainder=row.get("remainder"),
+        posteriors=tuple(zip(row.get("posteriors", []), row.get("posteriors_right", []), strict=True)),
     )

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
-from sim_backend.effects.base import Effect, Site, shape, size
+import numpy as np
+
+from sim_backend.effects.base import UNLISTED, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
+
+_FULL = 0.5
+"""Breakaway rate in rms rates at most. At twice the breakaway rate friction is of full size, to 4 %; a sine is faster
+than its rms for half of the time. What fades at most rates is no friction of one size, but a damping of some law."""
 
 
 @compiled
@@ -24,6 +31,7 @@ class CoulombFriction(Effect):
     site = Site.STRUCTURE
     symptom = "switches sign with the direction of motion and has the same size at any speed"
     step = _step
+    beyond: ClassVar = {"breakaway_rate": UNLISTED}
 
     torque: float = size("friction torque in motion", u=1, low=0.0)
     breakaway_rate: float = shape("rate below which the friction fades", 1e-4, y=1, s=-1, low=1e-12)
@@ -32,6 +40,11 @@ class CoulombFriction(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return breakaway rates from nearly sharp to a tenth of the fastest motion."""
         return [{"breakaway_rate": max(view.rate_peak * part, 1e-12)} for part in (1e-3, 1e-2, 1e-1)]
+
+    @classmethod
+    def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
+        """Return breakaway rates below which friction is of one size in half of the motion."""
+        return {"breakaway_rate": (1e-12, max(_FULL * float(np.sqrt(np.mean(view.rate**2))), 1e-12))}
 
     def braking(self) -> float:
         """Return the slope of the torque at rest."""

@@ -5,17 +5,21 @@ left to object to. Asked the other way round there is more to see: of what was t
 general ways may explain more, and with fewer numbers. Each column that is taken pays for having been chosen among all,
 and for its size, as a cause pays for its place and its parameters. So a right name, which is the shortest description,
 is never behind; what stands for something else is.
+
+Neither side is exact: the form of an effect may be wrong by a little, and a column is right to first order. Where both
+explain the same but for that, the shorter description leads, by what the other one costs more. A column that is the
+effect itself, in other words, is no rival of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.diagnosis.fitting.balance import again, score
-from analysis.diagnosis.fitting.discrepancy import target_of
+from analysis.diagnosis.fitting.discrepancy import form_error, target_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.rounds import Found
@@ -67,52 +71,79 @@ def general_rivals(setting: Setting, found: Found, *, together: bool = True) -> 
         keep = [i for i in numbers if i not in gone]
         rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
         seen = {target_of(best.effects[i].where) for i in gone}
-        gain, ways = _explained(general_ways(setting, rest, repeating=False, at=seen))
+        there = general_ways(setting, rest, repeating=False, at=seen, effects=best.held(gone)[0])
+        same = max(form_error(best.effects[i]) for i in gone)
+        lead, ways = _least_lead(found, _own(found, best, rest, len(gone)), _explained(there, same))
         if ways:
             names = tuple(f"{best.effects[i].reported()} at {best.effects[i].where}" for i in gone)
-            lead = _worth(found, best, rest, len(gone)) + found.discrepancy.total - gain
-            yield GeneralRival(gone, names, ways, 0.5 * lead)
+            yield GeneralRival(gone, names, ways, lead)
 
 
-def _worth(found: Found, best: Fit, rest: Fit, effects: int) -> float:
-    """Return twice the logarithm of the evidence by which `best` leads `rest`, so many effects having a price.
+@dataclass(frozen=True)
+class _Description:
+    """What something explains beside the same rest, and what its numbers and choices cost: twice a logarithm each."""
+
+    explains: float
+    costs: float
+    ways: tuple[Way, ...] = ()
+
+
+def _least_lead(found: Found, own: _Description, others: Sequence[_Description]) -> tuple[float, tuple[Way, ...]]:
+    """Return the least natural logarithm by which `own` leads one of the `others`, and the ways of that one.
+
+    What one explains more counts beyond what the form of the effects may be wrong by.
+    """
+    form = found.discrepancy.total
+    least, ways = np.inf, tuple[Way, ...]()
+    for other in others:
+        more = own.explains - other.explains
+        lead = 0.5 * (float(np.sign(more)) * max(abs(more) - form, 0.0) + other.costs - own.costs)
+        if lead < least:
+            least, ways = lead, other.ways
+    return least, ways
+
+
+def _own(found: Found, best: Fit, rest: Fit, effects: int) -> _Description:
+    """Return what the effects explain of which `best` has so many more than `rest`.
 
     Where nothing repeats, in the noise that the best one leaves.
     """
     choices = max(len({c.key for c in found.first.candidates}), 1)
-    if found.setting.whitener.repeats:
-        lead = score(rest, True) - score(best, True)
-    else:
-        lead = best.rows * float(np.log(rest.objective / best.objective)) + 2.0 * (rest.occam - best.occam)
-    return lead - 2.0 * effects * float(np.log(choices))
+    repeats = found.setting.whitener.repeats
+    costs = 2.0 * (best.occam - rest.occam) + 2.0 * effects * float(np.log(choices))
+    if not repeats:
+        return _Description(best.rows * float(np.log(rest.objective / best.objective)), costs)
+    return _Description(score(rest, True) - score(best, True) + 2.0 * (best.occam - rest.occam), costs)
 
 
-def _explained(there: Beside) -> tuple[float, tuple[Way, ...]]:
-    """Return what the best few columns are worth (twice a logarithm), prices paid, and the ways that they are of.
+def _explained(there: Beside, same: float) -> list[_Description]:
+    """Return what the best one, two, … columns explain, each taken beside those before it and the nuisances.
 
-    One after the other, each beside those before it and the nuisances.
+    Columns that differ from the effects' signatures by less than `same` of their energy are the effects themselves.
     """
-    gram = there.gram
-    if not gram.groups:
-        return 0.0, ()
-    products, before = gram.without(gram.nuisance_columns()).copy(), np.diag(gram.products)
-    columns = np.concatenate(gram.groups)
-    way_of = np.repeat(np.arange(len(gram.groups)), [g.size for g in gram.groups])
+    gram, n = there.gram, len(there.ways)
+    if not n:
+        return []
+    nuisances, before = gram.nuisance_columns(), np.diag(gram.products)
+    columns = np.concatenate(gram.groups[:n])
+    way_of = np.repeat(np.arange(n), [g.size for g in gram.groups[:n]])
+    products = gram.without(nuisances).copy()
+    fresh = np.diag(products)[columns] > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny)
+    beside = np.diag(gram.without(np.concatenate([nuisances, *gram.groups[n:]])))[columns]
+    other = fresh & (beside > same * np.diag(products)[columns])
     price, remaining = 2.0 * float(np.log(columns.size)), float(products[0, 0])
-    worth, total, best, taken = 0.0, 0.0, 0, list[Way]()
+    explains, costs, ways, found = 0.0, 0.0, tuple[Way, ...](), list[_Description]()
     for _ in range(_MOST):
         left = np.diag(products)[columns]
-        fresh = left > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny)
-        drops = np.where(fresh, products[columns, 0] ** 2 / np.where(fresh, left, 1.0), 0.0)
+        live = other & (left > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny))
+        drops = np.where(live, products[columns, 0] ** 2 / np.where(live, left, 1.0), 0.0)
         i = int(np.argmax(drops))
         gain = float(gram.ratios(drops[i : i + 1], remaining)[0])
         if not gain > price:
             break
-        taken.append(there.ways[way_of[i]])
-        total += gain - price - float(np.log1p(gain))
-        if total > worth:
-            worth, best = total, len(taken)
+        explains, costs, ways = explains + gain, costs + price + float(np.log1p(gain)), (*ways, there.ways[way_of[i]])
+        found.append(_Description(explains, costs, ways))
         remaining -= float(drops[i])
         own = products[:, columns[i]].copy()
         products -= np.outer(own, own) / own[columns[i]]
-    return worth, tuple(taken[:best])
+    return found

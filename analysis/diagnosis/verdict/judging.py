@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +32,9 @@ _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
 the threshold."""
 
+_LOST = 700.0
+"""A lead of so much, as a natural logarithm, leaves no chance that a float can hold."""
+
 _NEAR = 0.05
 """So near the limit of a shape, as a part of it, both names that meet there hold."""
 
@@ -40,6 +43,8 @@ _NEAR = 0.05
 class Judgement:
     """The verdict with the effects that it names, the tied sets, the posterior of the best and the noise inflation.
 
+    `probability` is among the listed causes alone, `general` the least natural logarithm by which the best leads a law
+    that is none of them.
     `objection` says what of the best model is left, or wrong, that makes its verdict *unknown*; `remainder` what the
     effects it names leave that is no noise.
     """
@@ -52,6 +57,12 @@ class Judgement:
     rivals: tuple[tuple[str, float], ...]
     objection: str = ""
     remainder: Remainder | None = None
+    general: float = np.inf
+
+    @property
+    def posterior(self) -> float:
+        """The posterior of the best among the listed causes and general laws."""
+        return float(1.0 / (1.0 / self.probability + np.exp(min(-self.general, _LOST))))
 
 
 def judge(
@@ -80,18 +91,23 @@ def judge(
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
     rest = remainder_of(found, left, allowed, random)
-    against = refuted(found) or _general(found, general, random, rest)
+    against, others = refuted(found), list[GeneralRival]()
+    if not against:
+        others = list(general)
+        against = _general(found, others, random, rest)
     if against:
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
+    lead = min((rival.lead for rival in others), default=np.inf) + 0.5 * random
+    names = Judgement("named", named, (), probability, inflation, rivals, remainder=rest, general=lead)
     border = _on_border(found, named)
     if probability >= SURE and border:
         sure = tuple(i for i in named if i not in border)
-        return Judgement("ambiguous", sure, tuple(border.values()), probability, inflation, rivals, remainder=rest)
+        return replace(names, verdict="ambiguous", named=sure, tied=tuple(border.values()))
     if probability >= SURE:
-        return Judgement("named", named, (), probability, inflation, rivals, remainder=rest)
+        return names
     shared, tied = tie_of(names_of([best.effects[i] for i in named]), gaps)
     sure = tuple(i for i in named if best.effects[i].reported() in shared)
-    return Judgement("ambiguous", sure, (tied,), probability, inflation, rivals, remainder=rest)
+    return replace(names, verdict="ambiguous", named=sure, tied=(tied,))
 
 
 def tie_of(own: Collection[str], gaps: Sequence[tuple[tuple[str, ...], float]]) -> tuple[set[str], tuple[str, ...]]:
@@ -380,7 +396,7 @@ def _price(candidate: Candidate, gain: float) -> float:
 def causes_of(best: Fitted, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
     """Return the named causes with their parameters in units of the model's ports."""
     spread = float(np.sqrt(judgement.inflation))
-    return tuple(_cause_of(i, best, model, judgement.probability, spread) for i in judgement.named)
+    return tuple(_cause_of(i, best, model, judgement.posterior, spread) for i in judgement.named)
 
 
 def _cause_of(i: int, best: Fitted, model: Model, posterior: float, spread: float) -> Cause:

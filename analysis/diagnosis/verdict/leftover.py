@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from analysis.diagnosis.candidates.signature import as_simulated
+from analysis.diagnosis.candidates.signature import Candidate, as_simulated, signature
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.levels import BAND_ROWS
 from analysis.diagnosis.nominal.responses import played
@@ -73,7 +73,8 @@ Way = tuple[str, bool, int]
 class Beside:
     """What there is beside a fit: inner products (`gram`) of its residual with the columns of all `ways` and patterns.
 
-    The groups of the products are the ways' in their order, then those of every pattern and its neighbours.
+    The groups of the products are the ways' in their order, then those of every pattern and its neighbours, then those
+    of some effects.
     """
 
     gram: Gram
@@ -81,10 +82,18 @@ class Beside:
     patterns: tuple[Pattern, ...]
 
 
-def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True, at: Container[str] | None = None) -> Beside:
+def general_ways(
+    setting: Setting,
+    fit: Fit,
+    *,
+    repeating: bool = True,
+    at: Container[str] | None = None,
+    effects: Sequence[Candidate] = (),
+) -> Beside:
     """Return the inner products of what `fit` leaves with all general ways, and with `repeating` patterns if wanted.
 
-    With `at`, of the ways those at the inputs and readings of these names alone.
+    With `at`, of the ways those at the inputs and readings of these names alone. The signatures of `effects` are to
+    first order as the ways are.
     """
     footing, motions = beside(setting, fit)
     if not setting.whitener.repeats:
@@ -102,9 +111,12 @@ def general_ways(setting: Setting, fit: Fit, *, repeating: bool = True, at: Cont
     def columns(r: int) -> Sequence[Array]:
         with ThreadPoolExecutor(setting.workers) as pool:
             general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
-            return [*general, *pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)]
+            repeated = pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)
+            linear, states, rate_hz = footing.linear, footing.states[r], setting.data.rate_hz
+            own = pool.map(lambda c: signature(c, linear, places, motions[r], rate_hz, states, r), effects)
+            return [*general, *repeated, *own]
 
-    two_sided = (False,) * (len(ways) + len(waves))
+    two_sided = (False,) * (len(ways) + len(waves) + len(effects))
     (gram,) = gathered(footing, motions, setting.whitener, columns, two_sided, workers=setting.workers)
     return Beside(gram, tuple(ways), tuple(patterns))
 

@@ -65,7 +65,7 @@ Way = Callable[[Scene, int], list[Array]]
 def _of_motion(s: Scene, j: int) -> list[Array]:
     x, v = s.x[:, j], s.v[:, j]
     odd = [x * abs(x), x**3, x**5, v * abs(v), v**3, np.tanh(_STEEP * v)]
-    return [*odd, x * x, x * x * v, x * v * v, abs(x) * v]
+    return [*odd, x * x, x * v, v * v, x * x * v, x * v * v, abs(x) * v]
 
 
 def _of_command(s: Scene, j: int) -> list[Array]:
@@ -109,6 +109,14 @@ def _of_other_inputs(s: Scene, j: int) -> list[Array]:
     return [a[:, i] for i in range(s.u.shape[1]) if i != j for a in (s.u, s.x, s.v)]
 
 
+def _of_several_axes(s: Scene, j: int) -> list[Array]:
+    # all products of second order of two axes: two others' among them
+    own, others = (s.x[:, j], s.v[:, j], s.u[:, j]), [i for i in range(s.u.shape[1]) if i != j]
+    mixed = [a * b[:, i] for i in others for a in own for b in (s.x, s.v, s.u)]
+    apart = [s.x[:, i] * b[:, k] for n, i in enumerate(others) for k in others[n:] for b in (s.x, s.v)]
+    return [*mixed, *apart]
+
+
 def _reading_of_motion(s: Scene, o: int) -> list[Array]:
     x, v = s.seen[:, o], s.seen_rate[:, o]
     return [x * x, abs(x), x**3, x**5, v * v, np.tanh(_STEEP * v)]
@@ -138,6 +146,7 @@ TORQUES: dict[str, Way] = {
     "command and motion in a measure that changes with time": _changing,
     "temperature": _of_temperature,
     "other degrees of freedom": _of_other_inputs,
+    "products of degrees of freedom": _of_several_axes,
 }
 """What a torque at an input may depend on."""
 

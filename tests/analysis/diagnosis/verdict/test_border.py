@@ -11,9 +11,11 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
+from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.judging import judge
-from sim_backend.effects import EFFECTS, make_effect
+from sim_backend.effects import EFFECTS, effect_class, make_effect
 from sim_backend.effects.base import UNLISTED
+from sim_backend.effects.view import RecordView
 from tests.analysis.diagnosis.residuals import setting_of
 
 ROWS = 4000
@@ -50,6 +52,27 @@ def test_a_resonance_that_is_hardly_one_stands_for_something_else(damping_ratio:
     judged = judge(_outcome("extra-resonance", {"participation": 0.5}, shapes, {"damping_ratio": (1e-6, 0.2)}))
     assert judged.verdict == verdict
     assert ("damping_ratio 0.195, up to whose limit of 0.2" in judged.objection) is (verdict == "unknown")
+
+
+@pytest.mark.parametrize(("rms_rates", "verdict"), [(0.01, "named"), (0.4, "named"), (0.49, "unknown")])
+def test_a_friction_that_fades_at_most_rates_stands_for_some_other_damping(rms_rates: float, verdict: str) -> None:
+    """Of a swing at 1 rad/s rms, as the limits of the effect have it."""
+    view = RecordView(1000.0, *(np.sqrt(2.0) * np.sin(0.1 * np.arange(4000)) for _ in range(4)), None, 1.0)
+    limits = effect_class("coulomb-friction").limits(view)
+    judged = judge(_outcome("coulomb-friction", {"torque": 1.0}, {"breakaway_rate": rms_rates}, limits))
+    assert judged.verdict == verdict
+
+
+def test_the_posterior_counts_general_laws_beside_what_random_causes_explain() -> None:
+    """One that leads by nothing is as likely, and one that random causes of 10 (twice a logarithm) explain is not."""
+    found = _found(0.2 * PEAK)
+
+    def rival(lead: float) -> tuple[GeneralRival, ...]:
+        return (GeneralRival((0,), ("backlash at x",), (("position and rate", False, 0),), lead),)
+
+    assert judge(found).posterior == pytest.approx(1.0)
+    assert judge(found, general=rival(0.0)).posterior == pytest.approx(0.5)
+    assert judge(found, general=rival(0.0), random=10.0).posterior == pytest.approx(1.0 / (1.0 + np.exp(-5.0)))
 
 
 def test_names_beyond_a_limit_are_causes_and_the_limits_those_of_shapes() -> None:

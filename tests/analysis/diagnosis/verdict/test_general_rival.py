@@ -15,6 +15,7 @@ from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.general_rival import GeneralRival, general_rivals
 from analysis.diagnosis.verdict.judging import judge, outdone
+from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, leftovers
 from sim_backend.effects import NAMED
 from tests.analysis.diagnosis.residuals import setting_of
 from tests.analysis.diagnosis.two_axes import AXES, DECAY_1_S, FREQUENCY_HZ, RATE_HZ, two_axes
@@ -25,10 +26,13 @@ OMEGA = 2.0 * np.pi * np.array([FREQUENCY_HZ[a] for a in AXES])
 NOISE = 2e-3
 
 
-def _played(coupling: float = 0.0, friction: float = 0.0) -> Dataset:
+def _played(
+    coupling: float = 0.0, friction: float = 0.0, uneven: float = 0.0, even: float = 0.0, exchange: float = 0.0
+) -> Dataset:
     """Return a drive of both axes that repeats, at two levels, by the Runge-Kutta rule in steps of a quarter sample.
 
-    The drive of the first axis pushes the second by a share of `coupling`; the friction there is `friction`.
+    The drive of the first axis pushes the second by a share of `coupling`; the friction there is `friction`, its drive
+    grows by `uneven` with its position and by `even` with itself, and the axes exchange energy by `exchange`.
     """
     rng, h, fine = np.random.default_rng(8), 0.25 / RATE_HZ, 4
     records = []
@@ -39,7 +43,8 @@ def _played(coupling: float = 0.0, friction: float = 0.0) -> Dataset:
         y = np.empty_like(u)
 
         def pull(x: Array, v: Array, drive: Array) -> Array:
-            force = np.array([0.0, coupling * drive[0] - friction * np.tanh(v[1] / 0.5)])
+            own = drive[1] * (uneven * x[1] + even * drive[1]) - friction * np.tanh(v[1] / 0.5)
+            force = np.array([-2.0 * exchange * x[0] * x[1], coupling * drive[0] + own - exchange * x[0] ** 2])
             return OMEGA**2 * (drive + force - x) - 2.0 * DECAY_1_S * v
 
         for k in range(u.shape[0]):
@@ -87,6 +92,30 @@ def test_a_right_name_is_never_behind_and_a_stand_in_is(
     rivals = rivals_of(wrong)
     assert rivals[0].lead < -SURE_LEAD
     assert judge(wrong, general=rivals).verdict == "unknown"
+
+
+def test_a_column_that_is_the_law_itself_is_no_rival_of_it() -> None:
+    """The command times the position is a general way, and what an uneven force constant does: one law, one name."""
+    found = _found(_played(uneven=0.02), "position-dependent-force-constant")
+    assert [e.reported() for e in found.best.effects] == ["position-dependent-force-constant"]
+    (rival,) = rivals_of(found)
+    assert rival.lead > SURE_LEAD
+
+
+def test_causes_that_share_out_one_unlisted_law_are_outdone_by_the_shorter_description() -> None:
+    """A drive with a part of its square: general ways say it in fewer numbers, and as well but for the causes' form."""
+    stand_ins = "position-dependent-force-constant", "amplifier-saturation", "dead-zone"
+    found = _found(_played(even=0.3), *stand_ins)
+    assert found.best.candidates
+    assert judge(found, general=rivals_of(found)).verdict == "unknown"
+
+
+def test_what_two_axes_exchange_follows_a_product_of_their_motions() -> None:
+    """A torque with the square of one position and with both: no way of one axis by itself says that."""
+    found = _found(_played(exchange=0.01))
+    least = leftovers(found.setting, found.tuned)[0]
+    assert least.what == "a torque that follows products of degrees of freedom"
+    assert least.p_value() < ONE_IN_A_MILLION
 
 
 def test_only_a_rival_that_is_sure_to_be_ahead_is_an_objection() -> None:
