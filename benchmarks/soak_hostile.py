@@ -248,14 +248,16 @@ def case(seed: int, kit: Path, box: Path) -> tuple[str, int, str | None, str]:
     finally:
         os.chdir(here)
     began = time.monotonic()
-    stop_s = SERVED_S if arguments[:2] == ["bench", "serve"] or "--wait" in arguments else None
+    waits = "--wait" in arguments
+    stop_s = SERVED_S if arguments[:2] == ["bench", "serve"] or waits else None
     limit_s = LIMIT_S * (LONG if arguments[:2] == ["challenge", "make"] else 1)
     code, said = in_child(lambda: mccd(arguments), work, limit_s, watched=box, stop_s=stop_s)
     name = " ".join(BASES[seed % len(BASES)][:2])
     shown = (
         f"seed {seed}: mccd {' '.join(a[:60] for a in arguments)!r} ({told[:300]}; {time.monotonic() - began:.1f} s)"
     )
-    broken = _broken(code, said)
+    # what only waits has nothing to make safe, and may end by the signal itself
+    broken = _broken(0 if waits and code == -signal.SIGTERM else code, said)
     return name, code, broken and f"{broken}: {shown}: {said[-600:]}", shown
 
 
