@@ -8,7 +8,8 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 
@@ -168,8 +169,13 @@ def test_the_tests_import_only_what_the_test_set_up_installs() -> None:
     check_imports("tests", set(declared("dev", "cluster")) | {"packaging"})
 
 
+@cache
+def providers() -> Mapping[str, list[str]]:
+    """Return the distributions that give each module: it takes a look at every file that is installed."""
+    return packages_distributions()
+
+
 def check_imports(folder: str, allowed: set[str]) -> None:
-    providers = packages_distributions()
     for module, path in imported(folder).items():
-        names = {canonicalize_name(n) for n in providers.get(module, [IMPORT_NAMES.get(module, module)])}
+        names = {canonicalize_name(n) for n in providers().get(module, [IMPORT_NAMES.get(module, module)])}
         assert names & allowed, f"{path} imports {module}, which pyproject.toml does not declare"

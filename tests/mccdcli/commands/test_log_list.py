@@ -14,7 +14,7 @@ from campaigns.log import Channel, LogWriter, read_run, recover, sidecar_of
 from campaigns.log.limits import MAX_NOTE_CHARS
 from mccdcli.main import main
 from sim_backend.errors import ConfigError
-from tests.running import REAL, mccd
+from tests.running import MCCD, REAL, mccd
 
 CHANNELS = (Channel("torque", "N m", "input", "theta_x", 1e3), Channel("angle", "rad", "output", "theta_x", 1e3))
 
@@ -94,8 +94,9 @@ def test_every_file_that_is_no_sound_log_is_a_line_that_says_so(folder: Path) ->
     (folder / "gone.h5").symlink_to(folder / "nothing")
     bad = {"text.h5", "foreign.h5", "cut.h5", "long.h5", "pipe.h5", "gone.h5", "first.h5", "last.h5"}
     begun = time.monotonic()
-    for more in ([], ["--test", "sinesweep"], ["--status", "unreadable"]):
-        done = mccd("log", "list", str(folder), "--json", *more, command=REAL, timeout=100.0)
+    # the process that a user starts, then forks of one
+    for command, more in ((REAL, []), (MCCD, ["--test", "sinesweep"]), (MCCD, ["--status", "unreadable"])):
+        done = mccd("log", "list", str(folder), "--json", *more, command=command, timeout=100.0)
         assert done.returncode == 0, done.stderr
         told = {Path(one["path"]).name: one for one in json.loads(done.stdout)["logs"]}
         assert {name for name, one in told.items() if one["error"]} == bad
@@ -103,7 +104,7 @@ def test_every_file_that_is_no_sound_log_is_a_line_that_says_so(folder: Path) ->
     assert time.monotonic() - begun < 100.0
     assert "schema" in told["foreign.h5"]["error"] and "note" in told["long.h5"]["error"]
     assert all("started_utc" in told[name]["error"] for name in ("first.h5", "last.h5"))
-    text = mccd("log", "list", str(folder), command=REAL).stdout.splitlines()
+    text = mccd("log", "list", str(folder)).stdout.splitlines()
     assert len(text) == 1 + 3 + len(bad)
 
 
