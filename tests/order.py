@@ -59,8 +59,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LongestFirst
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than there are processors: every fifth second of the tests is spent waiting for a line."""
-    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) + 1
+    """Return two workers more than there are processors.
+
+    With one more, two processors had nothing to do for 28 % of a run: tests wait for lines, disks and browsers.
+    """
+    return (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1) + 2
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -29,7 +29,7 @@ BENCHES = (
     "unlisted_force",
 )
 SEARCHED = "a whole search, as others that stay"
-CLUSTER = "a whole study on a cluster; workers that are refused stay"
+CLUSTER = "a whole study on a cluster; a worker that is refused stays"
 MORE = "more cases of a test of which some stay"
 LINE = "one of many faults of a line, which takes as long as the line"
 
@@ -137,8 +137,14 @@ THOROUGH = (
     ("benchmarks/test_speed_profile.py::test_stacks_name_who_*", "profiles a benchmark"),
     ("contract/test_tables.py::test_identical_logs_give_identical_bytes*", "makes all tables twice"),
     ("mccdcli/commands/test_investigate.py::test_a_bench_that_is_as_its_model_*", "a page and test_schema.py run it"),
-    ("sim_backend/kernel/test_loop.py::test_a_process_that_only_loads_code_*", "a whole bench that loads only stays"),
-    ("sim_backend/kernel/test_loop.py::test_a_process_that_compiles_nothing_*", "a whole bench that loads only stays"),
+    (
+        "sim_backend/kernel/test_loop.py::test_a_process_that_only_loads_code_*",
+        "a whole bench that loads only stays in test_object_code.py",
+    ),
+    (
+        "sim_backend/kernel/test_loop.py::test_a_process_that_compiles_nothing_*",
+        "a whole bench that loads only stays in test_object_code.py",
+    ),
     ("benchmarks/test_speed.py::test_all_compute_the_same*long-log*", "a long log"),
     ("benchmarks/test_speed.py::test_all_compute_the_same*thermal*", "a whole thermal test"),
     ("campaigns/serial/test_client.py::test_throughput_*tcp*", LINE),
@@ -242,6 +248,27 @@ THOROUGH = (
         for name in ("both_archives", "the_wheel_holds", "the_source_archive", "an_installed_wheel")
     ),
     ("benchmarks/test_speed_profile.py::test_a_sampled_command_*", "profiles a command"),
+    (
+        "mccdcli/test_schema.py::test_a_result_is_as_its_schema_says*diagnose]",
+        "diagnoses again what investigate has; that answer is held to the schema, and --json to it in "
+        "test_diagnose_frf.py",
+    ),
+    ("analysis/diagnosis/response/test_diagnose_response.py::test_coherence_tells_*0.0002]", MORE),
+    ("analysis/identification/test_timefit.py::test_coloured_noise_in_open_and_closed_*0.0]", MORE),
+    ("analysis/identification/test_growth.py::test_both_modes_of_a_chirp_*", MORE),
+    ("analysis/identification/test_input_delay.py::test_what_a_late_input_leaves_*1.0]", MORE),
+    ("analysis/diagnosis/verdict/test_scatter.py::test_noise_of_any_colour_does_not_follow_*1.0]", MORE),
+    ("analysis/diagnosis/evidence/test_gain.py::test_noise_stays_as_large_*400]", MORE),
+    ("analysis/study/test_engines.py::test_trials_side_by_side_*1]", MORE),
+    ("analysis/study/test_engines.py::test_the_size_of_tasks_*10.0]", MORE),
+    (
+        "analysis/study/test_cluster.py::test_a_worker_with_other_threads_*",
+        "another refused worker stays; other threads are refused in test_run.py too",
+    ),
+    (
+        "sim_backend/kernel/test_loop.py::test_kept_code_needs_no_numba",
+        "a whole bench that loads only stays in test_object_code.py",
+    ),
 )
 """Patterns of node IDs below tests/, and why these tests are left to the longer run."""
 
@@ -278,6 +305,7 @@ STAY = (
     "analysis/identification/test_refined.py::test_the_error_is_the_noise_*periodic, late*",
     "analysis/identification/test_from_table.py::test_modes_are_found_in_any_form*unwrapped degrees]",
     "analysis/identification/test_from_table.py::test_modes_are_found_in_any_form*real and imaginary]",
+    "analysis/identification/test_growth.py::test_both_modes_of_a_chirp_*7.83-11.8-0.57]",
     "campaigns/facts/test_loop.py::test_a_loop_that_moves_much_*white]",
     "campaigns/facts/test_loop.py::test_with_its_reference_*white]",
     "campaigns/facts/test_clock.py::test_two_clocks_are_told_*-500.0-white]",

@@ -113,6 +113,11 @@ def test_a_result_is_as_its_schema_says(name: str, home: Path, monkeypatch, caps
     jsonschema.validate(json.loads(capsys.readouterr().out), schema_of(name))
 
 
+def test_the_diagnosis_of_a_round_is_as_the_schema_of_diagnoses_says(home: Path) -> None:
+    found = home / "rounds" / "round-1" / "diagnosis" / "diagnosis.json"
+    jsonschema.validate(json.loads(found.read_text(encoding="utf-8")), schema_of("diagnose"))
+
+
 def test_a_design_with_all_its_stages_is_as_its_schema_says() -> None:
     jsonschema.validate(json.loads((designed() / "printed.json").read_text(encoding="utf-8")), schema_of("design"))
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 
+import jsonschema
 import numpy as np
 import pytest
 
+from mccdcli.schema import schema_of
 from sim_backend.model import dump_model
 from tests.analysis.diagnosis.response.tables import F, noisy, nominal, response, written
 from tests.running import mccd
@@ -24,6 +26,7 @@ def test_files_and_exit_codes_are_those_of_logs(folder):
     done = mccd("diagnose", "--frf", "h.csv", "--model", "nominal.toml", "-o", "out", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     content = json.loads(done.stdout)
+    jsonschema.validate(content, schema_of("diagnose"))
     assert content == json.loads((folder / "out" / "diagnosis.json").read_text())
     assert content["verdict"] == "consistent" and content["next_experiment"] is None
     page = (folder / "out" / "index.html").read_text()
