@@ -265,10 +265,6 @@ THOROUGH = (
         "analysis/study/test_cluster.py::test_a_worker_with_other_threads_*",
         "another refused worker stays; other threads are refused in test_run.py too",
     ),
-    (
-        "sim_backend/kernel/test_loop.py::test_kept_code_needs_no_numba",
-        "a whole bench that loads only stays in test_object_code.py",
-    ),
 )
 """Patterns of node IDs below tests/, and why these tests are left to the longer run."""
 
