@@ -6,13 +6,14 @@ from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import RLock
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.starts import Start, stack_white, without_starts
+from analysis.diagnosis.fitting.starts import Start, left_by_best_start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played
 from analysis.diagnosis.nominal.tuning import Nuisance, turned
@@ -25,9 +26,6 @@ from sim_backend.linear import Array, ModalModel
 from sim_backend.replay import Motion, replay, stepped
 
 T = TypeVar("T")
-
-_BEGUN, _WORTH_A_STEP = 8, 0.99
-"""Steps in which the state is sought in which a record begins, while each leaves less than this part of the squares."""
 
 _FINEST = 32
 """The most steps to a sample."""
@@ -196,14 +194,14 @@ def begun(setting: Setting, states: Sequence[Array], residuals: Sequence[Array])
 def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]:
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
-    One that no fit has seen is simulated from rest, and where it repeats, also as if it had been played before: what
-    hangs on the level of the motion is then as it is in the steady state. Which of both it was tells its first period;
-    from there the state in which it begins is sought.
+    Of one that no fit has seen the state in which it begins is sought, and where it repeats, also as if it had been
+    played before: what hangs on the level of the motion is then as it is in the steady state. Which of both it was
+    tells its first period.
     """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, _begun_anew(setting, fit), strict=True)}
     for record in (r for r in data.records if id(r.y) not in known):
         ways = {id(r): r for r in (record, record.led_in())}.values()
-        left = [_left_from_rest(way, data, setting, fit) for way in ways]
+        left = [_left_begun(way, data, setting, fit) for way in ways]
         first = slice(0, record.period or record.n)
         known[id(record.y)] = min((e[-record.n :] for e in left), key=lambda e: float(np.sum(e[first] ** 2)))
     return tuple(known[id(r.y)] for r in data.records)
@@ -233,38 +231,27 @@ def sum_of_states(a: Array, b: Array) -> Array:
     return out
 
 
-def _left_from_rest(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Array:
+def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Array:
     """Return what a fit leaves (n, n_y) of a record that no fit has seen, begun in the state that leaves least.
 
-    A start adds to the readings of a linear model what it adds, whatever is played. Beside an effect that hangs on the
-    motion that is so to first order only, so it is simulated anew from what was found.
+    The search starts from rest, or where the model would begin without what acts on it.
     """
     linear = turned(setting.nominal, setting.nuisances, fit.change)
     effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
     model = played(linear_of(setting, fit), data.rate_hz)
     free, late = free_responses(model, record.n), answers_to_before(model, record.n)
-    states, before = np.zeros((free.shape[2] // 2, 2)), np.zeros(late.shape[2])
-    one = replace(setting, data=replace(data, records=(record,)))
-    (left,) = left_by(replace(one, states=(states,)), linear, effects)
+    one, states = replace(setting, data=replace(data, records=(record,))), free.shape[2]
+
+    def left(acting: Sequence[Effect], start: Array) -> Array:
+        begun = replace(one, states=(start[:states].reshape(-1, 2),))
+        return left_by(begun, linear, acting)[0] - late @ start[states:]
+
     rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
-    weight = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-
-    def squares(residual: Array) -> float:
-        return float(np.sum((residual[rows] * weight) ** 2))
-
-    columns = (np.concatenate([free, late], axis=2)[rows] * weight[:, None]).reshape(-1, free.shape[2] + before.size)
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0.0] = np.inf
-    for _ in range(_BEGUN):
-        found, *_ = np.linalg.lstsq(columns / scale, (left[rows] * weight).reshape(-1), rcond=1e-9)
-        more, late_by = np.split(found / scale, [free.shape[2]])
-        there, before = states + more.reshape(-1, 2), before + late_by
-        (next_left,) = left_by(replace(one, states=(there,)), linear, effects)
-        next_left -= late @ before
-        if not squares(next_left) < _WORTH_A_STEP * squares(left):
-            break
-        states, left = there, next_left
-    return left
+    weight = rows[:, None] * np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    changed = [e for e in effects if e.site is Site.MODEL]
+    exact = not setting.known and len(changed) == len(effects)
+    columns = np.concatenate([free, late], axis=2)
+    return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, exact=exact)
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

@@ -2,11 +2,13 @@
 
 What a start can add to the outputs is linear in it, so it is eliminated exactly from every regression; only where an
 effect is large does the start have to be known in the simulation itself, and there it follows from the same projection.
+A record that no fit has seen may begin far from where its start is that of a linear model: its start is fitted to the
+simulation itself, by as many numbers whatever acts (Levenberg 1944, Marquardt 1963).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +23,15 @@ _NEGLIGIBLE = 1e-9
 
 _FORGOTTEN = 1e-6
 """A start of which less is left when the fitted rows begin is not found from them: it would have to be enormous."""
+
+_STEPS, _WORTH_A_STEP = 24, 0.99
+"""Steps in which a start is fitted, while each leaves less than this part of the squares."""
+
+_NUDGE = 1e-4
+"""By what part of its size an output is moved at most to see its slope: far above rounding, far below any effect."""
+
+_DAMPED, _DAMPINGS = 1e-6, 8
+"""First damping of a step, in squares of what a start adds, and how often it is made ten times larger at most."""
 
 
 @dataclass(frozen=True)
@@ -91,3 +102,58 @@ def without_starts(
 def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:
     """Return the start basis of every record."""
     return tuple(start_of(r, linear, whitener, data.rate_hz) for r in data.records)
+
+
+def left_by_best_start(
+    left: Callable[[Array], Array], bare: Callable[[Array], Array], columns: Array, weight: Array, *, exact: bool
+) -> Array:
+    """Return what a simulation leaves, (n, n_y), from the start (k,) from which its rows of some `weight` leave least.
+
+    `left` gives that of any start, `bare` without what acts on the motion, `columns` (n, n_y, k) what starts add then;
+    where nothing acts, that is `exact`. A torque that hangs on the motion makes another motion of a start, and beside a
+    stop or in slack steps along `columns` lead away from it; so slopes are those of the simulation where it is.
+    """
+    scale = np.linalg.norm(columns * weight[:, :, None], axis=(0, 1))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+
+    def weighed(values: Array) -> Array:
+        return np.asarray((values * weight[(...,) + (None,) * (values.ndim - 2)]).reshape(-1, *values.shape[2:]))
+
+    rest = np.zeros(scale.size)
+    alone, *_ = np.linalg.lstsq(weighed(columns) * inverse, weighed(bare(rest)), rcond=_NEGLIGIBLE)
+    own = left(alone * inverse)
+    if exact:
+        return own
+    begins = [(alone * inverse, own), (rest, left(rest))]
+    start, residual = min(begins, key=lambda begin: _squares(weighed(begin[1])))
+    peak, damping = np.max(np.abs(columns * weight[:, :, None]), axis=(0, 1)), _DAMPED
+    for _ in range(_STEPS):
+        slopes = np.zeros(columns.shape)
+        for k in np.flatnonzero(scale):
+            nudge = _NUDGE / peak[k]
+            slopes[:, :, k] = (residual - left(start + nudge * (np.arange(scale.size) == k))) / nudge
+        before = _squares(weighed(residual))
+        if not np.all(np.isfinite(slopes)):
+            break
+        for _ in range(_DAMPINGS):
+            there = start + inverse * _damped_step(weighed(slopes) * inverse, weighed(residual), damping)
+            if _squares(weighed(after := left(there))) < before:
+                start, residual, damping = there, after, damping / 10.0
+                break
+            damping *= 10.0
+        if not _squares(weighed(residual)) < _WORTH_A_STEP * before:
+            break
+    return residual
+
+
+def _squares(values: Array) -> float:
+    """Return the sum of squares, without bound where a simulation has none."""
+    total = float(np.sum(values**2))
+    return total if np.isfinite(total) else np.inf
+
+
+def _damped_step(slopes: Array, residual: Array, damping: float) -> Array:
+    """Return the step (k,) that leaves least of `residual` (rows,), `damping` times its own squares counted as well."""
+    count = slopes.shape[1]
+    rows = np.concatenate([slopes, np.sqrt(damping) * np.eye(count)])
+    return np.asarray(np.linalg.lstsq(rows, np.concatenate([residual, np.zeros(count)]), rcond=_NEGLIGIBLE)[0])

@@ -1,0 +1,68 @@
+"""The start of a record that no fit has seen, beside torques that make of it another motion than linear models do."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.fitting.starts import left_by_best_start
+from analysis.diagnosis.nominal.responses import free_responses, played
+from sim_backend.assembly import places_of, transducers_of
+from sim_backend.effects import make_effect
+from sim_backend.effects.base import Effect
+from sim_backend.replay import replay
+from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis
+
+ROWS, NOISE = 1600, 2e-6
+STIFFNESS = 11.5  # of the low mode, N m/rad
+
+START = np.array([5e-3, -0.6, 2e-4, 0.15])
+"""A swing of 6 mrad by itself, three times what the drive does."""
+
+
+def reading(effects: list[Effect], start: np.ndarray) -> np.ndarray:
+    places, transducers, u = places_of(one_axis()), transducers_of(one_axis()), drive(ROWS, 3)
+    states = start.reshape(2, 2)
+    return replay(linear_model(), effects, places, transducers, u, RATE_HZ, start=states, substeps=4).reading
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("backlash", {"stiffness": 0.6 * STIFFNESS, "gap": 1.2e-3}),
+        ("end-stop-contact", {"stiffness": 2.0 * STIFFNESS, "damping": 100.0, "gap": 3.5e-3}),
+    ],
+)
+def test_a_start_is_found_beside_a_torque_that_makes_another_motion_of_it(name: str, numbers: dict[str, float]) -> None:
+    effects = [make_effect(name, "theta_x", numbers)]
+    noise = NOISE * np.random.default_rng(5).standard_normal((ROWS, 1))
+    y = reading(effects, START) + noise
+    free = free_responses(played(linear_model(), RATE_HZ), ROWS)
+    weight = np.ones((ROWS, 1))
+
+    def left(acting: list[Effect], start: np.ndarray) -> np.ndarray:
+        return y - reading(acting, start)
+
+    found = left_by_best_start(partial(left, effects), partial(left, []), free, weight, exact=False)
+    # four numbers were fitted: what is left is the noise and no more
+    assert np.sum(found**2) < np.sum(noise**2) * (1.0 + 4.0 / ROWS)
+    # a linear model's start alone leaves an error far above it
+    alone = left_by_best_start(partial(left, effects), partial(left, []), free, weight, exact=True)
+    assert np.sum(alone**2) > 100.0 * np.sum(noise**2)
+
+
+def test_rows_without_weight_say_nothing_of_a_start() -> None:
+    free = free_responses(played(linear_model(), RATE_HZ), ROWS)
+    weight = np.ones((ROWS, 1))
+    weight[900:] = 0.0
+    y = reading([], START)
+    y[900:] += 1.0
+
+    def left(start: np.ndarray) -> np.ndarray:
+        return y - reading([], start)
+
+    for exact in (True, False):
+        found = left_by_best_start(left, left, free, weight, exact=exact)
+        assert np.max(np.abs(found[:900])) < 1e-6 * np.max(np.abs(y[:900]))
