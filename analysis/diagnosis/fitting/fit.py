@@ -240,11 +240,12 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
     model = played(linear_of(setting, fit), data.rate_hz)
     free, late = free_responses(model, record.n), answers_to_before(model, record.n)
-    one, states = replace(setting, data=replace(data, records=(record,))), free.shape[2]
+    states = free.shape[2]
 
-    def left(acting: Sequence[Effect], start: Array) -> Array:
-        begun = replace(one, states=(start[:states].reshape(-1, 2),))
-        return left_by(begun, linear, acting)[0] - late @ start[states:]
+    def left(acting: Sequence[Effect], start: Array, rows: int) -> Array:
+        some = replace(data, records=(record.first(rows),))
+        begun = replace(setting, data=some, states=(start[:states].reshape(-1, 2),))
+        return left_by(begun, linear, acting)[0] - late[:rows] @ start[states:]
 
     rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
     weight = rows[:, None] * np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)

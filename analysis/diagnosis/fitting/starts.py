@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,9 @@ _FORGOTTEN = 1e-6
 
 _STEPS, _WORTH_A_STEP = 24, 0.99
 """Steps in which a start is fitted, while each leaves less than this part of the squares."""
+
+_FIRST, _STEPS_EACH = 4, 6
+"""First rows that a start is sought on, for each of its numbers, and steps there and on each twice as many."""
 
 _NUDGE = 1e-4
 """By what part of its size an output is moved at most to see its slope: far above rounding, far below any effect."""
@@ -105,45 +109,100 @@ def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[St
 
 
 def left_by_best_start(
-    left: Callable[[Array], Array], bare: Callable[[Array], Array], columns: Array, weight: Array, *, exact: bool
+    left: Callable[[Array, int], Array],
+    bare: Callable[[Array, int], Array],
+    columns: Array,
+    weight: Array,
+    *,
+    exact: bool,
 ) -> Array:
     """Return what a simulation leaves, (n, n_y), from the start (k,) from which its rows of some `weight` leave least.
 
-    `left` gives that of any start, `bare` without what acts on the motion, `columns` (n, n_y, k) what starts add then;
-    where nothing acts, that is `exact`. A torque that hangs on the motion makes another motion of a start, and beside a
-    stop or in slack steps along `columns` lead away from it; so slopes are those of the simulation where it is.
+    `left` gives that of any start and so many first rows, `bare` without what acts on the motion, `columns` (n, n_y, k)
+    what starts add then; where nothing acts, that is `exact`. A torque that hangs on the motion makes another motion of
+    a start, and beside a stop or in slack steps along `columns` lead away from it; so slopes are those of the
+    simulation where it is, and the start is also sought on the first rows, then on ever more of them: what a start
+    does at once hangs least on what acts later.
     """
-    scale = np.linalg.norm(columns * weight[:, :, None], axis=(0, 1))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    fit = _StartFit(left, columns, weight)
+    rest = np.zeros(columns.shape[2])
+    alone = fit.linear(bare(rest, fit.rows))
+    if exact:
+        return left(alone, fit.rows)
+    begins = [alone, rest, fit.grown(alone), fit.grown(rest)]
+    start = min(begins, key=lambda begin: _squares(fit.weighed(left(begin, fit.rows))))
+    return left(fit.refined(start, fit.rows, _STEPS), fit.rows)
 
-    def weighed(values: Array) -> Array:
+
+@dataclass(frozen=True)
+class _StartFit:
+    """A start (k,) that is fitted to the rows of some `weight` (n, n_y); see `left_by_best_start`."""
+
+    left: Callable[[Array, int], Array]
+    columns: Array
+    weight: Array
+
+    @property
+    def rows(self) -> int:
+        """Number of all rows."""
+        return int(self.weight.shape[0])
+
+    @cached_property
+    def inverse(self) -> Array:
+        """One over the size (k,) of what each number of the start adds, nothing for what adds nothing."""
+        scale = np.linalg.norm(self.columns * self.weight[:, :, None], axis=(0, 1))
+        return np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+
+    @cached_property
+    def nudges(self) -> Array:
+        """By how much each number (k,) is moved to see its slope."""
+        peak = np.max(np.abs(self.columns * self.weight[:, :, None]), axis=(0, 1))
+        return np.divide(_NUDGE, peak, out=np.zeros_like(peak), where=peak > 0.0)
+
+    def weighed(self, values: Array) -> Array:
+        """Return first rows of readings (m, n_y) or of columns (m, n_y, k) in their weight, as (m n_y,) or (…, k)."""
+        weight = self.weight[: values.shape[0]]
         return np.asarray((values * weight[(...,) + (None,) * (values.ndim - 2)]).reshape(-1, *values.shape[2:]))
 
-    rest = np.zeros(scale.size)
-    alone, *_ = np.linalg.lstsq(weighed(columns) * inverse, weighed(bare(rest)), rcond=_NEGLIGIBLE)
-    own = left(alone * inverse)
-    if exact:
-        return own
-    begins = [(alone * inverse, own), (rest, left(rest))]
-    start, residual = min(begins, key=lambda begin: _squares(weighed(begin[1])))
-    peak, damping = np.max(np.abs(columns * weight[:, :, None]), axis=(0, 1)), _DAMPED
-    for _ in range(_STEPS):
-        slopes = np.zeros(columns.shape)
-        for k in np.flatnonzero(scale):
-            nudge = _NUDGE / peak[k]
-            slopes[:, :, k] = (residual - left(start + nudge * (np.arange(scale.size) == k))) / nudge
-        before = _squares(weighed(residual))
-        if not np.all(np.isfinite(slopes)):
-            break
-        for _ in range(_DAMPINGS):
-            there = start + inverse * _damped_step(weighed(slopes) * inverse, weighed(residual), damping)
-            if _squares(weighed(after := left(there))) < before:
-                start, residual, damping = there, after, damping / 10.0
+    def linear(self, residual: Array) -> Array:
+        """Return the start (k,) that leaves least of a `residual` (n, n_y) where nothing acts."""
+        own = self.weighed(self.columns) * self.inverse
+        return np.asarray(self.inverse * np.linalg.lstsq(own, self.weighed(residual), rcond=_NEGLIGIBLE)[0])
+
+    def grown(self, start: Array) -> Array:
+        """Return a start that was fitted to the first rows, then to twice as many, up to half of them."""
+        used = np.cumsum(np.any(self.weight > 0.0, axis=1))
+        count = _FIRST * start.size
+        while 2 * count < used[-1]:
+            start = self.refined(start, int(np.searchsorted(used, count)) + 1, _STEPS_EACH)
+            count *= 2
+        return start
+
+    def refined(self, start: Array, rows: int, steps: int) -> Array:
+        """Return a start from which so many first `rows` leave less, after so many steps at most."""
+        residual, damping = self.left(start, rows), _DAMPED
+        for _ in range(steps):
+            slopes = self._slopes(start, residual)
+            before = _squares(self.weighed(residual))
+            if not np.all(np.isfinite(slopes)):
                 break
-            damping *= 10.0
-        if not _squares(weighed(residual)) < _WORTH_A_STEP * before:
-            break
-    return residual
+            for _ in range(_DAMPINGS):
+                step = _damped_step(self.weighed(slopes) * self.inverse, self.weighed(residual), damping)
+                there = start + self.inverse * step
+                if _squares(self.weighed(after := self.left(there, rows))) < before:
+                    start, residual, damping = there, after, damping / 10.0
+                    break
+                damping *= 10.0
+            if not _squares(self.weighed(residual)) < _WORTH_A_STEP * before:
+                break
+        return start
+
+    def _slopes(self, start: Array, residual: Array) -> Array:
+        slopes = np.zeros((*residual.shape, start.size))
+        for k in np.flatnonzero(self.nudges):
+            moved = self.left(start + self.nudges[k] * (np.arange(start.size) == k), residual.shape[0])
+            slopes[:, :, k] = (residual - moved) / self.nudges[k]
+        return slopes
 
 
 def _squares(values: Array) -> float:

@@ -86,7 +86,7 @@ class Record:
         There nothing is known; a residual of its own would pass through every filter into the rows around.
         """
         left = self.y - reading
-        if self.missing is not None:
+        if self.missing is not None and not self.missing.all():
             rows, known = np.flatnonzero(self.missing), np.flatnonzero(~self.missing)
             for column in left.T:
                 column[rows] = np.interp(rows, known, column[known])
@@ -104,6 +104,17 @@ class Record:
             y=np.concatenate([self.y[:period], self.y]),
             windows=tuple(replace(w, start=w.start + period, stop=w.stop + period) for w in self.windows),
             temperature_k=None if warm is None else np.concatenate([warm[:period], warm]),
+        )
+
+    def first(self, rows: int) -> Record:
+        """Return a record of so many first rows."""
+        return replace(
+            self,
+            u=self.u[:rows],
+            y=self.y[:rows],
+            windows=tuple(replace(w, stop=min(w.stop, rows)) for w in self.windows if w.start < rows),
+            temperature_k=None if self.temperature_k is None else self.temperature_k[:rows],
+            missing=None if self.missing is None else self.missing[:rows],
         )
 
     def fitted(self) -> Mask:
