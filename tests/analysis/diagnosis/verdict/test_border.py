@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
-from analysis.diagnosis.search.shortlist import Screen
+from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Screen
 from analysis.diagnosis.verdict.general_rival import GeneralRival
 from analysis.diagnosis.verdict.judging import judge
 from sim_backend.effects import EFFECTS, effect_class, make_effect
@@ -64,15 +64,17 @@ def test_a_friction_that_fades_at_most_rates_stands_for_some_other_damping(rms_r
 
 
 def test_the_posterior_counts_general_laws_beside_what_random_causes_explain() -> None:
-    """One that leads by nothing is as likely, and one that random causes of 10 (twice a logarithm) explain is not."""
+    """A name falls where they lead by 99 to 1, and is as likely as they there; not where random causes explain it."""
     found = _found(0.2 * PEAK)
 
     def rival(lead: float) -> tuple[GeneralRival, ...]:
         return (GeneralRival((0,), ("backlash at x",), (("position and rate", False, 0),), lead),)
 
     assert judge(found).posterior == pytest.approx(1.0)
-    assert judge(found, general=rival(0.0)).posterior == pytest.approx(0.5)
-    assert judge(found, general=rival(0.0), random=10.0).posterior == pytest.approx(1.0 / (1.0 + np.exp(-5.0)))
+    assert judge(found, general=rival(0.0)).posterior == pytest.approx(SURE)
+    assert judge(found, general=rival(-SURE_LEAD + 1e-9)).posterior == pytest.approx(0.5)
+    assert judge(found, general=rival(-SURE_LEAD - 1e-9)).verdict == "unknown"
+    assert judge(found, general=rival(-5.0), random=10.0).posterior == pytest.approx(SURE)
 
 
 def test_names_beyond_a_limit_are_causes_and_the_limits_those_of_shapes() -> None:
