@@ -53,13 +53,13 @@ class Tab:
                 return found["result"]
             self.events.append(found)
 
-    def open(self, path: Path, width: int = 1200, height: int = 900, **media: str) -> None:
-        """Load a file at a width, with media features such as prefers_color_scheme="dark", and wait until it stands."""
+    def open(self, path: Path | str, width: int = 1200, height: int = 900, **media: str) -> None:
+        """Load a file or an address, with media features such as prefers_color_scheme="dark", and wait until it is."""
         features = [{"name": k.replace("_", "-"), "value": v} for k, v in media.items()]
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.call("Emulation.setEmulatedMedia", features=features)
         self.events.clear()
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        self.call("Page.navigate", url=path if isinstance(path, str) else path.resolve().as_uri())
         deadline = time.monotonic() + 30.0
         while not any(e.get("method") == "Page.loadEventFired" for e in self.events):
             self.events.append(self._next(deadline))

@@ -240,13 +240,18 @@ def _own(looks: tuple[Any, ...], colour: Any) -> Any:
 
 
 def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> tuple[Array, Array]:
-    """Return at most `most` points of a curve that look the same: every stretch keeps its extremes, in their order."""
+    """Return at most `most` points of a curve that look the same: every stretch keeps its extremes, in their order.
+
+    A stretch with a gap (NaN) keeps one row of it beside its extremes.
+    """
     if x.size <= most:
         return x, y
     stretch = -(-2 * x.size // most)
     whole = x.size // stretch * stretch
     parts = y[:whole].reshape(-1, stretch)
     first = np.arange(parts.shape[0]) * stretch
-    both = np.sort(np.stack([first + parts.argmin(axis=1), first + parts.argmax(axis=1)], axis=1), axis=1)
-    keep = np.unique(np.concatenate([both.reshape(-1), np.arange(whole, x.size)]))
+    gaps = np.isnan(parts)
+    lowest, highest = np.where(gaps, np.inf, parts).argmin(axis=1), np.where(gaps, -np.inf, parts).argmax(axis=1)
+    gap = (first + gaps.argmax(axis=1))[gaps.any(axis=1)]
+    keep = np.unique(np.concatenate([first + lowest, first + highest, gap, np.arange(whole, x.size)]))
     return x[keep], y[keep]

@@ -51,14 +51,19 @@ class _OwnElements:
         kind = _kind(name)
         return Markup("<{0}>{1}</{0}>").format(kind, Markup(self._text(name)))
 
-    def policy(self, *names: str) -> Markup:
-        """Return the element that lets a page have these files and images that it holds itself, and nothing else."""
+    def policy(self, *names: str, asks_its_server: bool = False) -> Markup:
+        """Return the element that lets a page have these files and images that it holds itself, and nothing else.
+
+        One that is served may also ask its own server for data.
+        """
         digests: dict[str, list[str]] = {"script": [], "style": []}
         for name in names:
             digest = base64.b64encode(hashlib.sha256(self._text(name).encode()).digest()).decode()
             digests[_kind(name)].append(f"'sha256-{digest}'")
         allowed = [f"{kind}-src {' '.join(found) or NOTHING}" for kind, found in digests.items()]
-        rules = [f"default-src {NOTHING}", *allowed, "img-src data:", f"base-uri {NOTHING}", f"form-action {NOTHING}"]
+        asked = ["connect-src 'self'"] if asks_its_server else []
+        rules = [f"default-src {NOTHING}", *allowed, *asked, "img-src data:"]
+        rules += [f"base-uri {NOTHING}", f"form-action {NOTHING}"]
         return Markup('<meta http-equiv="Content-Security-Policy" content="{}">').format(Markup("; ".join(rules)))
 
     def _text(self, name: str) -> str:

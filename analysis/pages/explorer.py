@@ -24,7 +24,10 @@ Kind = Literal["line", "points", "bars"]
 
 @dataclass(frozen=True)
 class Series:
-    """One named curve, its x rising for a line; colour and dash follow from its place in the panel."""
+    """One named curve, its x rising for a line; colour and dash follow from its place in the panel.
+
+    A line has a gap where y is NaN.
+    """
 
     name: str
     x: Array
@@ -129,8 +132,9 @@ class Explorer:
         }
 
 
-def _rounded(values: Array) -> list[float]:
-    return [float(f"{value:.{DIGITS}g}") for value in values]
+def _rounded(values: Array) -> list[float | None]:
+    """Return values with DIGITS digits; a gap is None."""
+    return [float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None for value in values]
 
 
 def _finite(value: float | str | None) -> float | str | None:

@@ -48,6 +48,14 @@ def span(low: float, high: float, unit: str) -> str:
     return f"{low * factor:.{digits}g} to {high * factor:.{digits}g} {shown}".strip()
 
 
+def time_left(left_s: float | None) -> str:
+    """Return a time that is left as it is told."""
+    if left_s is None:
+        return "unknown"
+    minutes, seconds = divmod(round(left_s), 60)
+    return f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+
+
 def chance(p: float) -> str:
     """Return a p-value in words; one that is too small for its approximation to hold, as a bound."""
     return "p < 10⁻¹²" if p < LEAST_P else f"p = {readable(p, 2)}"

@@ -6,24 +6,30 @@ are the committed rows, which the writer never touches again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.linear.simulate import delayed, recur
 from campaigns.log import Run, read_run
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import DiscreteModel, delay_taps, discretise
 from sim_backend.model import Model, Port
 from sim_backend.readings import with_gaps
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 BINS = 48
 """Into how many stretches the recent past of a channel is divided."""
+
+PATIENCE: Final = 5
+"""How many looks in a row may fail: one may fall into the moment at which the writer flushes."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,7 @@ class Misfit:
     Both are of the rows that hold numbers, NaN where none does.
     """
 
+    name: str
     dof: str
     unit: str
     residual_rms: float
@@ -88,6 +95,7 @@ class Watch:
         self.path, self.model, self.window_s = path, model, window_s
         self._follower: _Follower | None = None
         self._first: tuple[float, int] | None = None
+        self._run_uid = ""
 
     def look(self, now_s: float) -> Snapshot:
         """Return the run as it is; `now_s` is the time of a steady clock.
@@ -95,23 +103,42 @@ class Watch:
         Raises DataError for a log that cannot be read, ConfigError when log and model do not match.
         """
         with read_run(self.path) as run:
-            if self.model is not None:
-                self._follow(run, self.model)
-            start = max(0, run.rows - round(self.window_s * run.sample_rate_hz))
-            segment = run.segments[-1].label if run.segments else ""
-            return Snapshot(
-                run.run_uid,
-                run.header.test,
-                run.status,
-                run.header.status_reason,
-                segment,
-                run.rows,
-                run.expected_rows,
-                run.rows / run.sample_rate_hz,
-                self._left(run, now_s),
-                tuple(_reading(run, name, start) for name in run.names("output")) if run.rows > start else (),
-                self._follower.misfits(run, start) if self._follower is not None and run.rows > start else (),
-            )
+            return self.seen(run, now_s)
+
+    def seen(self, run: Run, now_s: float) -> Snapshot:
+        """Return the run as it is, opened by the caller; one that has taken the place of another is followed anew.
+
+        Raises as `look`.
+        """
+        if run.run_uid != self._run_uid:
+            self._follower, self._first, self._run_uid = None, None, run.run_uid
+        if self.model is not None:
+            self._follow(run, self.model)
+        start = self.first_row(run)
+        segment = run.segments[-1].label if run.segments else ""
+        return Snapshot(
+            run.run_uid,
+            run.header.test,
+            run.status,
+            run.header.status_reason,
+            segment,
+            run.rows,
+            run.expected_rows,
+            run.rows / run.sample_rate_hz,
+            self._left(run, now_s),
+            tuple(_reading(run, name, start) for name in run.names("output")) if run.rows > start else (),
+            self._follower.misfits(run, start) if self._follower is not None and run.rows > start else (),
+        )
+
+    def first_row(self, run: Run) -> int:
+        """Return the first row of the last seconds."""
+        return max(0, run.rows - round(self.window_s * run.sample_rate_hz))
+
+    def simulated(self, name: str, rows: int) -> Array | None:
+        """Return the newest rows (n,) of an output as the model has them at the last look, None where it has none."""
+        follower = self._follower
+        ports = [] if follower is None else [port for port, own in follower.outputs.items() if own == name]
+        return follower.simulated[-rows:, ports[0]] if follower is not None and ports else None
 
     def _follow(self, run: Run, model: Model) -> None:
         if self._follower is None:
@@ -158,7 +185,8 @@ class _Follower:
             measured = with_gaps(run.stored(name, start, self.row))
             residual = measured - self.simulated[-measured.size :, k]
             channel = run.channels[name]
-            found.append(Misfit(channel.dof or name, channel.unit, _rms(residual), _rms(measured - _mean(measured))))
+            own = _rms(measured - _mean(measured))
+            found.append(Misfit(name, channel.dof or name, channel.unit, _rms(residual), own))
         return tuple(found)
 
     def _simulate(self, u: Array) -> Array:
@@ -204,3 +232,15 @@ def _mean(values: Array) -> float:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(_mean(values**2)))
+
+
+def patiently(look: Callable[[], T], path: Path) -> T:
+    """Return what a look at the log at `path` gives, tried up to PATIENCE times more; raises what the last one did."""
+    for _ in range(PATIENCE):
+        try:
+            return look()
+        except DataError:
+            if not path.exists():
+                raise
+            time.sleep(0.05)
+    return look()

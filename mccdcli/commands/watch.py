@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from mccdcli.options import RealRange, common_options
+from mccdcli.options import RealRange, WholeRange, common_options
 from mccdcli.output import emit, plain, say, table, visible
 from mccdcli.trials import quantity
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from analysis.recorded.watching import Snapshot
 
 BARS: Final = "▁▂▃▄▅▆▇█"
-PATIENCE: Final = 5
-"""How many looks in a row may fail: one may fall into the moment at which the writer flushes."""
 
 
 @click.command()
@@ -39,24 +37,38 @@ PATIENCE: Final = 5
 )
 @click.option("--wait", is_flag=True, help="Wait for the log to appear.")
 @click.option("--once", is_flag=True, help="Look once and stop.")
+@click.option("--web", is_flag=True, help="Show live plots in the browser, on this machine alone, until Ctrl-C.")
+@click.option("--port", type=WholeRange(0, 65535), metavar="N", help="Port of --web; left out, a free one.")
 @common_options("json")
-def watch(run: Path, as_json: bool, model: str | None, period_s: float, wait: bool, once: bool) -> int:
+def watch(
+    run: Path, as_json: bool, model: str | None, period_s: float, wait: bool, once: bool, web: bool, port: int | None
+) -> int:
     """Watch a run while it is recorded: angles, residual against a model, status, time left.
 
     Ends when the run does; the exit code is 1 when that failed, crashed or was aborted. The writer is never disturbed.
     With --json, one JSON object per line and look.
+
+    With --web the address of a page is printed first: plots and numbers that follow the run, for whoever uses this
+    machine. It can be read and nothing else, and stays when the run has ended; a run that takes its place is followed.
 
     \b
     Examples:
       mccd watch chop.h5 --model design
       mccd watch runs/sweep-x.h5 --wait
       mccd watch chop.h5 --once --json
+      mccd watch runs/sweep-x.h5 --wait --web --port 8080
     """
+    if web and (as_json or once):
+        raise click.UsageError("--web shows the run in the browser until Ctrl-C; leave out --json and --once")
+    if port is not None and not web:
+        raise click.UsageError("--port is that of the page: add --web, or leave it out")
     from campaigns.log.probe import prepare
 
     prepare()
     while wait and not run.exists():
         time.sleep(period_s)
+    if web:
+        return _exit_code(_in_browser(run, model, period_s, port or 0))
     last: Snapshot | None = None
     live = sys.stdout.isatty() and os.environ.get("TERM") != "dumb" and not as_json and not once
     looks = _looks(run, model, period_s, once)
@@ -70,27 +82,32 @@ def watch(run: Path, as_json: bool, model: str | None, period_s: float, wait: bo
                 click.echo(json.dumps(plain(last), allow_nan=False))
             else:
                 click.echo(visible(_line(last)))
+    return _exit_code(last)
+
+
+def _exit_code(last: Snapshot | None) -> int:
     return 1 if last is not None and last.status in ("failed", "crashed", "aborted") else 0
+
+
+def _in_browser(run: Path, model: str | None, period_s: float, port: int) -> Snapshot:
+    from analysis.live.serve import show
+    from analysis.recorded.watching import Watch
+    from sim_backend.model import load_model
+
+    watching = Watch(run, None if model is None else load_model(model))
+    return show(
+        watching, period_s, port, lambda address: click.echo(f"{address} shows {visible(str(run))}; Ctrl-C ends it")
+    )
 
 
 def _looks(run: Path, model: str | None, period_s: float, once: bool) -> Iterator[Snapshot]:
     """Yield the run as it is every `period_s` until it ends."""
-    from analysis.recorded.watching import Watch
-    from sim_backend.errors import DataError
+    from analysis.recorded.watching import Watch, patiently
     from sim_backend.model import load_model
 
     watching = Watch(run, None if model is None else load_model(model))
-    failures = 0
     while True:
-        try:
-            found = watching.look(time.monotonic())
-        except DataError:
-            failures += 1
-            if failures > PATIENCE or not run.exists():
-                raise
-            time.sleep(0.05)
-            continue
-        failures = 0
+        found = patiently(lambda: watching.look(time.monotonic()), run)
         yield found
         if once or not found.running:
             return
@@ -112,6 +129,8 @@ def _live(looks: Iterator[Snapshot]) -> Snapshot | None:
 
 
 def _text(one: Snapshot) -> str:
+    from analysis.pages.quantities import time_left
+
     done = "" if not one.expected_rows else f" of {one.expected_rows} rows ({one.rows / one.expected_rows:.0%})"
     parts = [
         table(
@@ -120,7 +139,7 @@ def _text(one: Snapshot) -> str:
                 ("status", one.status + (f" ({one.status_reason})" if one.status_reason else "")),
                 ("segment", one.segment or "none yet"),
                 ("recorded", f"{one.recorded_s:.1f} s, {one.rows}{done or ' rows'}"),
-                ("time left", _left(one)),
+                ("time left", time_left(one.left_s)),
             ]
         )
     ]
@@ -145,17 +164,18 @@ def _text(one: Snapshot) -> str:
 
 
 def _line(one: Snapshot) -> str:
+    from analysis.pages.quantities import time_left
+
     now = ", ".join(f"{r.name} {quantity(r.last, r.unit)}" for r in one.readings)
     off = ", ".join(f"{m.dof} off by {quantity(m.residual_rms, m.unit)} rms" for m in one.misfits)
-    parts = [one.status, f"{one.recorded_s:.1f} s recorded", f"{_left(one)} left" if one.running else "", now, off]
+    parts = [
+        one.status,
+        f"{one.recorded_s:.1f} s recorded",
+        f"{time_left(one.left_s)} left" if one.running else "",
+        now,
+        off,
+    ]
     return "; ".join(part for part in parts if part)
-
-
-def _left(one: Snapshot) -> str:
-    if one.left_s is None:
-        return "unknown"
-    minutes, seconds = divmod(round(one.left_s), 60)
-    return f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
 
 
 def _share(part: float, whole: float) -> str:

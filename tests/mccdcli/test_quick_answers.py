@@ -103,7 +103,7 @@ REFUSED = {
     "study": ["nonsense.toml", "bad-study.toml", "study.toml --workers 1 --cluster tcp://127.0.0.1:8786"],
     "theodolite": ["--set nonsense=3", "--readings nonsense.csv", "--bench sim:nonsense"],
     "thermal": ["--set nonsense=3", "--bench sim:nonsense"],
-    "watch": ["", "run.h5 --model nonsense --once"],
+    "watch": ["", "run.h5 --model nonsense --once", "run.h5 --web --once", "run.h5 --port 8080"],
 }
 
 # What counts its steps, limits and bytes, by command: the calls, and what these may load all the same.

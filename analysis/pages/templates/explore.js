@@ -62,6 +62,22 @@ class Plot {
     this.note.textContent = this.view ? this.view.note : "";
     this.output.textContent = this.view ? "" : "Nothing was recorded for this choice.";
   }
+
+  // The same plot with new values: what is hidden, zoomed or read stays, and nothing is taken from under a pointer.
+  renew(data) {
+    if (this.dragging) return;
+    const names = this.names.join("\n"), units = (view) => view.panels.map((p) => p.y).join("\n"), before = this.view;
+    this.data = data;
+    this.view = data.views.find((view) => view.chosen.every((option, i) => option === this.selects[i].value));
+    if (units(before) !== units(this.view)) this.y = [];
+    this.names = [...new Set(this.view.panels.flatMap((p) => p.series.map((s) => s.name)))];
+    if (this.names.join("\n") !== names) this.offer();
+    this.note.textContent = this.view.note;
+    this.tell();
+    this.draw();
+    if (this.details.open) this.list();
+  }
+
   offer() {
     clear(this.legend);
     this.names.forEach((name, i) => {
@@ -124,7 +140,7 @@ class Plot {
     for (const s of this.shown(panel)) {
       if (s.kind === "bars" && !panel.log_y) low = Math.min(low, 0);
       s.x.forEach((v, k) => {
-        if (to(v) < left || to(v) > right) return;
+        if (s.y[k] === null || to(v) < left || to(v) > right) return;
         low = Math.min(low, up(s.y[k])); high = Math.max(high, up(s.y[k]));
       });
     }
@@ -180,7 +196,8 @@ class Plot {
     for (const v of marks) {
       const x = at.px(v), text = panel.names ? panel.names[v] : number(v);
       if (!panel.names) make(svg, "svg:line", { class: "grid", x1: x, x2: x, y1: box.top, y2: box.top + box.height });
-      if (at.last) make(svg, "svg:text", { x, y: box.top + box.height + 15, "text-anchor": "middle" }, text);
+      const inside = Math.min(x, at.width - 4 * text.length); // half of it: the last number is not cut off
+      if (at.last) make(svg, "svg:text", { x: inside, y: box.top + box.height + 15, "text-anchor": "middle" }, text);
     }
     for (const v of ticks(at.low, at.high, panel.log_y, box.height / 34)) {
       const y = at.py(v);
@@ -205,7 +222,8 @@ class Plot {
         width: (0.94 * width).toFixed(2), height: 2000, fill: colour })); // down to the frame, which cuts it off
       return;
     }
-    const path = series.x.map((v, k) => `${k ? "L" : "M"}${px(v).toFixed(2)} ${py(series.y[k]).toFixed(2)}`).join("");
+    const there = (k) => k >= 0 && series.y[k] !== null; // a line ends at a gap and begins anew behind it
+    const path = series.x.map((v, k) => (there(k) ? `${there(k - 1) ? "L" : "M"}${px(v).toFixed(2)} ${py(series.y[k]).toFixed(2)}` : "")).join("");
     make(parent, "svg:path", { d: path, stroke: colour, class: "curve", "stroke-dasharray": dash(i) });
   }
 
@@ -222,6 +240,7 @@ class Plot {
     frame.svg.addEventListener("pointerdown", (event) => {
       if (event.button) return;
       from = local(event);
+      this.dragging = true;
       frame.svg.setPointerCapture(event.pointerId);
       mark = make(frame.svg, "svg:rect", { class: "select", width: 0, height: 0 });
     });
@@ -235,6 +254,7 @@ class Plot {
     });
     const end = (event) => {
       if (!from) return;
+      this.dragging = false;
       const [x, y] = local(event), [x0, y0] = from;
       from = null;
       mark.remove();
@@ -349,9 +369,11 @@ class Plot {
   }
 }
 
+const plots = [];
 for (const section of document.querySelectorAll(".explorer")) {
   section.hidden = false; // first: what is hidden has no width to draw on
   const plot = new Plot(section, JSON.parse(section.querySelector("script").textContent));
+  plots.push(plot);
   section.querySelector(".download").addEventListener("click", () => {
     plot.details.open = true;
     plot.list();

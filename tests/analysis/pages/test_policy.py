@@ -82,7 +82,9 @@ def test_all_that_a_page_has_is_in_the_policy_that_comes_first(page):
     assert found.styled == []
 
 
-@pytest.mark.parametrize("package", ["analysis.design", "analysis.report", "analysis.diagnosis.answer"])
+@pytest.mark.parametrize(
+    "package", ["analysis.design", "analysis.live", "analysis.report", "analysis.diagnosis.answer"]
+)
 def test_no_page_brings_scripts_or_styles_but_files_of_the_package(package):
     environment = page_environment(package)
     for name in environment.list_templates(extensions=["j2"]):

@@ -1,0 +1,6 @@
+(() => {
+"use strict";
+{% include "drawing.js" %}
+{% include "explore.js" %}
+{% include "follow.js" %}
+})();
