@@ -2,6 +2,7 @@
 #   make report   the whole campaign on the simulated bench, then the report (in report/)
 #   make test     the tests: every effect, plan, bench, command and page at least once
 #   make test-all all tests; required after a change of diagnosis, effects or challenge
+#   make coverage which lines and branches the tests run (in build/coverage, as text and as pages)
 #   make check    formatting, lint, types, import contracts and pins
 #   make format   rewrite the sources in the one format
 #   make docs     the documents as a site (in build/docs), warnings as errors
@@ -23,7 +24,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report picture test test-all durations check check-format check-lint check-types check-imports check-lock format docs release help lock clean
+.PHONY: report picture test test-all coverage durations check check-format check-lint check-types check-imports check-lock format docs release help lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
@@ -42,6 +43,11 @@ test: $(STAMP)
 
 test-all: $(STAMP)
 	$(TESTS) -m "not soak" $(ARGS)
+
+# The same tests, with what they run counted, in processes that they start too; they take longer.
+coverage: $(STAMP)
+	mkdir -p build/coverage
+	$(TESTS) --cov --cov-report=term --cov-report=html:build/coverage/pages $(ARGS)
 
 # what every test takes, by which the next runs are ordered
 durations: $(STAMP)
