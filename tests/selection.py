@@ -248,6 +248,18 @@ THOROUGH = (
         for name in ("both_archives", "the_wheel_holds", "the_source_archive", "an_installed_wheel")
     ),
     ("benchmarks/test_speed_profile.py::test_a_sampled_command_*", "profiles a command"),
+    *(
+        (
+            f"analysis/live/test_live_browser.py::test_{name}*",
+            "the page is followed, and seen on a phone, in tests that stay",
+        )
+        for name in (
+            "it_fits_and_can_be_read*1400",
+            "it_fits_and_can_be_read*390-light",
+            "what_is_no_number",
+            "a_log_that_goes",
+        )
+    ),
     (
         "mccdcli/test_schema.py::test_a_result_is_as_its_schema_says*diagnose]",
         "diagnoses again what investigate has; that answer is held to the schema, and --json to it in "
