@@ -33,9 +33,10 @@ from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines, without_lines_of
 from analysis.diagnosis.verdict.barely import beside_doubts, doubted, follows_play, loses
+from analysis.diagnosis.verdict.causes import causes_of
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.general_rival import general_rivals
-from analysis.diagnosis.verdict.judging import Judgement, causes_of, judge, objection, shortfall
+from analysis.diagnosis.verdict.judging import Judgement, judge, objection, shortfall
 from analysis.diagnosis.verdict.leftover import Leftover, leftovers
 from analysis.diagnosis.verdict.scatter import scatter_follows_play
 from analysis.diagnosis.verdict.sensitivity import sensitivity_of

@@ -21,7 +21,8 @@ from analysis.diagnosis.response.search import Found, judged, of_levels, searche
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.rounds import Progress, silent
 from analysis.diagnosis.search.shortlist import SURE_LEAD
-from analysis.diagnosis.verdict.judging import Judgement, causes_of
+from analysis.diagnosis.verdict.causes import causes_of
+from analysis.diagnosis.verdict.judging import Judgement
 from analysis.pages.quantities import span
 from sim_backend.assembly import places_of, retuned, stated
 from sim_backend.effects import effect_class

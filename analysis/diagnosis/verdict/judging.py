@@ -14,7 +14,7 @@ from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.discrepancy import following, form_error, target_of
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.nominal.tuning import mahalanobis2_of
-from analysis.diagnosis.result import Cause, Estimate, Remainder, Verdict
+from analysis.diagnosis.result import Remainder, Verdict
 from analysis.diagnosis.search.adequacy import explained_part, uncertainty
 from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.pruning import SEEN
@@ -25,8 +25,6 @@ from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
 from analysis.diagnosis.verdict.remainder import remainder_of, telling
 from sim_backend.effects.base import UNLISTED, Effect, Site
 from sim_backend.linear import Array
-from sim_backend.model import Model
-from sim_backend.modes import units_at
 
 _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
@@ -394,22 +392,3 @@ def _price(candidate: Candidate, gain: float) -> float:
     free = [p for p in candidate.effect.parameters() if not (p.size or p.fixed or p.name in candidate.unit_sizes)]
     shapes = sum(np.log1p(p.spread**2 * gain) for p in free) if candidate.choices == 1 else 0.0
     return float(0.5 * (sizes * np.log1p(gain / sizes) + shapes))
-
-
-def causes_of(best: Fitted, judgement: Judgement, model: Model) -> tuple[Cause, ...]:
-    """Return the named causes with their parameters in units of the model's ports."""
-    spread = float(np.sqrt(judgement.inflation))
-    return tuple(_cause_of(i, best, model, judgement.posterior, spread) for i in judgement.named)
-
-
-def _cause_of(i: int, best: Fitted, model: Model, posterior: float, spread: float) -> Cause:
-    """Return effect `i` of a fit as a cause, its standard deviations `spread` times those of the fit."""
-    effect = best.effects[i]
-    u, y = units_at(model, effect.where)
-    units = {p.name: p.dimension.unit(u, y) for p in effect.parameters()}
-    estimates = {
-        name: Estimate(float(value), float(std * spread), units[name])
-        for (owner, name), value, std in zip(best.names, best.values, best.std, strict=True)
-        if owner == i
-    }
-    return Cause(effect.reported(), effect.where, posterior, estimates, f"the residual {effect.symptom}")
