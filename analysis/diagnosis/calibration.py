@@ -23,9 +23,10 @@ def _bins() -> tuple[tuple[float, int, int], ...]:
 
 
 def calibrated(posterior: float) -> float:
-    """Return the probability that a name of this posterior is right, below one (Laplace's rule of succession)."""
-    stated = 0.0
-    for least, names, right in _bins():
-        if posterior >= least:
-            stated = (right + 1.0) / (names + 2.0)
-    return min(posterior, stated)
+    """Return the probability that a name of this posterior is right, below one (Laplace's rule of succession).
+
+    Below the posteriors of the score it is no more than in its lowest bin, nor than the posterior.
+    """
+    bins = _bins()
+    _, names, right = next((one for one in reversed(bins) if posterior >= one[0]), bins[0])
+    return min(posterior, (right + 1.0) / (names + 2.0))
