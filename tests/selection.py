@@ -48,7 +48,6 @@ THOROUGH = (
     ("analysis/diagnosis/test_investigation.py::test_two_gains_stay_tied_*", SEARCHED),
     ("analysis/diagnosis/test_investigation.py::test_the_rounds_and_the_budget_are_kept", SEARCHED),
     ("analysis/diagnosis/verdict/test_general_rival.py::test_a_right_name_is_never_behind_*", SEARCHED),
-    ("analysis/diagnosis/verdict/test_general_rival.py::test_causes_that_share_out_*", SEARCHED),
     ("analysis/diagnosis/verdict/test_stranger.py::test_a_cause_that_is_left_out_is_not_shared_out_*", SEARCHED),
     ("analysis/study/test_kinds.py::*diagnosis*", SEARCHED),
     (

@@ -6,9 +6,8 @@ general ways may explain more, and with fewer numbers. Each column that is taken
 and for its size, as a cause pays for its place and its parameters. So a right name, which is the shortest description,
 is never behind; what stands for something else is.
 
-Neither side is exact: the form of an effect may be wrong by a little, and a column is right to first order. Where both
-explain the same but for that, the shorter description leads, by what the other one costs more. A column that is the
-effect itself, in other words, is no rival of it.
+The form of an effect may be wrong by a little, and that counts for it. A column that is the effect itself, in other
+words, is no rival of it.
 """
 
 from __future__ import annotations
@@ -91,13 +90,12 @@ class _Description:
 def _least_lead(found: Found, own: _Description, others: Sequence[_Description]) -> tuple[float, tuple[Way, ...]]:
     """Return the least natural logarithm by which `own` leads one of the `others`, and the ways of that one.
 
-    What one explains more counts beyond what the form of the effects may be wrong by.
+    What the form of the effects may be wrong by is in the lead.
     """
     form = found.discrepancy.total
     least, ways = np.inf, tuple[Way, ...]()
     for other in others:
-        more = own.explains - other.explains
-        lead = 0.5 * (float(np.sign(more)) * max(abs(more) - form, 0.0) + other.costs - own.costs)
+        lead = 0.5 * (own.explains + form - other.explains + other.costs - own.costs)
         if lead < least:
             least, ways = lead, other.ways
     return least, ways
