@@ -312,7 +312,9 @@ def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
         return judge_dominant(found), ""
     random, louder = spread.share(found.best.rows), spread.beside(found.setting, found.best)
     left = sorted((*leftovers(louder, found.best), *drifts(louder, found.best)), key=Leftover.p_value)
-    judgement = judge(found, spread.allowed, left, random, general_rivals(louder, found))
+    # of patterns there are many: they are asked for where one of them stands out most of what is left
+    repeating = bool(left) and left[0].choices > 1
+    judgement = judge(found, spread.allowed, left, random, general_rivals(louder, found, repeating=repeating))
     return judgement, shortfall(found, judgement, spread.allowed, random)
 
 

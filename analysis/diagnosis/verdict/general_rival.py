@@ -56,11 +56,13 @@ class GeneralRival:
         return f"{' and '.join(named)} explains the data better than {' and '.join(self.effects)}"
 
 
-def general_rivals(setting: Setting, found: Found, *, together: bool = True) -> Iterator[GeneralRival]:
+def general_rivals(
+    setting: Setting, found: Found, *, together: bool = True, repeating: bool = False
+) -> Iterator[GeneralRival]:
     """Yield general ways in place of all effects of the best fit, if `together`, then in place of each by itself.
 
-    The ways are those at the degrees of freedom where these effects are seen. All are weighed in the noise of
-    `setting`, which may be louder than that in which the effects were found.
+    The ways are those at the degrees of freedom where these effects are seen, and `repeating` patterns at any if wanted.
+    All are weighed in the noise of `setting`, which may be louder than that in which the effects were found.
     """
     if not found.best.candidates:
         return
@@ -70,7 +72,7 @@ def general_rivals(setting: Setting, found: Found, *, together: bool = True) -> 
         keep = [i for i in numbers if i not in gone]
         rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
         seen = {target_of(best.effects[i].where) for i in gone}
-        there = general_ways(setting, rest, repeating=False, at=seen, effects=best.held(gone)[0])
+        there = general_ways(setting, rest, repeating=repeating, at=seen, effects=best.held(gone)[0])
         same = max(form_error(best.effects[i]) for i in gone)
         lead, ways = _least_lead(found, _own(found, best, rest, len(gone)), _explained(there, same))
         if ways:
@@ -120,26 +122,33 @@ def _explained(there: Beside, same: float) -> list[_Description]:
     Columns that differ from the effects' signatures by less than `same` of their energy are the effects themselves.
     """
     gram, n = there.gram, len(there.ways)
-    if not n:
+    of, groups, prices = list(there.ways), list(gram.groups[:n]), [0.0] * n
+    for pattern in there.patterns:  # its neighbours come after it
+        of.append((pattern.what, pattern.reading, pattern.at))
+        groups.append(gram.groups[n])
+        prices.append(2.0 * float(np.log(max(pattern.choices, 1))))
+        n += 1 + len(pattern.neighbours)
+    if not of:
         return []
     nuisances, before = gram.nuisance_columns(), np.diag(gram.products)
-    columns = np.concatenate(gram.groups[:n])
-    way_of = np.repeat(np.arange(n), [g.size for g in gram.groups[:n]])
+    columns, sizes = np.concatenate(groups), [g.size for g in groups]
+    way_of = np.repeat(np.arange(len(of)), sizes)
     products = gram.without(nuisances).copy()
     fresh = np.diag(products)[columns] > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny)
     beside = np.diag(gram.without(np.concatenate([nuisances, *gram.groups[n:]])))[columns]
     other = fresh & (beside > same * np.diag(products)[columns])
-    price, remaining = 2.0 * float(np.log(columns.size)), float(products[0, 0])
+    chosen, remaining = 2.0 * float(np.log(columns.size)) + np.repeat(prices, sizes), float(products[0, 0])
     explains, costs, ways, found = 0.0, 0.0, tuple[Way, ...](), list[_Description]()
     for _ in range(_MOST):
         left = np.diag(products)[columns]
         live = other & (left > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny))
         drops = np.where(live, products[columns, 0] ** 2 / np.where(live, left, 1.0), 0.0)
-        i = int(np.argmax(drops))
-        gain = float(gram.ratios(drops[i : i + 1], remaining)[0])
+        gains = gram.ratios(drops, remaining)
+        i = int(np.argmax(gains - chosen))
+        gain, price = float(gains[i]), float(chosen[i])
         if not gain > price:
             break
-        explains, costs, ways = explains + gain, costs + price + float(np.log1p(gain)), (*ways, there.ways[way_of[i]])
+        explains, costs, ways = explains + gain, costs + price + float(np.log1p(gain)), (*ways, of[way_of[i]])
         found.append(_Description(explains, costs, ways))
         remaining -= float(drops[i])
         own = products[:, columns[i]].copy()
