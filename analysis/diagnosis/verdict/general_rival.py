@@ -61,7 +61,7 @@ def general_rivals(
 ) -> Iterator[GeneralRival]:
     """Yield general ways in place of all effects of the best fit, if `together`, then in place of each by itself.
 
-    The ways are those at the degrees of freedom where these effects are seen, and `repeating` patterns at any if wanted.
+    The ways are those at the degrees of freedom where these effects are seen, and `repeating` patterns if wanted.
     All are weighed in the noise of `setting`, which may be louder than that in which the effects were found.
     """
     if not found.best.candidates:
