@@ -130,8 +130,9 @@ def left_by_best_start(
     if exact:
         return left(alone, fit.rows)
     begins = [alone, rest, fit.grown(alone), fit.grown(rest)]
-    start = min(begins, key=lambda begin: _squares(fit.weighed(left(begin, fit.rows))))
-    return left(fit.refined(start, fit.rows, _STEPS), fit.rows)
+    tried = [(begin, left(begin, fit.rows)) for begin in begins]
+    start, residual = min(tried, key=lambda one: _squares(fit.weighed(one[1])))
+    return fit.refined(start, residual, _STEPS)[1]
 
 
 @dataclass(frozen=True)
@@ -174,28 +175,30 @@ class _StartFit:
         used = np.cumsum(np.any(self.weight > 0.0, axis=1))
         count = _FIRST * start.size
         while 2 * count < used[-1]:
-            start = self.refined(start, int(np.searchsorted(used, count)) + 1, _STEPS_EACH)
+            residual = self.left(start, int(np.searchsorted(used, count)) + 1)
+            start, _ = self.refined(start, residual, _STEPS_EACH)
             count *= 2
         return start
 
-    def refined(self, start: Array, rows: int, steps: int) -> Array:
-        """Return a start from which so many first `rows` leave less, after so many steps at most."""
-        residual, damping = self.left(start, rows), _DAMPED
+    def refined(self, start: Array, residual: Array, steps: int) -> tuple[Array, Array]:
+        """Return a start that leaves less than `residual` (m, n_y) of the first rows, and what, after so many steps."""
+        weighed, damping = self.weighed(residual), _DAMPED
         for _ in range(steps):
             slopes = self._slopes(start, residual)
-            before = _squares(self.weighed(residual))
+            before = _squares(weighed)
             if not np.all(np.isfinite(slopes)):
                 break
+            own = self.weighed(slopes) * self.inverse
             for _ in range(_DAMPINGS):
-                step = _damped_step(self.weighed(slopes) * self.inverse, self.weighed(residual), damping)
-                there = start + self.inverse * step
-                if _squares(self.weighed(after := self.left(there, rows))) < before:
-                    start, residual, damping = there, after, damping / 10.0
+                there = start + self.inverse * _damped_step(own, weighed, damping)
+                after = self.left(there, residual.shape[0])
+                if _squares(self.weighed(after)) < before:
+                    start, residual, weighed, damping = there, after, self.weighed(after), damping / 10.0
                     break
                 damping *= 10.0
-            if not _squares(self.weighed(residual)) < _WORTH_A_STEP * before:
+            if not _squares(weighed) < _WORTH_A_STEP * before:
                 break
-        return start
+        return start, residual
 
     def _slopes(self, start: Array, residual: Array) -> Array:
         slopes = np.zeros((*residual.shape, start.size))

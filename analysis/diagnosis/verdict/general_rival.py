@@ -134,9 +134,8 @@ def _explained(there: Beside, same: float) -> list[_Description]:
     columns, sizes = np.concatenate(groups), [g.size for g in groups]
     way_of = np.repeat(np.arange(len(of)), sizes)
     products = gram.without(nuisances).copy()
-    fresh = np.diag(products)[columns] > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny)
     beside = np.diag(gram.without(np.concatenate([nuisances, *gram.groups[n:]])))[columns]
-    other = fresh & (beside > same * np.diag(products)[columns])
+    other = beside > same * np.diag(products)[columns]
     chosen, remaining = 2.0 * float(np.log(columns.size)) + np.repeat(prices, sizes), float(products[0, 0])
     explains, costs, ways, found = 0.0, 0.0, tuple[Way, ...](), list[_Description]()
     for _ in range(_MOST):

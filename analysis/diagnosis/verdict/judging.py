@@ -30,9 +30,6 @@ _OVERWHELMING = 10.0
 """A screening errs where the measured motion that it looks along holds the residual itself, but not by so many times
 the threshold."""
 
-_LOST = 700.0
-"""A lead of so much, as a natural logarithm, leaves no chance that a float can hold."""
-
 _NEAR = 0.05
 """So near the limit of a shape, as a part of it, both names that meet there hold."""
 
@@ -63,7 +60,7 @@ class Judgement:
 
         A name falls where these lead by 99 to 1: so much likelier a listed cause is held to be before the data speak.
         """
-        return float(1.0 / (1.0 / self.probability + np.exp(min(-self.general - SURE_LEAD, _LOST))))
+        return float(1.0 / (1.0 / self.probability + np.exp(-self.general - SURE_LEAD)))
 
 
 def judge(
