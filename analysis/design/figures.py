@@ -10,8 +10,8 @@ from analysis.design.api import Designed
 from analysis.design.feedback import PEAK_DB, frequency_grid
 from analysis.design.learning import LARGEST_FACTOR, SURE_FACTOR
 from analysis.design.price import PAPER
-from analysis.design.stages import NAMES
 from analysis.design.uncertainty import drawn_plants
+from analysis.pages.axes import axis_text
 from analysis.pages.canvas import COLOURS, OURS, Canvas
 from sim_backend.linear import discretise
 
@@ -40,7 +40,7 @@ def _sensitivity(designed: Designed) -> Canvas:
         f"uncertainty. Their limit is {PEAK_DB:g} dB.",
     )
     for i, one in enumerate(designed.axes):
-        axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "|S| (dB)")
+        axes = canvas.panel(i, axis_text(one.dof), "frequency (Hz)", "|S| (dB)")
         rng = np.random.default_rng(options.seed)
         plants = drawn_plants(designed.controller.model, one.dof, options.tolerance, options.plants, rng)
         rate = designed.controller.sample_rate_hz
@@ -68,7 +68,7 @@ def _convergence(designed: Designed) -> Canvas:
         f"{SURE_FACTOR:g} the limit.",
     )
     for i, one in enumerate(designed.axes):
-        axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "factor per period")
+        axes = canvas.panel(i, axis_text(one.dof), "frequency (Hz)", "factor per period")
         learned = one.learning
         canvas.line(i, "worst drawn", learned.frequency_hz, learned.worst, color=COLOURS[5], linewidth=0.8)
         canvas.line(i, "identified", learned.frequency_hz, learned.factor, color=OURS, linewidth=1.2)
@@ -92,7 +92,7 @@ def _noise(designed: Designed) -> Canvas:
         "modes took no part.",
     )
     for i, one in enumerate(designed.axes):
-        axes = canvas.panel(i, NAMES[one.dof], "frequency (Hz)", "reading (nrad/√Hz)")
+        axes = canvas.panel(i, axis_text(one.dof), "frequency (Hz)", "reading (nrad/√Hz)")
         noise = one.noise
         canvas.line(i, "measured", noise.frequency_hz, 1e9 * np.sqrt(noise.measured), color=COLOURS[5], linewidth=0.6)
         canvas.line(i, "fitted", noise.frequency_hz, 1e9 * np.sqrt(noise.fitted), color=OURS, linewidth=1.2)
@@ -114,10 +114,10 @@ def _move(designed: Designed) -> Canvas:
     for i, one in enumerate(designed.axes):
         shown = one.time_s <= 2.0 * one.price.allowed_s
         t = 1e3 * one.time_s[shown]
-        canvas.panel(i, NAMES[one.dof], "", "angle (mrad)")
+        canvas.panel(i, axis_text(one.dof), "", "angle (mrad)")
         canvas.line(i, "reference", t, 1e3 * one.price.motion_rad[shown], color=OURS, linewidth=1.2)
         below = i + len(designed.axes)
-        canvas.panel(below, f"{NAMES[one.dof]}, torque", "time (ms)", "torque (N m)")
+        canvas.panel(below, f"{axis_text(one.dof)}, torque", "time (ms)", "torque (N m)")
         canvas.line(below, "fed forward", t, one.price.drive_nm[shown], color=COLOURS[1], linewidth=1.2)
     return canvas
 
@@ -144,7 +144,7 @@ def _price(designed: Designed) -> Canvas:
         shown = rows if stated else rows[1:]
         for row, (label, values, own, paper) in enumerate(shown):
             at = i + row * len(designed.axes)
-            axes = canvas.panel(at, NAMES[one.dof], "settling (ms)" if row == len(shown) - 1 else "", label)
+            axes = canvas.panel(at, axis_text(one.dof), "settling (ms)" if row == len(shown) - 1 else "", label)
             canvas.line(at, "this project", arrival, values, color=OURS, linewidth=1.2)
             canvas.points(at, "this design", [1e3 * one.price.move.arrival_s], [own], color=OURS, markersize=6.0)
             canvas.points(at, "paper", [1e3 * PAPER[one.dof][0]], [paper], color=COLOURS[1], marker="x", markersize=7.0)

@@ -13,7 +13,8 @@ from markupsafe import Markup
 from analysis.design.api import AxisDesign, Designed
 from analysis.design.figures import design_figures
 from analysis.design.learning import SURE_FACTOR
-from analysis.design.stages import NAMES, STAGE_HEADS, StageResult, stage_rows, stages_csv
+from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows, stages_csv
+from analysis.pages.axes import axis_text
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
 from analysis.recorded.requirements import POWER_W, SETTLING_S, STABILITY_RAD
@@ -127,7 +128,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
     """Return what is expected of every axis, with its limits, as people read it."""
     rows: list[tuple[str, ...]] = []
     for one in designed.axes:
-        f, name = one.feedback, NAMES[one.dof]
+        f, name = one.feedback, axis_text(one.dof)
         worst = 1e6 * f.three_sigma_rad.max()
         rows += [
             (name, "stability 3σ, µrad", f"{1e6 * f.three_sigma_rad[0]:.3f}, worst plant {worst:.3f}", "1.7"),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.pages.axes import axis_text
 from analysis.recorded.settle import SettleTest, settle_of
 from campaigns.log import read_run
 from campaigns.plans import make_plan
@@ -30,7 +31,6 @@ STAGES = {
 """What each strategy knows, in the order in which knowledge is added."""
 
 
-NAMES = {"theta_x": "θx", "theta_y": "θy"}
 STAGE_HEADS = ("axis", "knows", "settling, ms", "overshoot, µrad", "stability 3σ, µrad", "peak current, A")
 
 
@@ -107,7 +107,7 @@ def stage_rows(stages: Sequence[StageResult]) -> list[tuple[str, ...]]:
     """Return the table of stages as people read it: ms, µrad, A."""
     return [
         (
-            NAMES[s.axis],
+            axis_text(s.axis),
             STAGES[s.strategy],
             f"{1e3 * s.settling_s:.1f}" if s.settling_s < float("inf") else "not in its dwell",
             f"{1e6 * s.overshoot_rad:.2f}",

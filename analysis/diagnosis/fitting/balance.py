@@ -153,6 +153,11 @@ def score(fit: Fit, known_noise: bool) -> float:
     return float(level + fit.log_variance + 2.0 * fit.occam)
 
 
+def gained(before: Fit, after: Fit, known_noise: bool) -> float:
+    """Return twice the log-likelihood that a fit gains over the one `before`, each in its own noise or not."""
+    return score(before, known_noise) - score(after, known_noise) + 2.0 * (after.occam - before.occam)
+
+
 def iterated_gls(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
     """Return the setting and the fit in which the noise is what the fit leaves.
 

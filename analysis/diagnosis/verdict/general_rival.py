@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnosis.fitting.balance import again, score
+from analysis.diagnosis.fitting.balance import again, gained
 from analysis.diagnosis.fitting.discrepancy import form_error, target_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.search.gram import COLLINEAR
@@ -109,11 +109,8 @@ def _own(found: Found, best: Fit, rest: Fit, effects: int) -> _Description:
     Where nothing repeats, in the noise that the best one leaves.
     """
     choices = max(len({c.key for c in found.first.candidates}), 1)
-    repeats = found.setting.whitener.repeats
     costs = 2.0 * (best.occam - rest.occam) + 2.0 * effects * float(np.log(choices))
-    if not repeats:
-        return _Description(best.rows * float(np.log(rest.objective / best.objective)), costs)
-    return _Description(score(rest, True) - score(best, True) + 2.0 * (best.occam - rest.occam), costs)
+    return _Description(gained(rest, best, found.setting.whitener.repeats), costs)
 
 
 def _explained(there: Beside, same: float) -> list[_Description]:

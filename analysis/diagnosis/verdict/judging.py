@@ -10,9 +10,8 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.fitting.balance import score
+from analysis.diagnosis.fitting.balance import gained, score
 from analysis.diagnosis.fitting.discrepancy import following, form_error, target_of
-from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.nominal.tuning import mahalanobis2_of
 from analysis.diagnosis.result import Remainder, Verdict
 from analysis.diagnosis.search.adequacy import explained_part, uncertainty
@@ -286,12 +285,7 @@ def _realised(found: Found, candidate: Candidate) -> float:
     """
     known, tuned = found.setting.whitener.repeats, found.tuned
     fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
-    return max((_worth(tuned, r, known) for r in fits), default=np.inf)
-
-
-def _worth(tuned: Fit, fit: Fit, known: bool = False) -> float:
-    """Return twice the log-likelihood that a fit gains over the tuned nominal model, each in its own noise or not."""
-    return score(tuned, known) - score(fit, known) + 2.0 * (fit.occam - tuned.occam)
+    return max((gained(tuned, r, known) for r in fits), default=np.inf)
 
 
 def _material(found: Found) -> tuple[int, ...]:
@@ -361,7 +355,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
         # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
-        shown = found.explained if known else _worth(found.tuned, found.best)
+        shown = found.explained if known else gained(found.tuned, found.best, False)
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
         # what the nuisances cost less beside the best is part of what stands out
         nuisances = mahalanobis2_of(found.setting.nuisances, found.best.change)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.pages.axes import axis_text
 from analysis.pages.explorer import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import RATE_HZ, Measured
 from sim_backend.linear import ComplexArray, ModalModel
 
-AXES = {"theta_x": "θx", "theta_y": "θy", "z": "z"}
+AXES = ("theta_x", "theta_y", "z")
 UNITS = {"theta_x": "mrad/N m", "theta_y": "mrad/N m", "z": "mm/N"}
 CURVE_POINTS = 700
 
@@ -16,7 +17,7 @@ CURVE_POINTS = 700
 def bode(measured: Measured) -> Explorer | None:
     """Return magnitude and phase by axis; None where the campaign holds no sweep."""
     views: dict[tuple[str, ...], View] = {
-        (AXES[axis],): view for axis in AXES if (view := _view(measured, axis)) is not None
+        (axis_text(axis),): view for axis in AXES if (view := _view(measured, axis)) is not None
     }
     if not views:
         return None
