@@ -35,7 +35,17 @@ class SensorQuantisation(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return the usual distance between neighbouring values of the position, and steps that span the swing."""
+        """Return the usual distance between neighbouring values of the position, steps that span the swing, and others.
+
+        These are the distances at which the residual repeats most: a reading that was rounded before its noise came to
+        it shows no steps.
+        """
         levels = np.diff(np.unique(view.position))
         seen = [float(np.median(levels))] if levels.size else []
-        return [{"step_size": q} for q in [*seen, *(view.position_peak / steps for steps in (16, 256, 4096))]]
+        spanned = [view.position_peak / steps for steps in (16, 256, 4096)]
+        return [{"step_size": q} for q in [*seen, *spanned, *view.residual_periods(2)]]
+
+    @classmethod
+    def choices(cls, view: RecordView) -> int:
+        """Return the number of lines that are compared: every distance of the residual's spectrum over the position."""
+        return 1024

@@ -15,7 +15,7 @@ import numpy as np
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.starts import Start, left_by_best_start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
-from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played
+from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played, waiting_at
 from analysis.diagnosis.nominal.tuning import Nuisance, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend import layout
@@ -234,18 +234,25 @@ def sum_of_states(a: Array, b: Array) -> Array:
 def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Array:
     """Return what a fit leaves (n, n_y) of a record that no fit has seen, begun in the state that leaves least.
 
-    The search starts from rest, or where the model would begin without what acts on it.
+    The search starts from rest, or where the model would begin without what acts on it. Commands that are on their way
+    when the record begins are played before it: what acts has to see the motion that they make.
     """
     linear = turned(setting.nominal, setting.nuisances, fit.change)
     effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
     model = played(linear_of(setting, fit), data.rate_hz)
-    free, late = free_responses(model, record.n), answers_to_before(model, record.n)
+    waiting = waiting_at(model)
+    earlier = max(waiting, default=0)
+    free, late = free_responses(model, earlier + record.n)[earlier:], answers_to_before(model, record.n)
     states = free.shape[2]
+    on_their_way = [(earlier - count + k, j) for j, count in enumerate(waiting) for k in range(count)]
 
     def left(acting: Sequence[Effect], start: Array, rows: int) -> Array:
-        some = replace(data, records=(record.first(rows),))
+        commands = np.zeros((earlier, record.u.shape[1]))
+        for place, command in zip(on_their_way, start[states:], strict=True):
+            commands[place] = command
+        some = replace(data, records=(record.first(rows).after(commands),))
         begun = replace(setting, data=some, states=(start[:states].reshape(-1, 2),))
-        return left_by(begun, linear, acting)[0] - late[:rows] @ start[states:]
+        return left_by(begun, linear, acting)[0][earlier:]
 
     rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
     weight = rows[:, None] * np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)

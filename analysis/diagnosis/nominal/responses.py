@@ -141,15 +141,21 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
     return series.T
 
 
+def waiting_at(model: DiscreteModel) -> list[int]:
+    """Return how many commands of each input are on their way at any time, the youngest of which may have come in part.
+
+    A part of a sample is split between two, or stands for the four nearest.
+    """
+    return [int(np.ceil(late)) + int(late > np.floor(late)) if late > 0.0 else 0 for late in model.delay_samples]
+
+
 def answers_to_before(model: DiscreteModel, n: int) -> Array:
     """Return the outputs to a unit command at each input in each sample before the first that is still on its way.
 
     Shape (n, n_y, k), none without delays: what a record's unknown start can add beside the states of the modes.
     """
     columns = [np.zeros((n, model.c.shape[0], 0))]
-    for j, late in enumerate(model.delay_samples):
-        # a part of a sample is split between two, or stands for the four nearest
-        before = int(np.ceil(late)) + (late > np.floor(late)) if late > 0.0 else 0
+    for j, before in enumerate(waiting_at(model)):
         for k in range(before):
             command = np.zeros(n + before)
             command[k] = 1.0

@@ -106,6 +106,22 @@ class Record:
             temperature_k=None if warm is None else np.concatenate([warm[:period], warm]),
         )
 
+    def after(self, commands: Array) -> Record:
+        """Return a record that begins with `commands` (k, n_u) before its own, whose readings belong to no window."""
+        count = commands.shape[0]
+
+        def led(values: Array) -> Array:
+            return np.concatenate([np.repeat(values[:1], count, axis=0), values])
+
+        return replace(
+            self,
+            u=np.concatenate([commands, self.u]),
+            y=led(self.y),
+            windows=tuple(replace(w, start=w.start + count, stop=w.stop + count) for w in self.windows),
+            temperature_k=None if self.temperature_k is None else led(self.temperature_k),
+            missing=None if self.missing is None else led(self.missing),
+        )
+
     def first(self, rows: int) -> Record:
         """Return a record of so many first rows."""
         return replace(

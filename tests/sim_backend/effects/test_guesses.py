@@ -104,6 +104,14 @@ def test_a_period_is_found_so_near_that_a_fit_cannot_slip_by_one(slug, period):
     assert min(turns) < 0.5
 
 
+@pytest.mark.parametrize("step", [2.1e-4, 3.17e-5])
+def test_a_rounding_with_noise_behind_it_is_found_although_no_reading_lies_on_a_step(step):
+    x = view().position
+    effect = make_effect("sensor-quantisation", "theta_x", {"step_size": step})
+    starts = effect_class("sensor-quantisation").guess(view(along(effect, signal=x)))
+    assert min(np.ptp(x) * abs(1 / start["step_size"] - 1 / step) for start in starts) < 0.5
+
+
 def test_the_period_of_a_force_is_found_through_the_plant_in_fast_motion():
     """A mode at 25 Hz moved by noise: the residual swings at 25 Hz wherever it is; the best distance must be right."""
     rng = np.random.default_rng(2)

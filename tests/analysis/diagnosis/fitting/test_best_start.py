@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
-from analysis.diagnosis.fitting.starts import left_by_best_start
-from analysis.diagnosis.nominal.responses import free_responses, played
+from analysis.diagnosis.fitting.fit import residuals_on
+from analysis.diagnosis.fitting.starts import left_by_best_start, starts_of
+from analysis.diagnosis.nominal.responses import free_responses, played, simulate
+from analysis.diagnosis.records.dataset import Record, Window
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Effect
 from sim_backend.replay import replay
+from tests.analysis.diagnosis import residuals
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis
 
 ROWS, NOISE = 1600, 2e-6
@@ -67,3 +71,21 @@ def test_rows_without_weight_say_nothing_of_a_start() -> None:
     for exact in (True, False):
         found = left_by_best_start(left, left, free, weight, exact=exact)
         assert np.max(np.abs(found[:900])) < 1e-6 * np.max(np.abs(y[:900]))
+
+
+@pytest.mark.parametrize("late", [4, 3.4])
+def test_what_is_rounded_sees_the_motion_by_commands_on_their_way(late: float) -> None:
+    """A run that is cut off while it is played: what it was told before is not logged, and comes after it began."""
+    cut, rows, step = 200, 700, 2e-3
+    force = np.repeat(np.random.default_rng(8).standard_normal((cut + rows) // 5), 5)
+    setting, fit = residuals.setting_of(force, residuals.moved(force), np.zeros(force.size), 1e-4)
+    nominal = setting.nominal.with_(delay_s=np.array([late / residuals.RATE_HZ]))
+    setting = replace(setting, nominal=nominal, starts=starts_of(setting.data, nominal, setting.whitener))
+    rounding = make_effect("sensor-quantisation", "x", {"step_size": step})
+    fit = replace(fit, states=(np.zeros((1, 2)),), effects=(rounding,))
+    rounded = step * np.floor(simulate(played(nominal, residuals.RATE_HZ), force[:, None])[cut:] / step + 0.5)
+    unseen = Record("unseen", force[cut:, None], rounded, (Window("unseen", 0, rows, True),))
+    data = replace(setting.data, records=(*setting.data.records, unseen))
+    left = residuals_on(data, setting, fit)[1][:, 0]
+    # only a reading near the middle of two steps may fall on the other side: one in a hundred, by a start a little off
+    assert np.mean(np.abs(left) > 0.5 * step) < 0.01
