@@ -12,6 +12,7 @@ from analysis.measurements.power import CoilPower
 from analysis.measurements.settling import Settling
 from analysis.recorded.chop import TIP_TILT, chop_phase
 from campaigns.playing.recording import Recorded
+from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,12 @@ class SettleTest:
 
     @property
     def settling_s(self) -> float:
-        """The longest settling of all moves."""
+        """The longest settling of all moves. Raises DataError where nothing moves."""
+        if not self.moved:
+            raise DataError(
+                f"the two positions of this chop are less than {NEGLIGIBLE_RAD * 1e9:g} nrad apart on every axis, so that "
+                "nothing settles; set from_rad and to_rad farther apart"
+            )
         return max(float(np.max(result.time_s)) for result in self.moved.values())
 
 

@@ -67,8 +67,9 @@ def chop(
 
     with read_run(played.log) as run:
         result = chop_phase(run).stability()
-        # the first cycle may still be on its way, so one alone tells nothing of settling
-        settling_ms = settle_of(run).settling_s * 1e3 if plan.settings()["cycles"] > 1 else None
+        # the first cycle may still be on its way, so one alone tells nothing of settling, nor does what stays in place
+        test = settle_of(run) if plan.settings()["cycles"] > 1 else None
+        settling_ms = test.settling_s * 1e3 if test and test.moved else None
     results = {
         "settling_ms": settling_ms,
         "stability_urad_3sigma": result.stability_rad * 1e6,

@@ -53,6 +53,14 @@ def test_a_dry_run_counts_and_writes_nothing(run, here, command):
         assert one["peak_current_a"] <= one["limit_current_a"] == 9.0
 
 
+def test_a_chop_that_moves_nothing_has_no_settling(run, here):
+    chopped = ("--cycles", "2", "--frequency", "5", "--set", "window_s=0.05", "--set", "to_rad=1e-10", "--json")
+    code, out, _ = run("chop", *chopped)
+    assert code in (0, 1) and json.loads(out)["settling_ms"] is None
+    code, _, err = run("settle", "--set", "to_rad=1e-10")
+    assert code == 4 and "1 nrad apart" in err and "set from_rad and to_rad" in err
+
+
 def test_chop_reports_what_its_log_shows(run, here):
     code, out, err = run("chop", "--cycles", "2", "--alpha", "120", "--json", "--seed", "4")
     result = json.loads(out)
