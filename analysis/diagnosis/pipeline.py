@@ -136,7 +136,7 @@ def search_causes(
         found = search(*other, rules, scales, progress, without_noise=without_noise)
     if doubtful := _doubtful(found):
         found = exchanged(found, doubtful, rules, scales, progress)
-    return beside_strangers(found, rules, scales, progress)
+    return beside_strangers(found, scales, progress)
 
 
 def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) -> Fit:

@@ -119,7 +119,7 @@ class Record:
             y=led(self.y),
             windows=tuple(replace(w, start=w.start + count, stop=w.stop + count) for w in self.windows),
             temperature_k=None if self.temperature_k is None else led(self.temperature_k),
-            missing=None if self.missing is None else led(self.missing),
+            missing=None if self.missing is None else np.concatenate([np.zeros(count, dtype=bool), self.missing]),
         )
 
     def first(self, rows: int) -> Record:

@@ -20,14 +20,11 @@ import numpy as np
 from analysis.diagnosis.fitting.balance import again, gained
 from analysis.diagnosis.fitting.discrepancy import form_error, target_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.search.gram import COLLINEAR
+from analysis.diagnosis.search.forward import other_than, taken_from
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.leftover import Beside, Way, general_ways, in_words
 from sim_backend.assembly import Places
-
-_MOST = 6
-"""Columns at most: as many numbers as three causes have."""
 
 
 @dataclass(frozen=True)
@@ -127,26 +124,11 @@ def _explained(there: Beside, same: float) -> list[_Description]:
         n += 1 + len(pattern.neighbours)
     if not of:
         return []
-    nuisances, before = gram.nuisance_columns(), np.diag(gram.products)
     columns, sizes = np.concatenate(groups), [g.size for g in groups]
     way_of = np.repeat(np.arange(len(of)), sizes)
-    products = gram.without(nuisances).copy()
-    beside = np.diag(gram.without(np.concatenate([nuisances, *gram.groups[n:]])))[columns]
-    other = beside > same * np.diag(products)[columns]
-    chosen, remaining = 2.0 * float(np.log(columns.size)) + np.repeat(prices, sizes), float(products[0, 0])
+    other = other_than(gram, columns, gram.groups[n:], same)
     explains, costs, ways, found = 0.0, 0.0, tuple[Way, ...](), list[_Description]()
-    for _ in range(_MOST):
-        left = np.diag(products)[columns]
-        live = other & (left > COLLINEAR * np.maximum(before[columns], np.finfo(float).tiny))
-        drops = np.where(live, products[columns, 0] ** 2 / np.where(live, left, 1.0), 0.0)
-        gains = gram.ratios(drops, remaining)
-        i = int(np.argmax(gains - chosen))
-        gain, price = float(gains[i]), float(chosen[i])
-        if not gain > price:
-            break
-        explains, costs, ways = explains + gain, costs + price + float(np.log1p(gain)), (*ways, of[way_of[i]])
+    for one in taken_from(gram, columns, other, np.repeat(prices, sizes)):
+        explains, costs, ways = explains + one.explains, costs + one.costs, (*ways, of[way_of[one.which]])
         found.append(_Description(explains, costs, ways))
-        remaining -= float(drops[i])
-        own = products[:, columns[i]].copy()
-        products -= np.outer(own, own) / own[columns[i]]
     return found

@@ -142,7 +142,7 @@ def refuted(found: Found) -> str:
     """
     equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
     if equal:
-        return f"a smooth force of position and rate at {equal[0]} that is no listed cause explains the data as well"
+        return f"a torque of command, position and rate at {equal[0]} that is no listed cause explains the data as well"
     count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
     # what the form of an effect gets wrong, nuisances that the data do not hold make up for
     if count and scipy.stats.chi2.sf(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:

@@ -1,7 +1,8 @@
-"""What was found is held against a stranger: a force that is no listed cause, fitted in its place with the same effort.
+"""What was found is held against a stranger: a torque that is no listed cause, fitted in its place with as much effort.
 
 Two or three listed causes at one place may share out what none of them is. And where no period repeats, the noise is
-what a fit leaves, so that whatever it misses passes for noise: only another fit can show it.
+what a fit leaves, so that whatever it misses passes for noise: only another fit can show it. A stranger is a few terms
+of command, position and rate, those that explain most; one that is an effect itself, in other words, is none of them.
 """
 
 from __future__ import annotations
@@ -11,28 +12,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.candidates.signature import Scales
+from analysis.diagnosis.candidates.signature import Candidate, Scales, enumerate_candidates
 from analysis.diagnosis.fitting.balance import again, iterated_gls, score
-from analysis.diagnosis.fitting.fit import Fit
+from analysis.diagnosis.fitting.discrepancy import form_error
+from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.search.extension import extended
+from analysis.diagnosis.search.forward import other_than, taken_from
 from analysis.diagnosis.search.rounds import Found, Progress
-from analysis.diagnosis.search.shortlist import Rules, screen
+from analysis.diagnosis.search.shortlist import beside, views_of
+from analysis.diagnosis.verdict.leftover import general_ways
 from sim_backend.effects.base import Effect, Site
-from sim_backend.effects.unlisted_force import UnlistedForce
+from sim_backend.effects.unlisted_torque import UnlistedTorque
 
 _AT = 0.86
 """Share of the whole diagnosis that is done when this begins."""
 
 
-def beside_strangers(found: Found, rules: Rules, scales: Scales, progress: Progress) -> Found:
+def beside_strangers(found: Found, scales: Scales, progress: Progress) -> Found:
     """Return `found` with the lead of its best fit over a stranger at every place where one could stand for it."""
     leads, places = [], _doubtful(found)
     own = _own_score(found) if places else 0.0
     for place in places:
         progress(f"fitting a force that is no listed cause at {place}", _AT)
-        stranger = _stranger(found, place, rules, scales, own)
+        stranger = _stranger(found, place, scales, own)
         if stranger is not None:
-            leads.append((place, _lead(found, stranger, own)))
+            leads.append((place, _lead(found, *stranger, own)))
     return replace(found, strangers=tuple(leads))
 
 
@@ -50,23 +54,42 @@ def _doubtful(found: Found) -> Sequence[str]:
 
 
 def _torque_at(effect: Effect) -> str:
-    """Return the input at which an effect is a torque; an empty name when it is none."""
-    return effect.where.rpartition("->")[2] if effect.site in (Site.DRIVE, Site.STRUCTURE) else ""
+    """Return the input at which an effect is a torque, or changes one; an empty name when it does neither."""
+    return effect.where.rpartition("->")[2] if effect.site <= Site.STRUCTURE else ""
 
 
-def _stranger(found: Found, place: str, rules: Rules, scales: Scales, own: float) -> Fit | None:
-    """Return the best fit with a stranger instead of all torques that were found at `place`, the other effects kept."""
+def _stranger(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit, float] | None:
+    """Return the best fit with a stranger instead of all torques that were found at `place`, the other effects kept.
+
+    The second number is what choosing its terms costs, twice a logarithm. None where no term is worth that.
+    """
     setting, best = found.setting, found.best
-    keep = [i for i, e in enumerate(best.effects) if _torque_at(e) != place]
+    gone = [i for i, e in enumerate(best.effects) if _torque_at(e) == place]
+    keep = [i for i in range(len(best.effects)) if i not in gone]
     rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
-    seen = screen(setting, rest, replace(rules, effects=(UnlistedForce,)), scales)
-    at = [i for i, c in enumerate(seen.candidates) if c.where == place]
-    if not at:
+    (stranger,) = (c for c in _strangers(setting, rest, scales) if c.where == place)
+    gram = general_ways(setting, rest, repeating=False, at=(), effects=[stranger, *best.held(gone)[0]]).gram
+    columns, same = gram.groups[0], max(form_error(best.effects[i]) for i in gone)
+    taken = taken_from(gram, columns, other_than(gram, columns, gram.groups[1:], same), np.zeros(columns.size))
+    if not taken:
         return None
-    fit = extended(setting, rest, seen.candidates[at[0]], seen.sizes[at[0]], seen.nuisances[at[0]])
+    terms = sorted(one.which for one in taken)
+    names = list(stranger.unit_sizes)
+    stranger = replace(stranger, unit_sizes={names[k]: stranger.unit_sizes[names[k]] for k in terms})
+    chosen = replace(gram, groups=(columns[terms],), one_sided=(False,), whole=())
+    _, sizes = chosen.solve(chosen.without(chosen.nuisance_columns()), [0])
+    fit = extended(setting, rest, stranger, sizes, chosen.nuisances_beside([0], sizes))
+    costs = 2.0 * len(terms) * float(np.log(columns.size))
     if setting.whitener.repeats:
-        return again(setting, fit)
-    return iterated_gls(setting, fit, own + _price(found, fit))[1]
+        return again(setting, fit), costs
+    return iterated_gls(setting, fit, own + _price(found, fit) - costs)[1], costs
+
+
+def _strangers(setting: Setting, rest: Fit, scales: Scales) -> list[Candidate]:
+    """Return a stranger with all terms at every place."""
+    footing, motions = beside(setting, rest)
+    views = views_of(setting, motions, footing.linear)
+    return enumerate_candidates((UnlistedTorque,), setting.places, views, scales, workers=setting.workers)
 
 
 def _price(found: Found, stranger: Fit) -> float:
@@ -74,7 +97,8 @@ def _price(found: Found, stranger: Fit) -> float:
     return found.first.price * (len(found.best.candidates) - len(stranger.candidates))
 
 
-def _lead(found: Found, stranger: Fit, own: float) -> float:
-    """Return by how much the best fit, of this score, leads a stranger's, the price of every effect included."""
-    lead = (score(stranger, found.setting.whitener.repeats) - own) / found.inflation - _price(found, stranger)
+def _lead(found: Found, stranger: Fit, costs: float, own: float) -> float:
+    """Return by how much the best fit, of this score, leads a stranger's, what the choice of both costs included."""
+    worse = score(stranger, found.setting.whitener.repeats) + costs - own
+    lead = worse / found.inflation - _price(found, stranger)
     return 0.5 * lead if np.isfinite(lead) else np.inf
