@@ -49,10 +49,11 @@ def narrow_modes(setting: Setting) -> list[int]:
 
 
 def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
-    """Return the change (n_nuisances,) of a fit with mode `m` where it leaves least, None where it is there.
+    """Return the change (n_nuisances,) of a fit with mode `m` where it leaves least, None where it is there unbent.
 
     The mode's own numbers are the nominal ones again but for its frequency, as a mode in the wrong place is bent; all
-    others are as they are. A line of a record's spectrum counts in units of what is usual around it: a weak mode is
+    others are as they are. One that is bent by more than its numbers may be off may have come to the right place, and
+    stayed as it was bent on the way. A line of a record's spectrum counts in units of what is usual around it: a weak mode is
     sought in the noise at its own frequency, whatever is strong elsewhere.
     """
     weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(fit.residuals, setting.data.records, strict=True)]
@@ -60,9 +61,10 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
     (i,) = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode == m and nuisance.field == "omega_rad_s")
     change = np.where(numbers == m, 0.0, fit.change)
     place = _place(setting, fit, i, change, weights)
-    if place is None:
+    own = np.array([abs(fit.change[k]) > _REACH * setting.nuisances[k].sd for k in np.flatnonzero(numbers == m)])
+    if place is None and not own.any():
         return None
-    change[i] = place
+    change[i] = fit.change[i] if place is None else place
     return np.asarray(change)
 
 

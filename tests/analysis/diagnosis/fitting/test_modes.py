@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting
+from analysis.diagnosis.fitting.modes import moved_mode
+from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.nominal.responses import coasting, played, simulate
@@ -16,34 +20,54 @@ from sim_backend.assembly import places_of, transducers_of
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis
 
 N, NOISE = 6000, 2e-6
+NOMINAL = linear_model().with_(sigma_1_s=np.array([5.0, 0.4]))
+
+
+def setting_of(u: np.ndarray, y: np.ndarray) -> Setting:
+    """Return a setting of one record about the nominal model."""
+    data = Dataset(RATE_HZ, (Record("r", u, y, (Window("p", 0, N, False, 0),)),))
+    whitener = whitener_from(data, [y - simulate(played(NOMINAL, RATE_HZ), u)])
+    return Setting(
+        data,
+        NOMINAL,
+        (),
+        places_of(one_axis()),
+        transducers_of(one_axis()),
+        nuisances_of(NOMINAL, 0.03),
+        whitener,
+        starts_of(data, NOMINAL, whitener),
+        (np.zeros((2, 2)),),
+        1,
+    )
 
 
 @pytest.mark.parametrize("off", [-0.04, 0.02])
 @pytest.mark.parametrize("ring", [3e-6, 1e-4])
 def test_a_mode_that_rings_from_before_the_record_is_found_where_it_is(off: float, ring: float) -> None:
     """Both its own ring and the drive tell where it is: a ring that is taken for what the drive does hides it."""
-    nominal = linear_model().with_(sigma_1_s=np.array([5.0, 0.4]))
+    nominal = NOMINAL
     model = played(nominal.with_(omega_rad_s=nominal.omega_rad_s * np.array([1.0, 1.0 + off])), RATE_HZ)
     rng = np.random.default_rng(2)
     start = np.array([[0.0, 0.0], ring * rng.standard_normal(2) * np.array([1.0, nominal.omega_rad_s[1]])])
     u = drive(N, 2)
     y = simulate(model, u) + coasting(model, start, N) + NOISE * rng.standard_normal((N, 1))
-    data = Dataset(RATE_HZ, (Record("r", u, y, (Window("p", 0, N, False, 0),)),))
-    whitener = whitener_from(data, [y - simulate(played(nominal, RATE_HZ), u)])
-    still = (np.zeros((2, 2)),)
-    setting = Setting(
-        data,
-        nominal,
-        (),
-        places_of(one_axis()),
-        transducers_of(one_axis()),
-        nuisances_of(nominal, 0.03),
-        whitener,
-        starts_of(data, nominal, whitener),
-        still,
-        1,
-    )
-    setting, fit = tune(setting)
+    setting, fit = tune(setting_of(u, y))
     (place,) = (k for k, n in enumerate(setting.nuisances) if n.mode == 1 and n.field == "omega_rad_s")
     # noise leaves some 10⁻⁵; a width of the mode is 3·10⁻⁴
     assert np.expm1(fit.change[place]) == pytest.approx(off, abs=2e-4)
+
+
+def test_a_mode_that_was_bent_on_its_way_is_tried_unbent_where_it_has_come_to() -> None:
+    """At its right frequency with seven times its damping: no other place is better, and a descent may stay."""
+    u = drive(N, 2)
+    y = simulate(played(NOMINAL, RATE_HZ), u) + NOISE * np.random.default_rng(3).standard_normal((N, 1))
+    setting = setting_of(u, y)
+    own = {n.field: k for k, n in enumerate(setting.nuisances) if n.mode == 1}
+    _, unbent = tune(setting)
+    assert moved_mode(setting, unbent, 1) is None
+    change = unbent.change.copy()
+    change[own["sigma_1_s"]] = 2.0
+    bent = refit(replace(setting, begin=change), (), np.zeros(0), change, steps=0)
+    moved = moved_mode(setting, bent, 1)
+    assert moved is not None and moved[own["sigma_1_s"]] == 0.0
+    assert moved[own["omega_rad_s"]] == pytest.approx(bent.change[own["omega_rad_s"]], abs=2e-4)
