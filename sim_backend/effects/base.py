@@ -288,7 +288,7 @@ class Effect:
         return {}
 
     @classmethod
-    def choices(cls, view: RecordView) -> int:
+    def choices(cls, view: RecordView) -> float:
         """Return among how many independent shapes `guess` chose by looking at the residual; 1 when it did not look.
 
         Noise alone stands out somewhere among so many, and a screening has to allow for it.

@@ -38,6 +38,6 @@ class CommandQuantisation(Effect):
         return [{"step_size": q} for q in steps]
 
     @classmethod
-    def choices(cls, view: RecordView) -> int:
-        """Return how many steps were compared with the residual."""
-        return max(view.rounding_steps().size, 1)
+    def choices(cls, view: RecordView) -> float:
+        """Return among how many steps these were found."""
+        return view.rounding_choices()

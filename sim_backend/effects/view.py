@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -17,9 +18,10 @@ Ints = NDArray[np.int64]
 _LINES = 32
 """Lines of a spectrum to either side whose median is the level of the noise there."""
 
-_VISIBLE, _FINE, _MOST, _LOOKED_AT, _MOST_LOOKS = 4.0, 0.2, 60_000, 8_000_000, 600
+_VISIBLE, _FINE, _MOST, _LOOKED_AT, _LEAST_LOOKS, _MOST_LOOKS = 4.0, 0.2, 60_000, 8_000_000, 8, 600
 """Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
-that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely."""
+that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely, at
+least so many steps and at most so many."""
 
 
 LEAST_PART = 0.25
@@ -27,11 +29,12 @@ LEAST_PART = 0.25
 
 
 @njit(fastmath={"reassoc", "contract"})
-def _rounding_scores(u, wanted, energy, steps, scores):  # type: ignore[no-untyped-def]
+def _rounding_scores(u, wanted, energy, steps, scores, ratios):  # type: ignore[no-untyped-def]
     """Fill `scores` with by how much rounding levels `u` (n,) to each of `steps` would lower the sum of squares.
 
     `wanted` (n,) is the slope of that by each level, `energy` (n,) the squared answer to a unit of each; a step that is
-    a little off is a part of the true one. All steps are tried on a stretch of levels while it is in fast memory.
+    a little off is a part of the true one. `ratios` are filled with by how much any part of either sign would. All
+    steps are tried on a stretch of levels while it is in fast memory.
     """
     agreed, size = np.zeros(steps.size), np.zeros(steps.size)
     for first in range(0, u.size, 1024):
@@ -48,6 +51,7 @@ def _rounding_scores(u, wanted, energy, steps, scores):  # type: ignore[no-untyp
     for i in range(steps.size):
         q = steps[i]
         part = min(max(agreed[i] / max(size[i] * q, 1e-300), LEAST_PART), 1.0)
+        ratios[i] = agreed[i] * agreed[i] / max(size[i], 1e-300)
         scores[i] = part * q * (2.0 * agreed[i] - part * q * size[i])
 
 
@@ -167,36 +171,55 @@ class RecordView:
 
     def likely_roundings(self, n: int) -> list[float]:
         """Return the `n` steps of a rounding of the input that the residual speaks for most."""
+        return [step for _, step in self._roundings[0][:n]]
+
+    def rounding_choices(self) -> float:
+        """Return among how many steps of a rounding the likeliest was found, as noise alone would have to be asked.
+
+        What no noise has, any rounding takes a part of by chance: where the usual step explains s times what it does of
+        noise, so does the best of n, and what it explains, g, is n exp(-g / 2s) likely by chance instead of n exp(-g/2).
+        """
+        found, louder = self._roundings
+        count = float(max(self.rounding_steps().size, 1))
+        best = found[0][0] if found else 0.0
+        return count * float(np.exp(min(0.5 * max(best, 0.0) * (1.0 - 1.0 / louder), 600.0)))
+
+    @cached_property
+    def _roundings(self) -> tuple[list[tuple[float, float]], float]:
+        """What a rounding of the input to a step would explain, with the step, the most first; and how loud noise is."""
         steps = self.rounding_steps()
         if not steps.size or self.wanted is None or self.answer is None:
-            return []
+            return [], 1.0
         used = self.wanted != 0.0
         # commands are held and played again: each level needs to be rounded once
         u, levels = np.unique(self.u[used], return_inverse=True)
         wanted, energy = np.bincount(levels, self.wanted[used]), _energy_of_levels(self.answer, levels)
         size = float(np.sqrt(np.mean(u**2)))
 
-        def scores(steps: Array) -> Array:
-            out = np.empty(steps.size)
-            _rounding_scores(u, wanted, energy, steps, out)
-            return out
+        def scores(steps: Array) -> tuple[Array, Array]:
+            out, ratios = np.empty(steps.size), np.empty(steps.size)
+            _rounding_scores(u, wanted, energy, steps, out, ratios)
+            return out, ratios
 
-        coarse, sums = scores(steps), _squares_of_answers(self.answer, self.u.size)
+        coarse, ratios = scores(steps)
+        # of steps that have nothing to do with the residual half explain less than the median of one squared deviation
+        louder = max(float(np.median(ratios)) / float(scipy.stats.chi2.ppf(0.5, 1)), 1.0)
+        sums = _squares_of_answers(self.answer, self.u.size)
         found: list[tuple[float, float]] = []
         # between two steps of the grid a large command is shifted by half of one, and errors of levels that a slow
         # command passes through are alike: many are looked at closely
-        for _ in range(min(max(_LOOKED_AT // self.u.size, 2 * n), _MOST_LOOKS, steps.size)):
+        for _ in range(min(max(_LOOKED_AT // self.u.size, _LEAST_LOOKS), _MOST_LOOKS, steps.size)):
             i = int(np.argmax(coarse))
             if not np.isfinite(coarse[i]):
                 break  # all have been looked at
             near = 1.0 / (1.0 / steps[i] + np.linspace(-1.0, 1.0, 21) * _FINE / size)
-            step = float(near[int(np.argmax(scores(near)))])
+            step = float(near[int(np.argmax(scores(near)[0]))])
             error = np.where(used, step * np.floor(self.u / step + 0.5) - self.u, 0.0)
             agreed, moved = float(error @ self.wanted), sums(error)
             part = min(max(agreed / max(moved, 1e-300), LEAST_PART), 1.0)
             found.append((part * (2.0 * agreed - part * moved), step))
             coarse[max(0, i - 2) : i + 3] = -np.inf
-        return [step for _, step in sorted(found, reverse=True)[:n]]
+        return sorted(found, reverse=True), louder
 
     def residual_lines_hz(self, n: int, above_hz: float = 0.0, bands: int = 64) -> list[float]:
         """Return the `n` frequencies above a lowest at which the residual's spectrum is highest over its surroundings.

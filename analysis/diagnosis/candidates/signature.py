@@ -63,7 +63,7 @@ class Candidate:
     shapes: dict[str, float]
     unit_sizes: dict[str, float]
     centres: dict[str, float]
-    choices: int = 1
+    choices: float = 1
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     given: dict[str, Any] = field(default_factory=dict)
 
