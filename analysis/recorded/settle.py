@@ -41,8 +41,8 @@ class SettleTest:
         """The longest settling of all moves. Raises DataError where nothing moves."""
         if not self.moved:
             raise DataError(
-                f"the two positions of this chop are less than {NEGLIGIBLE_RAD * 1e9:g} nrad apart on every axis, so that "
-                "nothing settles; set from_rad and to_rad farther apart"
+                f"the two positions of this chop are less than {NEGLIGIBLE_RAD * 1e9:g} nrad apart on every axis, so "
+                "that nothing settles; set from_rad and to_rad farther apart"
             )
         return max(float(np.max(result.time_s)) for result in self.moved.values())
 

@@ -177,7 +177,7 @@ class RecordView:
         """Return among how many steps of a rounding the likeliest was found, as noise alone would have to be asked.
 
         What no noise has, any rounding takes a part of by chance: where the usual step explains s times what it does of
-        noise, so does the best of n, and what it explains, g, is n exp(-g / 2s) likely by chance instead of n exp(-g/2).
+        noise, so does the best of n, and what it explains, g, is n exp(-g / 2s) likely by chance, not n exp(-g / 2).
         """
         found, louder = self._roundings
         count = float(max(self.rounding_steps().size, 1))
@@ -186,7 +186,7 @@ class RecordView:
 
     @cached_property
     def _roundings(self) -> tuple[list[tuple[float, float]], float]:
-        """What a rounding of the input to a step would explain, with the step, the most first; and how loud noise is."""
+        """What a rounding of the input to a step explains, with the step, most first; and how loud the noise is."""
         steps = self.rounding_steps()
         if not steps.size or self.wanted is None or self.answer is None:
             return [], 1.0

@@ -53,8 +53,8 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
 
     The mode's own numbers are the nominal ones again but for its frequency, as a mode in the wrong place is bent; all
     others are as they are. One that is bent by more than its numbers may be off may have come to the right place, and
-    stayed as it was bent on the way. A line of a record's spectrum counts in units of what is usual around it: a weak mode is
-    sought in the noise at its own frequency, whatever is strong elsewhere.
+    stayed as it was bent on the way. A line of a record's spectrum counts in units of what is usual around it: a weak
+    mode is sought in the noise at its own frequency, whatever is strong elsewhere.
     """
     weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(fit.residuals, setting.data.records, strict=True)]
     numbers = np.array([nuisance.mode for nuisance in setting.nuisances])
