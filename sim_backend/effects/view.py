@@ -24,6 +24,10 @@ that shift the input by so much of a step; at most so many are tried, and on so 
 least so many steps and at most so many."""
 
 
+DISTANCES = 1024
+"""Distances over which a residual or a force is compared with itself: from half the range of positions to so small a
+part of it."""
+
 LEAST_PART = 0.25
 """A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
 
@@ -308,7 +312,7 @@ class RecordView:
         if self.wanted is None or self.answer is None or not np.any(self.wanted) or not width > 0.0:
             return []
         bins = np.minimum(((self.position - np.min(self.position)) / width * 4096).astype(np.int64), 4095)
-        agreed = np.abs(np.fft.rfft(np.bincount(bins, weights=self.wanted, minlength=4096), 4 * 4096))[: 4 * 1024]
+        agreed = np.abs(np.fft.rfft(np.bincount(bins, weights=self.wanted, minlength=4096), 4 * 4096))[: 4 * DISTANCES]
         edges = np.unique(np.geomspace(8, agreed.size, 15).astype(int))
         distances = [
             width * 4.0 / (a + int(np.argmax(agreed[a:b]))) for a, b in zip(edges[:-1], edges[1:], strict=True)
@@ -342,7 +346,7 @@ class RecordView:
         # what is smooth over the whole range is another effect
         smooth = np.polynomial.polynomial.polyfit(at, mean, 3, w=np.sqrt(count))
         rough = np.where(count > 0, mean - np.polynomial.polynomial.polyval(at, smooth), 0.0)
-        power = np.abs(np.fft.rfft(rough * np.hanning(4096), 4 * 4096))[: 4 * 1024] ** 2
+        power = np.abs(np.fft.rfft(rough * np.hanning(4096), 4 * 4096))[: 4 * DISTANCES] ** 2
         power[:8] = 0.0
         periods: list[float] = []
         for _ in range(n):

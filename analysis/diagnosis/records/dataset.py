@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,29 +98,26 @@ class Record:
         period = self.period
         if period == 0 or self.n % period:
             return self
-        warm = self.temperature_k
-        return replace(
-            self,
-            u=np.concatenate([self.u[:period], self.u]),
-            y=np.concatenate([self.y[:period], self.y]),
-            windows=tuple(replace(w, start=w.start + period, stop=w.stop + period) for w in self.windows),
-            temperature_k=None if warm is None else np.concatenate([warm[:period], warm]),
-        )
+        return self._preceded(np.arange(period))
 
     def after(self, commands: Array) -> Record:
         """Return a record that begins with `commands` (k, n_u) before its own, whose readings belong to no window."""
-        count = commands.shape[0]
+        first = np.zeros(commands.shape[0], dtype=np.intp)
+        return replace(self._preceded(first), u=np.concatenate([commands, self.u]))
 
-        def led(values: Array) -> Array:
-            return np.concatenate([np.repeat(values[:1], count, axis=0), values])
+    def _preceded(self, rows: NDArray[np.intp]) -> Record:
+        """Return a record with these of its `rows` (k,) before its own, in no window."""
+
+        def led(values: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([values[rows], values])
 
         return replace(
             self,
-            u=np.concatenate([commands, self.u]),
+            u=led(self.u),
             y=led(self.y),
-            windows=tuple(replace(w, start=w.start + count, stop=w.stop + count) for w in self.windows),
+            windows=tuple(replace(w, start=w.start + rows.size, stop=w.stop + rows.size) for w in self.windows),
             temperature_k=None if self.temperature_k is None else led(self.temperature_k),
-            missing=None if self.missing is None else np.concatenate([np.zeros(count, dtype=bool), self.missing]),
+            missing=None if self.missing is None else led(self.missing),
         )
 
     def first(self, rows: int) -> Record:

@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.candidates.signature import Candidate, Scales, enumerate_candidates
+from analysis.diagnosis.candidates.signature import Scales, as_simulated, enumerate_candidates
 from analysis.diagnosis.fitting.balance import again, iterated_gls, score
 from analysis.diagnosis.fitting.discrepancy import form_error
-from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.forward import other_than, taken_from
 from analysis.diagnosis.search.rounds import Found, Progress
+from analysis.diagnosis.search.screening import gram_of
 from analysis.diagnosis.search.shortlist import beside, views_of
-from analysis.diagnosis.verdict.leftover import general_ways
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.unlisted_torque import UnlistedTorque
 
@@ -67,8 +67,15 @@ def _stranger(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit
     gone = [i for i, e in enumerate(best.effects) if _torque_at(e) == place]
     keep = [i for i in range(len(best.effects)) if i not in gone]
     rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
-    (stranger,) = (c for c in _strangers(setting, rest, scales) if c.where == place)
-    gram = general_ways(setting, rest, repeating=False, at=(), effects=[stranger, *best.held(gone)[0]]).gram
+    footing, motions = beside(setting, rest)
+    views = views_of(setting, motions, footing.linear)
+    strangers = enumerate_candidates((UnlistedTorque,), setting.places, views, scales, workers=setting.workers)
+    (stranger,) = (c for c in strangers if c.where == place)
+    if not setting.whitener.repeats:
+        # as general ways are: a strong colour of the noise looks like motion where nothing repeats
+        motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
+    tried = [stranger, *best.held(gone)[0]]
+    (gram,) = gram_of(footing, motions, setting.whitener, tried, workers=setting.workers)
     columns, same = gram.groups[0], max(form_error(best.effects[i]) for i in gone)
     taken = taken_from(gram, columns, other_than(gram, columns, gram.groups[1:], same), np.zeros(columns.size))
     if not taken:
@@ -83,13 +90,6 @@ def _stranger(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit
     if setting.whitener.repeats:
         return again(setting, fit), costs
     return iterated_gls(setting, fit, own + _price(found, fit) - costs)[1], costs
-
-
-def _strangers(setting: Setting, rest: Fit, scales: Scales) -> list[Candidate]:
-    """Return a stranger with all terms at every place."""
-    footing, motions = beside(setting, rest)
-    views = views_of(setting, motions, footing.linear)
-    return enumerate_candidates((UnlistedTorque,), setting.places, views, scales, workers=setting.workers)
 
 
 def _price(found: Found, stranger: Fit) -> float:

@@ -46,3 +46,15 @@ def test_a_record_of_whole_periods_is_led_in_by_one_of_which_no_row_counts() -> 
     np.testing.assert_array_equal(led.temperature_k[PERIOD:], record.temperature_k)
     broken = Record("r", record.u[:70], record.y[:70], (Window("w", 0, 70, period=PERIOD),))
     assert broken.led_in() is broken
+
+
+def test_what_precedes_a_record_keeps_its_missing_rows_in_their_places() -> None:
+    missing = np.arange(8) == 5
+    record = Record("r", np.arange(8.0)[:, None], np.zeros((8, 1)), (Window("p", 0, 8, False, 4),), missing=missing)
+    assert np.flatnonzero(record.led_in().missing).tolist() == [9]
+    commanded = record.after(np.full((3, 1), -1.0))
+    assert np.flatnonzero(commanded.missing).tolist() == [8]
+    assert (
+        commanded.u[:4, 0].tolist() == [-1.0, -1.0, -1.0, 0.0]
+        and commanded.fitted().tolist() == [False] * 3 + [True] * 8
+    )
