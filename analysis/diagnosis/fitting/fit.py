@@ -235,7 +235,8 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     """Return what a fit leaves (n, n_y) of a record that no fit has seen, begun in the state that leaves least.
 
     The search starts from rest, or where the model would begin without what acts on it. Commands that are on their way
-    when the record begins are played before it: what acts has to see the motion that they make.
+    when the record begins are played before it: what acts has to see the motion that they make. An output counts by
+    what the fit leaves of it elsewhere: in units of their motions, a noisy one would decide how a quiet one begins.
     """
     linear = turned(setting.nominal, setting.nuisances, fit.change)
     effects = [e.in_run(UNKNOWN_RUN) for e in fit.effects]
@@ -254,12 +255,19 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
         begun = replace(setting, data=some, states=(start[:states].reshape(-1, 2),))
         return left_by(begun, linear, acting)[0][earlier:]
 
-    rows, size = record.fitted() | record.held_out(), np.std(record.y, axis=0)
+    rows, size = record.fitted() | record.held_out(), _left_elsewhere(setting, fit, record)
     weight = rows[:, None] * np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     changed = [e for e in effects if e.site is Site.MODEL]
     exact = not setting.known and len(changed) == len(effects)
     columns = np.concatenate([free, late], axis=2)
     return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, exact=exact)
+
+
+def _left_elsewhere(setting: Setting, fit: Fit, record: Record) -> Array:
+    """Return the rms (n_y,) that a fit leaves on its own rows; of an output of which it leaves none, its motion's."""
+    fitted = np.concatenate([e[r.fitted()] for r, e in zip(setting.data.records, fit.residuals, strict=True)])
+    size = np.sqrt(np.mean(fitted**2, axis=0))
+    return np.asarray(np.where(size > 0.0, size, np.std(record.y, axis=0)))
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

@@ -18,18 +18,19 @@ from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.spread.chance import FALSE_ALARM, Chance
+from analysis.diagnosis.spread.late_readings import late_readings
 from analysis.diagnosis.spread.lattice import rounded_readings
 from analysis.diagnosis.spread.repeats import lost_samples
 from analysis.diagnosis.spread.shaking import shaking
 from analysis.diagnosis.spread.uneven_noise import uneven_noise
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.base import Effect
-from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.model import Model
 from sim_backend.modes import units_at
 
-KINDS = 4
-"""What is asked of every output: lattice, repeats, uneven noise, and noise that came through the plant."""
+KINDS = 5
+"""What is asked of every output: lattice, repeats, late readings, uneven noise, and noise that came through the plant.
+"""
 
 
 @dataclass(frozen=True)
@@ -129,9 +130,12 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
     # what a start adds is no noise
     left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, fit.residuals)
     fit = replace(fit, residuals=left)
+    lost = lost_samples(setting, fit)
+    repeating = {cause.effect.where for cause in lost}
     found = [
         *rounded_readings(setting),
-        *lost_samples(setting, fit),
+        *lost,
+        *(cause for cause in late_readings(setting, fit) if cause.effect.where not in repeating),
         *uneven_noise(setting, fit),
         *shaking(setting, fit),
     ]
@@ -145,7 +149,7 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         and c.p_value < FALSE_ALARM / tests
         and 2.0 * c.evidence > least
         and c.shift**2 > least
-        # lost samples are seen on the readings alone, so no error of the model can stand for them
-        and (isinstance(c.effect, DroppedSamples) or c.shift**2 > discrepancy.at(c.effect.where))
+        # repeats are seen on the readings alone, so no error of the model can stand for them
+        and (c in lost or c.shift**2 > discrepancy.at(c.effect.where))
     ]
     return Spread(tuple(kept), tests)
