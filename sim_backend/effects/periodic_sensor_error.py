@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from sim_backend.effects.base import UNLISTED, Effect, Site, shape, size
 from sim_backend.effects.compiled import compiled
-from sim_backend.effects.view import DISTANCES, RecordView
+from sim_backend.effects.view import READING_DISTANCES, RecordView
 
 
 @compiled
@@ -45,4 +45,4 @@ class PeriodicSensorError(Effect):
     @classmethod
     def choices(cls, view: RecordView) -> int:
         """Return the number of lines that are compared: every distance of the residual's spectrum over the position."""
-        return DISTANCES
+        return READING_DISTANCES

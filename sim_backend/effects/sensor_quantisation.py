@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_backend.effects.base import Effect, Site, shape
 from sim_backend.effects.compiled import compiled
-from sim_backend.effects.view import DISTANCES, RecordView
+from sim_backend.effects.view import READING_DISTANCES, RecordView
 
 
 @compiled
@@ -48,4 +48,4 @@ class SensorQuantisation(Effect):
     @classmethod
     def choices(cls, view: RecordView) -> int:
         """Return the number of lines that are compared: every distance of the residual's spectrum over the position."""
-        return DISTANCES
+        return READING_DISTANCES

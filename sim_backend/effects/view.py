@@ -25,8 +25,10 @@ least so many steps and at most so many."""
 
 
 DISTANCES = 1024
-"""Distances over which a residual or a force is compared with itself: from half the range of positions to so small a
-part of it."""
+"""Distances over which a force is compared with itself: from half the range of positions to so small a part of it."""
+
+READING_DISTANCES = 16384
+"""The same for a residual: an interferometer's error repeats after a third of a micrometre, and over millimetres."""
 
 LEAST_PART = 0.25
 """A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
@@ -332,21 +334,21 @@ class RecordView:
     def residual_periods(self, n: int) -> list[float]:
         """Return the `n` distances (output unit) after which the residual repeats most over the position.
 
-        The residual is averaged in 4096 bins over the range of positions; found are distances from half that range to
-        a 1024th of it. Empty when the position does not move.
+        The residual is averaged in bins over the range of positions, four to the smallest distance; found are distances
+        from half that range to the smallest of `READING_DISTANCES`. Empty when the position does not move.
         """
-        width = self.position_range
+        width, n_bins = self.position_range, 4 * READING_DISTANCES
         if not width > 0.0:
             return []
         low = float(np.min(self.position))
-        bins = np.minimum(((self.position - low) / width * 4096).astype(np.int64), 4095)
-        count = np.bincount(bins, minlength=4096)
-        mean = np.bincount(bins, weights=self.residual, minlength=4096) / np.maximum(count, 1)
-        at = np.linspace(-1.0, 1.0, 4096)
+        bins = np.minimum(((self.position - low) / width * n_bins).astype(np.int64), n_bins - 1)
+        count = np.bincount(bins, minlength=n_bins)
+        mean = np.bincount(bins, weights=self.residual, minlength=n_bins) / np.maximum(count, 1)
+        at = np.linspace(-1.0, 1.0, n_bins)
         # what is smooth over the whole range is another effect
         smooth = np.polynomial.polynomial.polyfit(at, mean, 3, w=np.sqrt(count))
         rough = np.where(count > 0, mean - np.polynomial.polynomial.polyval(at, smooth), 0.0)
-        power = np.abs(np.fft.rfft(rough * np.hanning(4096), 4 * 4096))[: 4 * DISTANCES] ** 2
+        power = np.abs(np.fft.rfft(rough * np.hanning(n_bins), 4 * n_bins))[: 4 * READING_DISTANCES] ** 2
         power[:8] = 0.0
         periods: list[float] = []
         for _ in range(n):

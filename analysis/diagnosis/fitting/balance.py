@@ -183,10 +183,15 @@ def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None
 
 def sharpened(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` with parameters over which the misfit has a cusp where it is least; as it is without such."""
-    if not any(c.effect.whole or any(p.grain > 0.0 for p in c.effect.parameters()) for c in fit.candidates):
+    if not stepped(fit):
         return fit
     candidates, sizes = fit.held()
     return refit(setting, candidates, sizes, fit.change, steps=1, exact=True, sharp=True, misled=fit.misled)
+
+
+def stepped(fit: Fit) -> bool:
+    """Tell whether one of a fit's effects goes in steps, so that the misfit has cusps over its parameters."""
+    return any(c.effect.whole or any(p.grain > 0.0 for p in c.effect.parameters()) for c in fit.candidates)
 
 
 def guessed_squares(setting: Setting, residuals: Sequence[Array]) -> tuple[Array, Array]:

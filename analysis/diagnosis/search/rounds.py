@@ -18,6 +18,7 @@ from analysis.diagnosis.fitting.balance import (
     score,
     sharpened,
     squares_of,
+    stepped,
 )
 from analysis.diagnosis.fitting.discrepancy import Discrepancy, beyond_form, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
@@ -136,6 +137,7 @@ def search(
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
         setting, trials, before = _settled(careful, some, rivals[0])
+        trials = _begun_at_the_best(setting, trials)
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
         flat = _flat(setting, best)
@@ -184,6 +186,26 @@ def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
         found.append(iterated_gls(setting, fit, rival)[1])
         rival = min(rival, score(found[-1], False))
     return min(found, key=lambda fit: score(fit, False))
+
+
+def _begun_at_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
+    """Return `trials`, those with steps at the best one's place begun anew at its nuisances where that is better.
+
+    A rounding sees the motion to a small part of its step, and away from the right motion no slope leads there. A
+    smooth effect at the same place finds it: the wave that the steps make.
+    """
+    known = setting.whitener.repeats
+    best = min(trials, key=lambda f: score(f, known))
+    places = {c.where for c in best.candidates}
+
+    def begun(fit: Fit) -> Fit:
+        if fit is best or not stepped(fit) or not places & {c.where for c in fit.candidates}:
+            return fit
+        there = replace(fit, change=best.change[: fit.change.size])
+        other = sharpened(setting, there) if known else iterated_gls(setting, sharpened(setting, there))[1]
+        return min(fit, other, key=lambda f: score(f, known))
+
+    return [begun(fit) for fit in trials]
 
 
 def n_compared(leads: Sequence[float], *, known: bool) -> int:

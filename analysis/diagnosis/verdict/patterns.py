@@ -19,11 +19,8 @@ import scipy
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
 from sim_backend.assembly import Places
-from sim_backend.effects.view import RecordView
+from sim_backend.effects.view import DISTANCES, READING_DISTANCES, RecordView
 from sim_backend.linear import Array, DiscreteModel
-
-_DISTANCES = 1024
-"""Waves over the position among which the strongest are chosen."""
 
 _LEVELS = 2**17
 """Waves over the command among which the strongest is chosen: levels of a command are known to their last digit."""
@@ -199,7 +196,8 @@ def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence
     span = view.position_spread
     for distance in distances:
         if span > _REPEATED * distance:
-            yield Wave(reading, at, span / distance, span, _DISTANCES, "position")
+            choices = READING_DISTANCES if reading else DISTANCES
+            yield Wave(reading, at, span / distance, span, choices, "position")
 
 
 def _over_command(view: RecordView, at: int) -> Iterator[Pattern]:
