@@ -67,7 +67,11 @@ class Law:
 
 
 def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
-    """Return every output whose noise grows with its position rather than with anything else."""
+    """Return every output whose noise grows with its position, no worse than with anything else.
+
+    Noise that differs between segments, or grows with what is played, is no effect: where that explains more there is
+    nothing to name, however well the position follows it.
+    """
     known = {e.where for e in setting.known if isinstance(e, ApexNoise)}
     found = []
     for o, where in enumerate(setting.places.outputs):
@@ -80,6 +84,8 @@ def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
         count = blocks.upper.size * (BLOCK // 2)
         evidence = law.evidence(count)
         rivals = {name: rival.evidence(count) for name, rival in _rivals(blocks).items()}
+        if max(rivals.values()) > evidence:
+            continue  # uneven it is, by something that no simulation gets wrong
         names = [name for name, there in (("linear", linear), ("quadratic", quadratic)) if there]
         values = dict(zip(names, law.values[1:], strict=True))
         std = dict(zip(names, np.sqrt(np.maximum(np.diag(law.covariance)[1:], 0.0)), strict=True))
