@@ -47,24 +47,36 @@ def _own_score(found: Found) -> float:
 
 
 def _doubtful(found: Found) -> Sequence[str]:
-    """Return the places at which torques were found that a stranger could be: two or more, or one beside own noise."""
-    places = [_torque_at(e) for e in found.best.effects]
-    fewest = 2 if found.setting.whitener.repeats else 1
-    return [p for p in dict.fromkeys(places) if p in found.setting.places.inputs and places.count(p) >= fewest]
+    """Return the places at which effects were found that a stranger could be."""
+    places = dict.fromkeys(_input_of(e) for e in found.best.effects)
+    return [p for p in places if p in found.setting.places.inputs and _in_doubt(found, p)]
 
 
-def _torque_at(effect: Effect) -> str:
-    """Return the input at which an effect is a torque, or changes one; an empty name when it does neither."""
-    return effect.where.rpartition("->")[2] if effect.site <= Site.STRUCTURE else ""
+def _in_doubt(found: Found, place: str) -> list[int]:
+    """Return the numbers of the effects at `place` that a stranger could be, none if it could be none of them.
+
+    These are its torques, two or more of them, or one beside own noise. Where there are fewer, what changes the model
+    there counts as well, if there are two or more in all: modes without number imitate whatever is no listed cause.
+    """
+    there = [i for i, e in enumerate(found.best.effects) if _input_of(e) == place]
+    torques = [i for i in there if found.best.effects[i].site <= Site.STRUCTURE]
+    if len(torques) >= (2 if found.setting.whitener.repeats else 1):
+        return torques
+    return there if len(there) >= 2 else []
+
+
+def _input_of(effect: Effect) -> str:
+    """Return the input at which an effect is a torque, or changes one or its answer; an empty name at a reading."""
+    return effect.where.rpartition("->")[2] if effect.site <= Site.STRUCTURE or effect.site is Site.MODEL else ""
 
 
 def _stranger(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit, float] | None:
-    """Return the best fit with a stranger instead of all torques that were found at `place`, the other effects kept.
+    """Return the best fit with a stranger instead of what is in doubt at `place`, the other effects kept.
 
     The second number is what choosing its terms costs, twice a logarithm. None where no term is worth that.
     """
     setting, best = found.setting, found.best
-    gone = [i for i, e in enumerate(best.effects) if _torque_at(e) == place]
+    gone = _in_doubt(found, place)
     keep = [i for i in range(len(best.effects)) if i not in gone]
     rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
     footing, motions = beside(setting, rest)
