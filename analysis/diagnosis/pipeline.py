@@ -32,15 +32,15 @@ from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.spread.causes import Spread, spread_causes
 from analysis.diagnosis.spread.lattice import lattices_of
 from analysis.diagnosis.spread.lines import without_lines, without_lines_of
-from analysis.diagnosis.verdict.barely import beside_doubts, doubted, follows_play, loses
 from analysis.diagnosis.verdict.causes import causes_of
 from analysis.diagnosis.verdict.drifting import drifts
-from analysis.diagnosis.verdict.general_rival import general_rivals
-from analysis.diagnosis.verdict.judging import Judgement, judge, objection, shortfall
-from analysis.diagnosis.verdict.leftover import Leftover, leftovers
+from analysis.diagnosis.verdict.generic_alternative import generic_alternatives
+from analysis.diagnosis.verdict.held_out import beside_doubts, follows_play, loses, validated
+from analysis.diagnosis.verdict.judging import Judgement, failed_check, judge, shortfall
+from analysis.diagnosis.verdict.lack_of_fit import LackOfFit, lacks_of_fit
 from analysis.diagnosis.verdict.scatter import scatter_follows_play
 from analysis.diagnosis.verdict.sensitivity import sensitivity_of
-from analysis.diagnosis.verdict.stranger import beside_strangers
+from analysis.diagnosis.verdict.unlisted_alternative import against_unlisted_alternatives
 from campaigns.plans import Plan
 from sim_backend.assembly import places_of, retuned, stated, transducers_of
 from sim_backend.bench import Bench
@@ -136,7 +136,7 @@ def search_causes(
         found = search(*other, rules, scales, progress, without_noise=without_noise)
     if doubtful := _doubtful(found):
         found = exchanged(found, doubtful, rules, scales, progress)
-    return beside_strangers(found, scales, progress)
+    return against_unlisted_alternatives(found, scales, progress)
 
 
 def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) -> Fit:
@@ -153,17 +153,17 @@ def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) 
 
 
 def _doubtful(found: Found) -> list[int]:
-    """Return the numbers of the effects of the best fit that may be stand-ins, none where there is nothing to look for.
+    """Return the numbers of the effects of the best fit that may be confounders; none where it has too few or many.
 
-    All may where they leave much; those that general ways outdo, one by one, where nothing else speaks against them.
+    All may where they leave much; those that generic alternatives outdo, one by one, where no other check fails.
     """
     if not exchangeable(found):
         return []
     if not adequate(found):
         return list(range(len(found.best.candidates)))
-    rivals = general_rivals(found.setting, found, together=False)
+    rivals = generic_alternatives(found.setting, found, together=False)
     outdone = [rival.gone[0] for rival in rivals if rival.ahead()]
-    return [] if outdone and objection(found, leftovers(found.setting, found.best)) else outdone
+    return [] if outdone and failed_check(found, lacks_of_fit(found.setting, found.best)) else outdone
 
 
 def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:
@@ -250,7 +250,7 @@ def diagnose(
     gain, linear = answer.gain, turned(setting.nominal, setting.nuisances, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in references)])
     causes = (*causes_of(found.best, judgement, model), *spread.named(judgement, model))
-    said = judgement.objection, short, unsteady, remark, choice.reason if choice else ""
+    said = judgement.failed_check, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice, judgement.remainder),
@@ -303,7 +303,7 @@ def _checked(
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     if growing := scatter_follows_play(data, answer.after):
         unsteady, played = growing, True
-    return beside_doubts(doubted(judgement, answer.gain, repeats, unsteady, played), data.doubts), unsteady
+    return beside_doubts(validated(judgement, answer.gain, repeats, unsteady, played), data.doubts), unsteady
 
 
 def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
@@ -311,10 +311,10 @@ def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
     if found.setting.whitener.even:
         return judge_dominant(found), ""
     random, louder = spread.share(found.best.rows), spread.beside(found.setting, found.best)
-    left = sorted((*leftovers(louder, found.best), *drifts(louder, found.best)), key=Leftover.p_value)
+    left = sorted((*lacks_of_fit(louder, found.best), *drifts(louder, found.best)), key=LackOfFit.p_value)
     # of patterns there are many: they are asked for where one of them stands out most of what is left
     repeating = bool(left) and left[0].choices > 1
-    judgement = judge(found, spread.allowed, left, random, general_rivals(louder, found, repeating=repeating))
+    judgement = judge(found, spread.allowed, left, random, generic_alternatives(louder, found, repeating=repeating))
     return judgement, shortfall(found, judgement, spread.allowed, random)
 
 

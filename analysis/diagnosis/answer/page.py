@@ -27,7 +27,7 @@ from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Diagnosis, Domain, Visible
-from analysis.diagnosis.verdict.barely import ABOVE_NOISE
+from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
 from analysis.pages.formats import fit_percent, readable, shown, unit_text, without_exponents

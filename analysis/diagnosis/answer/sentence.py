@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from analysis.diagnosis.result import Cause, Choice, Diagnosis, Domain, Gain, Remainder, Verdict
-from analysis.diagnosis.verdict.barely import barely_explained
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.held_out import leaves_most
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.formats import readable, without_exponents
 from analysis.pages.quantities import chance, share
@@ -125,7 +125,7 @@ def _missed(gain: Gain | None) -> str:
 
 def _little(gain: Gain | None) -> str:
     """Return how much of the output passes for noise where it is most of it."""
-    if gain is None or not barely_explained(gain):
+    if gain is None or not leaves_most(gain):
         return ""
     return f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
 

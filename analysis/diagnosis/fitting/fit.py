@@ -256,7 +256,8 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
         return left_by(begun, linear, acting)[0][earlier:]
 
     rows, size = record.fitted() | record.held_out(), _left_elsewhere(setting, fit, record)
-    weight = rows[:, None] * np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    inverse: Array = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    weight = rows[:, None] * inverse
     changed = [e for e in effects if e.site is Site.MODEL]
     exact = not setting.known and len(changed) == len(effects)
     columns = np.concatenate([free, late], axis=2)
@@ -267,7 +268,7 @@ def _left_elsewhere(setting: Setting, fit: Fit, record: Record) -> Array:
     """Return the rms (n_y,) that a fit leaves on its own rows; of an output of which it leaves none, its motion's."""
     fitted = np.concatenate([e[r.fitted()] for r, e in zip(setting.data.records, fit.residuals, strict=True)])
     size = np.sqrt(np.mean(fitted**2, axis=0))
-    return np.asarray(np.where(size > 0.0, size, np.std(record.y, axis=0)))
+    return np.asarray(np.where(size > 0.0, size, np.std(record.y, axis=0)), dtype=float)
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

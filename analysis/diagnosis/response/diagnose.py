@@ -149,7 +149,7 @@ def _answer(
     said = sentence(judgement.verdict, causes, judgement.tied, gain, evidence)
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        sentence=f"The simulation is wrong: {judgement.objection}." if dependent else said,
+        sentence=f"The simulation is wrong: {judgement.failed_check}." if dependent else said,
         causes=causes,
         ambiguous=judgement.tied,
         evidence=evidence,
@@ -175,7 +175,7 @@ def _notes(
     nonlinear = [e.effect for e in model.effects if not changes_the_response(effect_class(e.effect))]
     notes = [
         *setting.lines.remarks,
-        judgement.objection if not depends_on_level(levels) else "",
+        judgement.failed_check if not depends_on_level(levels) else "",
         f"the noise is known from: {setting.noise.source}",
         _hold_remark(setting, model, found) if judgement.verdict != "consistent" else "",
     ]

@@ -17,7 +17,7 @@ from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.response.fits import Setting, fit_nominal
 from analysis.diagnosis.response.lines import Lines, noise_of
 from analysis.diagnosis.result import Domain
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.effects.dominant import dominant_block
 from sim_backend.linear import Array, ComplexArray, ModalModel
 from sim_backend.model import Model

@@ -20,7 +20,7 @@ from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.rounds import Progress
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.judging import Judgement, confounder_in, names_of, tie_of
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
@@ -220,7 +220,7 @@ def _view(setting: Setting) -> RecordView:
 def judged(setting: Setting, found: Found) -> Judgement:
     """Return the verdict on what a search found in lines of one linear response."""
     best = found.best
-    against = _objection(setting, found)
+    against = _failed_check(setting, found)
     gaps = _gaps(found)
     rivals = tuple(("+".join(label) or "none", -gap) for label, gap in gaps)
     if not best.candidates:
@@ -250,7 +250,7 @@ def _gaps(found: Found) -> list[tuple[tuple[str, ...], float]]:
     return sorted(gaps.items(), key=lambda pair: pair[1])
 
 
-def _objection(setting: Setting, found: Found) -> str:
+def _failed_check(setting: Setting, found: Found) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can."""
     best, n, dof = found.best, 2 * setting.lines.n, setting.noise.dof
     allowed = 4.0 * np.sqrt(2.0 / n + 2.0 / dof) + 0.002

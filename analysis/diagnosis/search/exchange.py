@@ -1,4 +1,4 @@
-"""A first cause is found alone, and may be the stand-in of another: beside the later ones it is looked for again.
+"""A first cause is found alone, and may be a confounder of another: beside the later ones it is looked for again.
 
 Of two effects of one size a flexible one explains most by itself, a loop that stiffens where there are a lag and a
 cubic spring. The second is then found beside it all the same, and beside the second the search finds what the first
@@ -24,7 +24,7 @@ _AT = 0.85
 
 
 def exchangeable(found: Found) -> bool:
-    """Tell whether one of the effects of `found` may be the stand-in of another that shows beside the rest alone."""
+    """Tell whether one of the effects of `found` may be a confounder of another that shows beside the rest alone."""
     return 2 <= len(found.best.candidates) <= _MOST
 
 

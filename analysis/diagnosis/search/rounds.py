@@ -68,7 +68,7 @@ class Found:
     `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves,
     `discrepancy` the part of it that may be wrong because nature's form of the effects is another. `passed` says of
     each single effect that was fitted first, by what and where, by which logarithm of the evidence it trailed the best
-    of them, `strangers` by how much the best leads that of a force at a place which is no listed cause.
+    of them, `unlisted_leads` by how much the best leads that of a force at a place which is no listed cause.
     """
 
     setting: Setting
@@ -80,7 +80,7 @@ class Found:
     explained: float
     discrepancy: Discrepancy
     passed: dict[tuple[str, str], float] = field(default_factory=dict)
-    strangers: tuple[tuple[str, float], ...] = ()
+    unlisted_leads: tuple[tuple[str, float], ...] = ()
 
     @property
     def inflation(self) -> float:

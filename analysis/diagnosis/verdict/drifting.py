@@ -15,7 +15,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.noise.whitener import Whitener, frequency_of_rows
 from analysis.diagnosis.records.dataset import Record
-from analysis.diagnosis.verdict.leftover import Leftover, in_words
+from analysis.diagnosis.verdict.lack_of_fit import LackOfFit, in_words
 from sim_backend.linear import Array
 
 _WHAT = "the seconds of a run"
@@ -30,7 +30,7 @@ _SAME = 1e-6
 """A drift of which less is left than this part is one that the start of a run explains."""
 
 
-def drifts(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
+def drifts(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
     """Return how much of the slowest that `fit` leaves of each reading is a drift from the start of every run.
 
     A drift is a slope and a curvature. Empty where slow noise is known from repetitions, or nothing repeats.
@@ -51,7 +51,7 @@ def drifts(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
             gain, columns, known_from = one
             shares = tuple(float(k == o) for k in range(setting.data.n_outputs))
             found.append(
-                Leftover(
+                LackOfFit(
                     *in_words(_WHAT, True, o, setting.places), gain, gain, columns, known_from=known_from, shares=shares
                 )
             )

@@ -19,8 +19,8 @@ from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.pruning import SEEN
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
-from analysis.diagnosis.verdict.general_rival import GeneralRival
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
+from analysis.diagnosis.verdict.generic_alternative import GenericAlternative
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 from analysis.diagnosis.verdict.remainder import remainder_of, telling
 from sim_backend.effects.base import UNLISTED, Effect, Site
 from sim_backend.linear import Array
@@ -39,7 +39,7 @@ class Judgement:
 
     `probability` is among the listed causes alone, `general` the least natural logarithm by which the best leads a law
     that is none of them.
-    `objection` says what of the best model is left, or wrong, that makes its verdict *unknown*; `remainder` what the
+    `failed_check` says what of the best model is left, or wrong, that makes its verdict *unknown*; `remainder` what the
     effects it names leave that is no noise.
     """
 
@@ -49,7 +49,7 @@ class Judgement:
     probability: float
     inflation: float
     rivals: tuple[tuple[str, float], ...]
-    objection: str = ""
+    failed_check: str = ""
     remainder: Remainder | None = None
     general: float = np.inf
 
@@ -65,20 +65,20 @@ class Judgement:
 def judge(
     found: Found,
     allowed: float = 0.0,
-    left: Sequence[Leftover] = (),
+    left: Sequence[LackOfFit] = (),
     random: float = 0.0,
-    general: Iterable[GeneralRival] = (),
+    general: Iterable[GenericAlternative] = (),
 ) -> Judgement:
     """Return the verdict on the outcome of a search.
 
     `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
-    `left` what the best model leaves along general ways, least likely first, `random` how much of each of these
-    (twice a log-likelihood) those causes may be, `general` the general ways in place of its effects, which are asked
+    `left` the lack of fit along the basis functions, least likely first, `random` how much of each of these
+    (twice a log-likelihood) those causes may be, `general` the generic alternatives to its effects, which are asked
     for only where nothing else speaks against it.
     """
     best, inflation = found.best, found.inflation
     if not best.candidates:
-        against = objection(found, left, random)
+        against = failed_check(found, left, random)
         wrong = against or _loud(found, allowed) or _outstanding(found, random)
         verdict: Verdict = "unknown" if wrong else "consistent"
         return Judgement(verdict, (), (), 1.0, inflation, (), against)
@@ -88,7 +88,7 @@ def judge(
     probability = float(1.0 / (1.0 + weights.sum()))
     rivals = tuple(("+".join(label), -gap) for label, gap in gaps)
     rest = remainder_of(found, left, allowed, random)
-    against, others = refuted(found), list[GeneralRival]()
+    against, others = refuted(found), list[GenericAlternative]()
     if not against:
         others = list(general)
         against = _general(found, others, random, rest)
@@ -124,7 +124,7 @@ def names_of(effects: Iterable[Effect]) -> tuple[str, ...]:
     return tuple(sorted({effect.reported() for effect in effects}))
 
 
-def objection(found: Found, left: Sequence[Leftover], random: float = 0.0) -> str:
+def failed_check(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
     What it leaves along a general law is no noise, beside what the form of its effects may be wrong by, or `refuted`
@@ -140,7 +140,7 @@ def refuted(found: Found) -> str:
     A force that is no listed cause explains as much, the nominal numbers would have to be farther off than they are
     said to be, or an effect has a shape at which it stands for something else.
     """
-    equal = [where for where, lead in found.strangers if lead < SURE_LEAD]
+    equal = [where for where, lead in found.unlisted_leads if lead < SURE_LEAD]
     if equal:
         return f"a torque of command, position and rate at {equal[0]} that is no listed cause explains the data as well"
     count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
@@ -153,7 +153,7 @@ def refuted(found: Found) -> str:
     return confounder_in(found.best)
 
 
-def _general(found: Found, general: Iterable[GeneralRival], random: float, rest: Remainder | None) -> str:
+def _general(found: Found, general: Iterable[GenericAlternative], random: float, rest: Remainder | None) -> str:
     """Return which general laws forbid a name, in words; nothing where none does.
 
     Where the effects leave noise, those that are sure to explain more; where a part is left, those that are not sure to
@@ -167,8 +167,8 @@ def _general(found: Found, general: Iterable[GeneralRival], random: float, rest:
     return f"what the best model leaves follows {rest.lives}, and {doubt.words(found.setting.places)}, or as well"
 
 
-def outdone(found: Found, general: Iterable[GeneralRival], random: float = 0.0) -> str:
-    """Return which general ways are sure to explain more than effects of the best model do, in words; the first found.
+def outdone(found: Found, general: Iterable[GenericAlternative], random: float = 0.0) -> str:
+    """Return which generic alternatives surely explain more than effects of the best model, in words; the first found.
 
     Beside what `random` causes may be. Nothing where none does.
     """
@@ -221,7 +221,7 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: 
         return ""
     if not found.best.candidates:
         nothing = "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
-        return "" if judgement.objection else _odds(found, allowed, random) or nothing
+        return "" if judgement.failed_check else _odds(found, allowed, random) or nothing
     if not found.setting.whitener.repeats:
         return ""
     names = " and ".join(f"{e.reported()} at {e.where}" for e in found.best.effects)

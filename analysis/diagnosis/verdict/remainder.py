@@ -14,13 +14,13 @@ import scipy
 from analysis.diagnosis.result import Remainder
 from analysis.diagnosis.search.adequacy import LEAST_CHANCE, adequate, chance_of, standing_out
 from analysis.diagnosis.search.rounds import Found
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 
 _TOLD = 1e-3
 """Chance below which a general law may be told as the place of what else is too much."""
 
 
-def telling(found: Found, left: Sequence[Leftover], random: float = 0.0) -> Leftover | None:
+def telling(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -> LackOfFit | None:
     """Return what of the residual is no noise along a general law; None where nothing is.
 
     Beside what the form of the effects found may be wrong by, and what `random` causes have in a few columns.
@@ -31,7 +31,9 @@ def telling(found: Found, left: Sequence[Leftover], random: float = 0.0) -> Left
     return None
 
 
-def remainder_of(found: Found, left: Sequence[Leftover], allowed: float = 0.0, random: float = 0.0) -> Remainder | None:
+def remainder_of(
+    found: Found, left: Sequence[LackOfFit], allowed: float = 0.0, random: float = 0.0
+) -> Remainder | None:
     """Return what the best model leaves that is no noise; None where all is noise or within the form of its effects.
 
     `allowed` is the mean square and `random` twice the log-likelihood along a few columns that causes may have which no

@@ -15,7 +15,7 @@ import scipy
 
 from analysis.diagnosis.noise.independent import independent_rows
 from analysis.diagnosis.records.dataset import Dataset, Record
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.linear import Array
 
 _TWICE = 2.0

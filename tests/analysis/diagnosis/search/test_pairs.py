@@ -58,7 +58,7 @@ def test_a_stiffness_far_off_is_found_beside_a_dead_zone() -> None:
     found = search_causes(data, MODEL, options)
     assert {e.name for e in found.best.effects} == {"dead-zone", "stiffness-shift"}
     judged = judge(found)
-    assert judged.verdict == "named", judged.objection
+    assert judged.verdict == "named", judged.failed_check
     assert judged.named == (0, 1)
     stiffness = [i for i, (_, name) in enumerate(found.best.names) if name == "relative"][0]
     # its frequency is known to the tolerance of the nominal one, which is that of half the stiffness

@@ -11,7 +11,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Screen
-from analysis.diagnosis.verdict.general_rival import GeneralRival
+from analysis.diagnosis.verdict.generic_alternative import GenericAlternative
 from analysis.diagnosis.verdict.judging import judge
 from sim_backend.effects import EFFECTS, effect_class, make_effect
 from sim_backend.effects.base import UNLISTED
@@ -51,7 +51,7 @@ def test_a_resonance_that_is_hardly_one_stands_for_something_else(damping_ratio:
     shapes = {"frequency_hz": 300.0, "damping_ratio": damping_ratio}
     judged = judge(_outcome("extra-resonance", {"participation": 0.5}, shapes, {"damping_ratio": (1e-6, 0.2)}))
     assert judged.verdict == verdict
-    assert ("damping_ratio 0.195, up to whose limit of 0.2" in judged.objection) is (verdict == "unknown")
+    assert ("damping_ratio 0.195, up to whose limit of 0.2" in judged.failed_check) is (verdict == "unknown")
 
 
 @pytest.mark.parametrize(("rms_rates", "verdict"), [(0.01, "named"), (0.4, "named"), (0.49, "unknown")])
@@ -67,8 +67,8 @@ def test_the_posterior_counts_general_laws_beside_what_random_causes_explain() -
     """A name falls where they lead by 99 to 1, and is as likely as they there; not where random causes explain it."""
     found = _found(0.2 * PEAK)
 
-    def rival(lead: float) -> tuple[GeneralRival, ...]:
-        return (GeneralRival((0,), ("backlash at x",), (("position and rate", False, 0),), lead),)
+    def rival(lead: float) -> tuple[GenericAlternative, ...]:
+        return (GenericAlternative((0,), ("backlash at x",), (("position and rate", False, 0),), lead),)
 
     assert judge(found).posterior == pytest.approx(1.0)
     assert judge(found, general=rival(0.0)).posterior == pytest.approx(SURE)

@@ -15,7 +15,7 @@ from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.verdict.drifting import drifts
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.linear import discretise
 from tests.analysis.diagnosis.two_axes import AXES, RATE_HZ, two_axes

@@ -11,14 +11,14 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD, Screen
-from analysis.diagnosis.verdict.general_rival import GeneralRival
+from analysis.diagnosis.verdict.generic_alternative import GenericAlternative
 from analysis.diagnosis.verdict.judging import judge, shortfall
-from analysis.diagnosis.verdict.leftover import Leftover
+from analysis.diagnosis.verdict.lack_of_fit import LackOfFit
 from sim_backend.effects import make_effect
 from tests.analysis.diagnosis.residuals import setting_of
 
 ROWS = 4000
-TELLING = Leftover("a torque that follows position", "x", 200.0, 200.0, 3)
+TELLING = LackOfFit("a torque that follows position", "x", 200.0, 200.0, 3)
 
 
 def found(*, before: float, after: float) -> Found:
@@ -33,8 +33,8 @@ def found(*, before: float, after: float) -> Found:
     return Found(setting, tuned, best, (best,), nothing, nothing, 1e4, Discrepancy(("x",), (0.0,)))
 
 
-def rival(lead: float) -> GeneralRival:
-    return GeneralRival((0,), ("cubic-stiffness at x",), (("position and rate", False, 0),), lead)
+def rival(lead: float) -> GenericAlternative:
+    return GenericAlternative((0,), ("cubic-stiffness at x",), (("position and rate", False, 0),), lead)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def rival(lead: float) -> GeneralRival:
         (1.5, (), "explains 75 % of what was more than noise; it has no name here"),
     ],
 )
-def test_what_the_best_explanation_explains_is_told(after: float, left: tuple[Leftover, ...], words: str) -> None:
+def test_what_the_best_explanation_explains_is_told(after: float, left: tuple[LackOfFit, ...], words: str) -> None:
     """Where a part is left, a name asks for a sure lead over general laws; a small one is none."""
     outcome = found(before=3.0, after=after)
     judged = judge(outcome, left=left, general=[rival(SURE_LEAD - 0.1)])
@@ -57,7 +57,7 @@ def test_what_the_best_explanation_explains_is_told(after: float, left: tuple[Le
     [(1.05, (TELLING,), 200.0 / (2.0 * ROWS)), (1.5, (), 0.25), (1.5, (TELLING,), 0.25)],
 )
 def test_what_a_cause_leaves_that_is_surely_there_is_a_remainder(
-    after: float, left: tuple[Leftover, ...], share: float
+    after: float, left: tuple[LackOfFit, ...], share: float
 ) -> None:
     outcome = found(before=3.0, after=after)
     judged = judge(outcome, left=left, general=[rival(SURE_LEAD + 0.1)])

@@ -1,4 +1,4 @@
-"""A verdict is held against what is no listed cause; each objection has its own case."""
+"""A verdict is held against what is no listed cause; each check has its own case."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
-from analysis.diagnosis.verdict.judging import judge, objection
-from analysis.diagnosis.verdict.leftover import Leftover
+from analysis.diagnosis.verdict.judging import failed_check, judge
+from analysis.diagnosis.verdict.lack_of_fit import LackOfFit
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, setting_of
 
 ROWS = 4000
 
 
-def _found(change: float = 0.0, discrepancy: float = 0.0, strangers: tuple[tuple[str, float], ...] = ()) -> Found:
+def _found(change: float = 0.0, discrepancy: float = 0.0, leads: tuple[tuple[str, float], ...] = ()) -> Found:
     """Return an outcome without effects whose first nuisance is `change` tolerances off, of noise of unit size."""
     noise = np.random.default_rng(0).standard_normal(ROWS)
     setting, fit = setting_of(np.zeros(ROWS), noise, noise, 1.0, period=ROWS // 4)
@@ -32,46 +32,46 @@ def _found(change: float = 0.0, discrepancy: float = 0.0, strangers: tuple[tuple
     fit: Fit = replace(fit, change=turned)
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
     return Found(
-        setting, fit, fit, (fit,), nothing, nothing, 1e4, Discrepancy(("x",), (discrepancy,)), strangers=strangers
+        setting, fit, fit, (fit,), nothing, nothing, 1e4, Discrepancy(("x",), (discrepancy,)), unlisted_leads=leads
     )
 
 
-def _left(gain: float) -> tuple[Leftover, ...]:
-    return (Leftover("a torque that follows time", "x", gain, gain, 9),)
+def _left(gain: float) -> tuple[LackOfFit, ...]:
+    return (LackOfFit("a torque that follows time", "x", gain, gain, 9),)
 
 
-def test_noise_raises_no_objection() -> None:
-    assert objection(_found(change=2.0), _left(20.0)) == ""
+def test_noise_fails_no_check() -> None:
+    assert failed_check(_found(change=2.0), _left(20.0)) == ""
     assert judge(_found(), left=_left(20.0)).verdict == "consistent"
 
 
-def test_a_leftover_that_is_no_noise_is_told_with_its_place() -> None:
+def test_lack_of_fit_that_is_no_noise_is_told_with_its_place() -> None:
     """Of nine columns 60 is one in 10⁹; without any effect that contradicts *consistent*."""
     judged = judge(_found(), left=_left(60.0))
     assert judged.verdict == "unknown"
-    assert "a torque that follows time at x" in judged.objection
+    assert "a torque that follows time at x" in judged.failed_check
 
 
 @pytest.mark.parametrize(("discrepancy", "told"), [(30.0, False), (5.0, True)])
-def test_what_the_form_of_the_cause_may_be_wrong_by_is_no_objection(discrepancy: float, told: bool) -> None:
-    assert bool(objection(_found(discrepancy=discrepancy), _left(60.0))) is told
+def test_what_the_form_of_the_cause_may_be_wrong_by_fails_no_check(discrepancy: float, told: bool) -> None:
+    assert bool(failed_check(_found(discrepancy=discrepancy), _left(60.0))) is told
 
 
 def test_random_causes_take_their_share_first() -> None:
-    assert objection(_found(), _left(60.0), random=45.0) == ""
+    assert failed_check(_found(), _left(60.0), random=45.0) == ""
 
 
-def test_nominal_numbers_far_beyond_their_tolerance_are_an_objection() -> None:
+def test_nominal_numbers_far_beyond_their_tolerance_fail_a_check() -> None:
     """Chi-square of the three nuisances: 6.5² is four in 10⁹, 5² one in 7·10⁴."""
     assert len(_found().best.change) == 3
-    assert "tolerance" in objection(_found(change=6.5), ())
-    assert objection(_found(change=5.0), ()) == ""
+    assert "tolerance" in failed_check(_found(change=6.5), ())
+    assert failed_check(_found(change=5.0), ()) == ""
 
 
-def test_a_stranger_that_comes_near_is_an_objection() -> None:
+def test_an_unlisted_torque_that_comes_near_fails_a_check() -> None:
     """A lead of log 99 = 4.6 is needed, as against any rival."""
-    assert "x" in objection(_found(strangers=(("x", 4.0),)), ())
-    assert objection(_found(strangers=(("x", 5.0),)), ()) == ""
+    assert "x" in failed_check(_found(leads=(("x", 4.0),)), ())
+    assert failed_check(_found(leads=(("x", 5.0),)), ()) == ""
 
 
 def _played(law) -> Dataset:  # type: ignore[no-untyped-def]

@@ -1,8 +1,8 @@
-"""Ways in which a bench can differ from any model, in general terms: what no listed cause is, and any cause resembles.
+"""Basis functions of what a bench can do that no model has: each is no listed cause, and every cause resembles some.
 
-Each way gives a few signals at one place: torques at an input, which reach the outputs through the plant, or errors of
-a reading. They are no causes and get no name; what follows one of them beside a fitted cause, that cause does not
-explain. A new way is one function and one line in `TORQUES` or `READINGS`.
+Each function gives a few signals at one place: torques at an input, which reach the outputs through the plant, or
+errors of a reading. They are no causes and get no name; what follows one of them beside a fitted cause, that cause does
+not explain. A new one is one function and one line in `TORQUES` or `READINGS`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Scene:
     seen_tail: Array
 
 
-Way = Callable[[Scene, int], list[Array]]
+BasisFunction = Callable[[Scene, int], list[Array]]
 
 
 def _of_motion(s: Scene, j: int) -> list[Array]:
@@ -134,7 +134,7 @@ def _reading_of_others(s: Scene, o: int) -> list[Array]:
     return [a[:, i] for i in range(s.seen.shape[1]) if i != o for a in (s.seen, s.seen_rate)]
 
 
-TORQUES: dict[str, Way] = {
+TORQUES: dict[str, BasisFunction] = {
     "position and rate": _of_motion,
     "the command": _of_command,
     "large positions": _of_large_positions,
@@ -150,7 +150,7 @@ TORQUES: dict[str, Way] = {
 }
 """What a torque at an input may depend on."""
 
-READINGS: dict[str, Way] = {
+READINGS: dict[str, BasisFunction] = {
     "position and rate": _reading_of_motion,
     "large positions": _reading_of_large_positions,
     "time": _of_time,

@@ -1,4 +1,4 @@
-"""What held-out rows and evidence say against a verdict that the search has reached.
+"""Held-out validation: what held-out rows and evidence say against a verdict that the search has reached.
 
 Where nothing repeats the noise is taken from what the model leaves. A model that explains nothing leaves everything,
 and no search finds more than noise in that; causes that follow the fitted rows and no others have bent themselves to
@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.diagnosis.result import SELDOM, Domain, Gain, Remainder
 from analysis.diagnosis.verdict.judging import Judgement
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
@@ -37,7 +37,7 @@ _PLAYED = "amplitude", "position", "direction", "rate"
 """Domains of the evidence that what is played decides."""
 
 
-def barely_explained(gain: Gain | None) -> bool:
+def leaves_most(gain: Gain | None) -> bool:
     """Tell whether the model leaves most of the held-out output."""
     return gain is not None and gain.rms_before**2 > _MOST
 
@@ -63,12 +63,12 @@ def loses(gain: Gain | None) -> bool:
     return gain.rms_after > ABOVE_NOISE * gain.noise_floor and not by_chance
 
 
-def gainsaid(gain: Gain | None, *, tied: bool = False) -> str:
+def of_another_size(gain: Gain | None, *, tied: bool = False) -> str:
     """Return of what other size what was added would have to be for held-out rows, in words, where that forbids it.
 
-    Of less than half its size there, what was added misses more than it explains (decision 42): a stand-in has its size
-    where it was fitted. A right cause beside others that the model lacks is of some size above that; a tie says that it
-    is one of its causes and nothing else, and that one is of its own size everywhere.
+    Of less than half its size there, what was added misses more than it explains (decision 42): a confounder has its
+    size where it was fitted. A right cause beside others that the model lacks is of some size above that; a tie says
+    that it is one of its causes and nothing else, and that one is of its own size everywhere.
     """
     if gain is None:
         return ""
@@ -93,7 +93,7 @@ def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) 
     return least[0] if least else 1.0
 
 
-def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str, played: bool = False) -> Judgement:
+def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str, played: bool = False) -> Judgement:
     """Return `judgement`, or *unknown* with the reason where held-out rows or evidence speak against it.
 
     `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is no steady noise;
@@ -110,13 +110,15 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
             "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
             "worse than the model without it"
         )
-    elif claimed and not judgement.remainder and (other := gainsaid(gain, tied=judgement.verdict == "ambiguous")):
+    elif (
+        claimed and not judgement.remainder and (other := of_another_size(gain, tied=judgement.verdict == "ambiguous"))
+    ):
         against = other
     elif repeats:
         against = unsteady if judgement.verdict == "consistent" and played else ""
     elif gain is None:
         return judgement
-    elif judgement.verdict == "consistent" and unsteady and barely_explained(gain):
+    elif judgement.verdict == "consistent" and unsteady and leaves_most(gain):
         against = "the model leaves most of the held-out output, and what it leaves is no steady noise"
     elif judgement.verdict == "consistent" and unsteady and played:
         against = unsteady
@@ -126,7 +128,7 @@ def doubted(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: st
             "held-out ones, and leaves more than noise of them"
         )
     if against:
-        return replace(judgement, verdict="unknown", named=(), tied=(), objection=against, remainder=None)
+        return replace(judgement, verdict="unknown", named=(), tied=(), failed_check=against, remainder=None)
     if claimed and judgement.remainder is None and beyond_noise(gain):
         return replace(judgement, remainder=_on_held_out(gain))
     return judgement
@@ -145,4 +147,4 @@ def beside_doubts(judgement: Judgement, doubts: Sequence[str]) -> Judgement:
     """Return `judgement`, or *unknown* where it names something and the records have `doubts` that forbid a name."""
     if not doubts or judgement.verdict == "consistent":
         return judgement
-    return replace(judgement, verdict="unknown", named=(), tied=(), objection="; ".join(doubts), remainder=None)
+    return replace(judgement, verdict="unknown", named=(), tied=(), failed_check="; ".join(doubts), remainder=None)

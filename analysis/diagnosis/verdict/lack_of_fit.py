@@ -1,9 +1,9 @@
-"""What a fitted hypothesis leaves, asked in general terms: does it follow any way in which a bench can be wrong?
+"""The lack of fit of a hypothesis in general terms: does its residual follow any of the basis functions?
 
 A total of squares over 10⁵ rows cannot show what a hundredth of a thousandth of them hold, and a cause of a hundred
-squared standard deviations is no more than that. A few columns that anything of its kind resembles can: along each way
-of `unlisted`, at each place, the residual's part is compared with what noise has there, everything fitted being
-re-tuned beside it. The name of a neighbour leaves a part, the right one does not.
+squared standard deviations is no more than that. A few columns that anything of its kind resembles can: along each
+function of `basis`, at each place, the residual's part is compared with what noise has there, everything fitted being
+adjusted beside it. The name of a neighbour leaves a part, the right one does not.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from analysis.diagnosis.nominal.responses import played
 from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.screening import gathered
 from analysis.diagnosis.search.shortlist import beside, views_of
+from analysis.diagnosis.verdict.basis import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
-from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from sim_backend.assembly import Places
 from sim_backend.linear import Array
 
 ONE_IN_A_MILLION = 1e-6
-"""Chance of as much along one way at one place below which it is no noise. Some hundred are looked at; the rest of the
-margin is for small modes below any limit, and for a noise that is known from few periods."""
+"""Chance of as much along one function at one place below which it is no noise. Some hundred are looked at; the rest of
+the margin is for small modes below any limit, and for a noise that is known from few periods."""
 
 
 @dataclass(frozen=True)
-class Leftover:
-    """The part of a residual along one way, `what`, at one place.
+class LackOfFit:
+    """The part of a residual along one basis function, `what`, at one place.
 
     `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
     columns did it, chosen among so many `choices` by looking at the residual, where noise is so much `louder`.
-    `known_from` is from how many numbers that noise is known, `shares` how the way shares out over the readings.
+    `known_from` is from how many numbers that noise is known, `shares` how the function shares out over the readings.
     """
 
     what: str
@@ -65,24 +65,24 @@ class Leftover:
         return f"{self.what} at {self.where} (chance of as much in noise: {max(self.p_value(), 1e-300):.1g})"
 
 
-Way = tuple[str, bool, int]
+Term = tuple[str, bool, int]
 """What is followed, whether by an error of a reading or by a torque, and the number of that output or input."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """What there is beside a fit: inner products (`gram`) of its residual with the columns of all `ways` and patterns.
+    """Inner products (`gram`) of the residual of a fit with all basis functions (`terms`) and patterns.
 
-    The groups of the products are the ways' in their order, then those of every pattern and its neighbours, then those
-    of some effects.
+    The groups of the products are those of the terms in their order, then of every pattern and its neighbours, then of
+    some effects.
     """
 
     gram: Gram
-    ways: tuple[Way, ...]
+    terms: tuple[Term, ...]
     patterns: tuple[Pattern, ...]
 
 
-def general_ways(
+def generic_basis(
     setting: Setting,
     fit: Fit,
     *,
@@ -90,10 +90,10 @@ def general_ways(
     at: Container[str] | None = None,
     effects: Sequence[Candidate] = (),
 ) -> Beside:
-    """Return the inner products of what `fit` leaves with all general ways, and with `repeating` patterns if wanted.
+    """Return the inner products of what `fit` leaves with all basis functions, and with `repeating` patterns if wanted.
 
-    With `at`, of the ways those at the inputs and readings of these names alone. The signatures of `effects` are to
-    first order as the ways are.
+    With `at`, of the functions those at the inputs and readings of these names alone. The signatures of `effects` are
+    to first order as the functions are.
     """
     footing, motions = beside(setting, fit)
     if not setting.whitener.repeats:
@@ -101,44 +101,44 @@ def general_ways(
         motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
     scenes, plant = scenes_of(motions, setting.places), played(footing.linear, setting.data.rate_hz)
     places = setting.places
-    ways = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
-    ways += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
+    terms = [(what, False, i) for i in range(len(places.inputs)) for what in TORQUES]
+    terms += [(what, True, o) for o in range(len(places.outputs)) for what in READINGS]
     if at is not None:
-        ways = [way for way in ways if _place(way, places) in at]
+        terms = [term for term in terms if _place(term, places) in at]
     patterns = list(patterns_of(views_of(setting, motions, footing.linear), places)) if repeating else []
     waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
     def columns(r: int) -> Sequence[Array]:
         with ThreadPoolExecutor(setting.workers) as pool:
-            general = pool.map(lambda way: columns_at(scenes[r], plant, *way), ways)
+            general = pool.map(lambda term: columns_at(scenes[r], plant, *term), terms)
             repeated = pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)
             linear, states, rate_hz = footing.linear, footing.states[r], setting.data.rate_hz
             own = pool.map(lambda c: signature(c, linear, places, motions[r], rate_hz, states, r), effects)
             return [*general, *repeated, *own]
 
-    two_sided = (False,) * (len(ways) + len(waves) + len(effects))
+    two_sided = (False,) * (len(terms) + len(waves) + len(effects))
     (gram,) = gathered(footing, motions, setting.whitener, columns, two_sided, workers=setting.workers)
-    return Beside(gram, tuple(ways), tuple(patterns))
+    return Beside(gram, tuple(terms), tuple(patterns))
 
 
-def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
-    """Return what is left of the residual of `fit` along every way at every place, least likely first."""
-    there, places = general_ways(setting, fit), setting.places
+def lacks_of_fit(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
+    """Return the lack of fit of `fit` along every basis function at every place, least likely first."""
+    there, places = generic_basis(setting, fit), setting.places
     gram = there.gram
     reduced = gram.without(gram.nuisance_columns())
 
-    def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> Leftover:
+    def left(i: int, what: str, output: bool, at: int, reduced: Array = reduced) -> LackOfFit:
         drop, live = gram.fresh(reduced, gram.groups[i], COLLINEAR)
         gain = float(gram.ratios(np.array([drop]), float(reduced[0, 0]))[0])
         known_from = float(BAND_ROWS) if what in SLOWEST else math.inf
         shares = tuple(gram.shares(i).tolist())
         kind, place = in_words(what, output, at, places)
-        return Leftover(kind, place, drop, gain, live, known_from=known_from, shares=shares)
+        return LackOfFit(kind, place, drop, gain, live, known_from=known_from, shares=shares)
 
-    found = [left(i, *way) for i, way in enumerate(there.ways)]
-    # a record of a few periods knows its noise badly: where all ways stand out, the noise is stronger than it says
+    found = [left(i, *term) for i, term in enumerate(there.terms)]
+    # a record of a few periods knows its noise badly: where all functions stand out, the noise is stronger than it says
     everywhere = _loudness(np.median, found)
-    at = len(there.ways)
+    at = len(there.terms)
     for pattern in there.patterns:
         of = (pattern.what, pattern.reading, pattern.at)
         without = gram.without(np.concatenate([gram.nuisance_columns(), gram.groups[at]]))
@@ -151,17 +151,17 @@ def leftovers(setting: Setting, fit: Fit) -> tuple[Leftover, ...]:
 
 
 def in_words(what: str, output: bool, at: int, places: Places) -> tuple[str, str]:
-    """Return a way in words, and the name of its place."""
+    """Return a basis function in words, and the name of its place."""
     kind = "an error of the reading" if output else "a torque"
     return f"{kind} that follows {what}", _place((what, output, at), places)
 
 
-def _place(way: Way, places: Places) -> str:
-    _, output, at = way
+def _place(term: Term, places: Places) -> str:
+    _, output, at = term
     return (places.outputs if output else places.inputs)[at]
 
 
-def _loudness(middle: Callable[[Array], Any], parts: Sequence[Leftover]) -> float:
+def _loudness(middle: Callable[[Array], Any], parts: Sequence[LackOfFit]) -> float:
     """Return how many times as strong as unit noise the residual is in the `middle` of some parts, at least once."""
     found = [one.gain / one.columns for one in parts if one.columns]
     return max(1.0, float(middle(np.array(found)))) if found else 1.0

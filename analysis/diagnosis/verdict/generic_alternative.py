@@ -1,10 +1,10 @@
-"""What was found is held against general ways: do a few of their columns explain more than the listed causes do?
+"""What was found is held against a generic alternative: do a few basis functions explain more than the listed causes?
 
-The name of a neighbour takes nearly all of what a cause outside the library does, and where it leaves little nothing is
-left to object to. Asked the other way round there is more to see: of what was there *before* the neighbour was found,
-general ways may explain more, and with fewer numbers. Each column that is taken pays for having been chosen among all,
-and for its size, as a cause pays for its place and its parameters. So a right name, which is the shortest description,
-is never behind; what stands for something else is.
+The name of a neighbour takes nearly all of what a cause outside the library does, and where it leaves little, no lack
+of fit is seen. Asked the other way round there is more to see: of what was there *before* the neighbour was found,
+functions of `basis` may explain more, and with fewer numbers. Each one that is taken pays for having been chosen among
+all, and for its size, as a cause pays for its place and its parameters. So a right name, which is the shortest
+description, is never behind; what stands for something else is.
 
 The form of an effect may be wrong by a little, and that counts for it. A column that is the effect itself, in other
 words, is no rival of it.
@@ -23,20 +23,20 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.search.forward import other_than, taken_from
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
-from analysis.diagnosis.verdict.leftover import Beside, Way, general_ways, in_words
+from analysis.diagnosis.verdict.lack_of_fit import Beside, Term, generic_basis, in_words
 from sim_backend.assembly import Places
 
 
 @dataclass(frozen=True)
-class GeneralRival:
-    """A few columns of general `ways` in place of some effects, and by which natural logarithm these lead it.
+class GenericAlternative:
+    """A few `terms`, basis functions in place of some effects, and by which natural logarithm these lead it.
 
     `gone` are the numbers of the effects. What their form may be wrong by is in the lead.
     """
 
     gone: tuple[int, ...]
     effects: tuple[str, ...]
-    ways: tuple[Way, ...]
+    terms: tuple[Term, ...]
     lead: float
 
     def ahead(self, random: float = 0.0) -> bool:
@@ -49,16 +49,16 @@ class GeneralRival:
 
     def words(self, places: Places) -> str:
         """Return what explains the data better than which effects."""
-        named = dict.fromkeys(" at ".join(in_words(*way, places)) for way in self.ways)
+        named = dict.fromkeys(" at ".join(in_words(*term, places)) for term in self.terms)
         return f"{' and '.join(named)} explains the data better than {' and '.join(self.effects)}"
 
 
-def general_rivals(
+def generic_alternatives(
     setting: Setting, found: Found, *, together: bool = True, repeating: bool = False
-) -> Iterator[GeneralRival]:
-    """Yield general ways in place of all effects of the best fit, if `together`, then in place of each by itself.
+) -> Iterator[GenericAlternative]:
+    """Yield the basis functions in place of all effects of the best fit, if `together`, then of each by itself.
 
-    The ways are those at the degrees of freedom where these effects are seen, and `repeating` patterns if wanted.
+    The functions are those at the degrees of freedom where these effects are seen, and `repeating` patterns if wanted.
     All are weighed in the noise of `setting`, which may be louder than that in which the effects were found.
     """
     if not found.best.candidates:
@@ -69,12 +69,12 @@ def general_rivals(
         keep = [i for i in numbers if i not in gone]
         rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
         seen = {target_of(best.effects[i].where) for i in gone}
-        there = general_ways(setting, rest, repeating=repeating, at=seen, effects=best.held(gone)[0])
+        there = generic_basis(setting, rest, repeating=repeating, at=seen, effects=best.held(gone)[0])
         same = max(form_error(best.effects[i]) for i in gone)
-        lead, ways = _least_lead(found, _own(found, best, rest, len(gone)), _explained(there, same))
-        if ways:
+        lead, terms = _least_lead(found, _own(found, best, rest, len(gone)), _explained(there, same))
+        if terms:
             names = tuple(f"{best.effects[i].reported()} at {best.effects[i].where}" for i in gone)
-            yield GeneralRival(gone, names, ways, lead)
+            yield GenericAlternative(gone, names, terms, lead)
 
 
 @dataclass(frozen=True)
@@ -83,21 +83,21 @@ class _Description:
 
     explains: float
     costs: float
-    ways: tuple[Way, ...] = ()
+    terms: tuple[Term, ...] = ()
 
 
-def _least_lead(found: Found, own: _Description, others: Sequence[_Description]) -> tuple[float, tuple[Way, ...]]:
-    """Return the least natural logarithm by which `own` leads one of the `others`, and the ways of that one.
+def _least_lead(found: Found, own: _Description, others: Sequence[_Description]) -> tuple[float, tuple[Term, ...]]:
+    """Return the least natural logarithm by which `own` leads one of the `others`, and the terms of that one.
 
     What the form of the effects may be wrong by is in the lead.
     """
     form = found.discrepancy.total
-    least, ways = np.inf, tuple[Way, ...]()
+    least, terms = np.inf, tuple[Term, ...]()
     for other in others:
         lead = 0.5 * (own.explains + form - other.explains + other.costs - own.costs)
         if lead < least:
-            least, ways = lead, other.ways
-    return least, ways
+            least, terms = lead, other.terms
+    return least, terms
 
 
 def _own(found: Found, best: Fit, rest: Fit, effects: int) -> _Description:
@@ -115,8 +115,8 @@ def _explained(there: Beside, same: float) -> list[_Description]:
 
     Columns that differ from the effects' signatures by less than `same` of their energy are the effects themselves.
     """
-    gram, n = there.gram, len(there.ways)
-    of, groups, prices = list(there.ways), list(gram.groups[:n]), [0.0] * n
+    gram, n = there.gram, len(there.terms)
+    of, groups, prices = list(there.terms), list(gram.groups[:n]), [0.0] * n
     for pattern in there.patterns:  # its neighbours come after it
         of.append((pattern.what, pattern.reading, pattern.at))
         groups.append(gram.groups[n])
@@ -125,10 +125,10 @@ def _explained(there: Beside, same: float) -> list[_Description]:
     if not of:
         return []
     columns, sizes = np.concatenate(groups), [g.size for g in groups]
-    way_of = np.repeat(np.arange(len(of)), sizes)
+    term_of = np.repeat(np.arange(len(of)), sizes)
     other = other_than(gram, columns, gram.groups[n:], same)
-    explains, costs, ways, found = 0.0, 0.0, tuple[Way, ...](), list[_Description]()
+    explains, costs, terms, found = 0.0, 0.0, tuple[Term, ...](), list[_Description]()
     for one in taken_from(gram, columns, other, np.repeat(prices, sizes)):
-        explains, costs, ways = explains + one.explains, costs + one.costs, (*ways, of[way_of[one.which]])
-        found.append(_Description(explains, costs, ways))
+        explains, costs, terms = explains + one.explains, costs + one.costs, (*terms, of[term_of[one.which]])
+        found.append(_Description(explains, costs, terms))
     return found

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.result import Domain, Gain, Remainder
-from analysis.diagnosis.verdict.barely import barely_explained, doubted, follows_play, loses
+from analysis.diagnosis.verdict.held_out import follows_play, leaves_most, loses, validated
 from analysis.diagnosis.verdict.judging import Judgement
 
 UNSTEADY = "the residual is no steady noise"
@@ -25,9 +25,9 @@ NOTHING_GAINED = gain(0.26, 0.27, 0.01, (-0.2, 0.1))
 
 
 def test_a_model_that_explains_nothing_is_not_consistent_with_what_is_no_noise() -> None:
-    doubt = doubted(CONSISTENT, USELESS, False, UNSTEADY)
+    doubt = validated(CONSISTENT, USELESS, False, UNSTEADY)
     assert doubt.verdict == "unknown"
-    assert "most of the held-out output" in doubt.objection
+    assert "most of the held-out output" in doubt.failed_check
 
 
 @pytest.mark.parametrize(
@@ -40,13 +40,13 @@ def test_a_model_that_explains_nothing_is_not_consistent_with_what_is_no_noise()
     ],
 )
 def test_a_consistent_verdict_stays_otherwise(found: Gain | None, repeats: bool, unsteady: str) -> None:
-    assert doubted(CONSISTENT, found, repeats, unsteady) is CONSISTENT
+    assert validated(CONSISTENT, found, repeats, unsteady) is CONSISTENT
 
 
 def test_a_cause_that_gains_nothing_on_other_rows_has_no_name() -> None:
-    doubt = doubted(NAMED, NOTHING_GAINED, False, "")
+    doubt = validated(NAMED, NOTHING_GAINED, False, "")
     assert (doubt.verdict, doubt.named, doubt.tied) == ("unknown", (), ())
-    assert "gains nothing on the held-out" in doubt.objection
+    assert "gains nothing on the held-out" in doubt.failed_check
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_cause_that_gains_nothing_on_other_rows_has_no_name() -> None:
     ],
 )
 def test_a_name_stays_otherwise(found: Gain | None, repeats: bool) -> None:
-    assert doubted(NAMED, found, repeats, "") is NAMED
+    assert validated(NAMED, found, repeats, "") is NAMED
 
 
 NOISY = Gain(("run#held-out",), 0.13, 0.13, 0.1, 0.0, (0.0, 0.0), least_error=0.125)
@@ -68,19 +68,19 @@ LEFT = Gain(("run#held-out",), 0.5, 0.13, 0.1, 0.74, (0.7, 0.8), least_error=0.1
 
 @pytest.mark.parametrize("repeats", [True, False])
 def test_a_held_out_error_above_the_noise_is_not_consistent(repeats: bool) -> None:
-    doubt = doubted(CONSISTENT, NOISY, repeats, "")
-    assert doubt.verdict == "unknown" and "1.3 times the noise" in doubt.objection
-    assert doubted(CONSISTENT, replace(NOISY, least_error=0.119), repeats, "") is CONSISTENT
+    doubt = validated(CONSISTENT, NOISY, repeats, "")
+    assert doubt.verdict == "unknown" and "1.3 times the noise" in doubt.failed_check
+    assert validated(CONSISTENT, replace(NOISY, least_error=0.119), repeats, "") is CONSISTENT
 
 
 @pytest.mark.parametrize("repeats", [True, False])
 def test_what_a_name_leaves_of_held_out_rows_is_told(repeats: bool) -> None:
-    told = doubted(NAMED, LEFT, repeats, "")
+    told = validated(NAMED, LEFT, repeats, "")
     assert told.verdict == "named" and told.named == NAMED.named
     assert told.remainder is not None
     assert told.remainder.share == pytest.approx((0.13**2 - 0.1**2) / (0.5**2 - 0.1**2))
     known = replace(NAMED, remainder=Remainder(0.2, 1e-9, "a torque that follows time"))
-    assert doubted(known, LEFT, repeats, "") is known
+    assert validated(known, LEFT, repeats, "") is known
 
 
 @pytest.mark.parametrize(("after", "likelier", "lost"), [(0.101, False, True), (0.101, True, False), (0.2, True, True)])
@@ -106,25 +106,25 @@ def test_a_loss_that_slow_noise_decides_is_none_unless_it_is_large(after, likeli
 def test_a_cause_that_misses_more_than_it_explains_has_no_name(times, std, name, tie) -> None:
     """Of less than half its size it leaves more squares than it takes away; of more it is short of something else."""
     level = Gain(("run#held-out",), 0.1, 0.1, 0.1, 0.0, (-0.01, 0.01), times=times, times_std=std)
-    assert doubted(NAMED, level, True, "").verdict == name
+    assert validated(NAMED, level, True, "").verdict == name
     tied = replace(NAMED, verdict="ambiguous", named=(), tied=(("coulomb-friction", "hysteresis"),))
-    assert doubted(tied, level, True, "").verdict == tie
+    assert validated(tied, level, True, "").verdict == tie
     told = replace(NAMED, remainder=Remainder(0.1, 1e-3, "the position"))
-    assert doubted(told, level, True, "").verdict == "named"
-    assert doubted(replace(NAMED, verdict="consistent", named=()), level, True, "").verdict == "consistent"
+    assert validated(told, level, True, "").verdict == "named"
+    assert validated(replace(NAMED, verdict="consistent", named=()), level, True, "").verdict == "consistent"
 
 
 @pytest.mark.parametrize("repeats", [True, False])
 def test_a_model_that_loses_on_held_out_rows_has_no_name(repeats: bool) -> None:
     worse = Gain(("run#held-out",), 0.1, 0.2, 0.09, -1.0, (-1.2, -0.8), least_error=0.19)
-    doubt = doubted(NAMED, worse, repeats, "")
-    assert (doubt.verdict, doubt.named) == ("unknown", ()) and "worse than the model without it" in doubt.objection
+    doubt = validated(NAMED, worse, repeats, "")
+    assert (doubt.verdict, doubt.named) == ("unknown", ()) and "worse than the model without it" in doubt.failed_check
 
 
 def test_most_of_the_output_is_half_of_its_squares() -> None:
-    assert barely_explained(gain(0.72, 0.7, 0.1, (0.0, 0.0)))
-    assert not barely_explained(gain(0.70, 0.7, 0.1, (0.0, 0.0)))
-    assert not barely_explained(None)
+    assert leaves_most(gain(0.72, 0.7, 0.1, (0.0, 0.0)))
+    assert not leaves_most(gain(0.70, 0.7, 0.1, (0.0, 0.0)))
+    assert not leaves_most(None)
 
 
 def evidence(**p_values: tuple[float, ...]) -> dict[str, tuple[Domain, ...]]:
@@ -147,8 +147,8 @@ def test_noise_follows_what_is_played(shown: dict[str, tuple[Domain, ...]], foll
 
 
 def test_a_noise_that_follows_what_is_played_is_none() -> None:
-    doubt = doubted(CONSISTENT, USELESS, True, UNSTEADY, True)
-    assert (doubt.verdict, doubt.objection) == ("unknown", UNSTEADY)
-    assert doubted(CONSISTENT, gain(0.7, 0.7, 0.1, (0.0, 0.0)), False, UNSTEADY, True).verdict == "unknown"
-    assert doubted(CONSISTENT, gain(0.7, 0.7, 0.1, (0.0, 0.0)), False, UNSTEADY, False) is CONSISTENT
-    assert doubted(NAMED, USELESS, True, "", True) is NAMED
+    doubt = validated(CONSISTENT, USELESS, True, UNSTEADY, True)
+    assert (doubt.verdict, doubt.failed_check) == ("unknown", UNSTEADY)
+    assert validated(CONSISTENT, gain(0.7, 0.7, 0.1, (0.0, 0.0)), False, UNSTEADY, True).verdict == "unknown"
+    assert validated(CONSISTENT, gain(0.7, 0.7, 0.1, (0.0, 0.0)), False, UNSTEADY, False) is CONSISTENT
+    assert validated(NAMED, USELESS, True, "", True) is NAMED

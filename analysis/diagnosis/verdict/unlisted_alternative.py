@@ -1,8 +1,9 @@
-"""What was found is held against a stranger: a torque that is no listed cause, fitted in its place with as much effort.
+"""What was found is held against an unlisted torque, fitted in its place with as much effort.
 
 Two or three listed causes at one place may share out what none of them is. And where no period repeats, the noise is
-what a fit leaves, so that whatever it misses passes for noise: only another fit can show it. A stranger is a few terms
-of command, position and rate, those that explain most; one that is an effect itself, in other words, is none of them.
+what a fit leaves, so that whatever it misses passes for noise: only another fit can show it. The unlisted
+torque is a few terms of command, position and rate, those that explain most; one that is an effect itself, in other
+words, is none of them.
 """
 
 from __future__ import annotations
@@ -28,32 +29,32 @@ _AT = 0.86
 """Share of the whole diagnosis that is done when this begins."""
 
 
-def beside_strangers(found: Found, scales: Scales, progress: Progress) -> Found:
-    """Return `found` with the lead of its best fit over a stranger at every place where one could stand for it."""
+def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progress) -> Found:
+    """Return `found` with the lead of its best fit over an unlisted torque wherever one could stand for it."""
     leads, places = [], _doubtful(found)
     own = _own_score(found) if places else 0.0
     for place in places:
         progress(f"fitting a force that is no listed cause at {place}", _AT)
-        stranger = _stranger(found, place, scales, own)
-        if stranger is not None:
-            leads.append((place, _lead(found, *stranger, own)))
-    return replace(found, strangers=tuple(leads))
+        alternative = _alternative(found, place, scales, own)
+        if alternative is not None:
+            leads.append((place, _lead(found, *alternative, own)))
+    return replace(found, unlisted_leads=tuple(leads))
 
 
 def _own_score(found: Found) -> float:
-    """Return the score of the best fit: where its noise is what it leaves, after as many rounds as a stranger has."""
+    """Return the score of the best fit: where its noise is what it leaves, after as many rounds as the other has."""
     known = found.setting.whitener.repeats
     return score(found.best if known else iterated_gls(found.setting, found.best)[1], known)
 
 
 def _doubtful(found: Found) -> Sequence[str]:
-    """Return the places at which effects were found that a stranger could be."""
+    """Return the places at which effects were found that an unlisted torque could be."""
     places = dict.fromkeys(_input_of(e) for e in found.best.effects)
     return [p for p in places if p in found.setting.places.inputs and _in_doubt(found, p)]
 
 
 def _in_doubt(found: Found, place: str) -> list[int]:
-    """Return the numbers of the effects at `place` that a stranger could be, none if it could be none of them.
+    """Return the numbers of the effects at `place` that an unlisted torque could be, if any.
 
     These are its torques, two or more of them, or one beside own noise. Where there are fewer, what changes the model
     there counts as well, if there are two or more in all: modes without number imitate whatever is no listed cause.
@@ -70,8 +71,8 @@ def _input_of(effect: Effect) -> str:
     return effect.where.rpartition("->")[2] if effect.site <= Site.STRUCTURE or effect.site is Site.MODEL else ""
 
 
-def _stranger(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit, float] | None:
-    """Return the best fit with a stranger instead of what is in doubt at `place`, the other effects kept.
+def _alternative(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit, float] | None:
+    """Return the best fit with an unlisted torque instead of what is in doubt at `place`, the other effects kept.
 
     The second number is what choosing its terms costs, twice a logarithm. None where no term is worth that.
     """
@@ -81,36 +82,36 @@ def _stranger(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit
     rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
     footing, motions = beside(setting, rest)
     views = views_of(setting, motions, footing.linear)
-    strangers = enumerate_candidates((UnlistedTorque,), setting.places, views, scales, workers=setting.workers)
-    (stranger,) = (c for c in strangers if c.where == place)
+    candidates_there = enumerate_candidates((UnlistedTorque,), setting.places, views, scales, workers=setting.workers)
+    (alternative,) = (c for c in candidates_there if c.where == place)
     if not setting.whitener.repeats:
-        # as general ways are: a strong colour of the noise looks like motion where nothing repeats
+        # as the basis functions are: a strong colour of the noise looks like motion where nothing repeats
         motions = [as_simulated(motion, setting.data.rate_hz) for motion in motions]
-    tried = [stranger, *best.held(gone)[0]]
+    tried = [alternative, *best.held(gone)[0]]
     (gram,) = gram_of(footing, motions, setting.whitener, tried, workers=setting.workers)
     columns, same = gram.groups[0], max(form_error(best.effects[i]) for i in gone)
     taken = taken_from(gram, columns, other_than(gram, columns, gram.groups[1:], same), np.zeros(columns.size))
     if not taken:
         return None
     terms = sorted(one.which for one in taken)
-    names = list(stranger.unit_sizes)
-    stranger = replace(stranger, unit_sizes={names[k]: stranger.unit_sizes[names[k]] for k in terms})
+    names = list(alternative.unit_sizes)
+    alternative = replace(alternative, unit_sizes={names[k]: alternative.unit_sizes[names[k]] for k in terms})
     chosen = replace(gram, groups=(columns[terms],), one_sided=(False,), whole=())
     _, sizes = chosen.solve(chosen.without(chosen.nuisance_columns()), [0])
-    fit = extended(setting, rest, stranger, sizes, chosen.nuisances_beside([0], sizes))
+    fit = extended(setting, rest, alternative, sizes, chosen.nuisances_beside([0], sizes))
     costs = 2.0 * len(terms) * float(np.log(columns.size))
     if setting.whitener.repeats:
         return again(setting, fit), costs
     return iterated_gls(setting, fit, own + _price(found, fit) - costs)[1], costs
 
 
-def _price(found: Found, stranger: Fit) -> float:
+def _price(found: Found, alternative: Fit) -> float:
     """Return what the effects cost that the best fit has more of: each had to be found among many."""
-    return found.first.price * (len(found.best.candidates) - len(stranger.candidates))
+    return found.first.price * (len(found.best.candidates) - len(alternative.candidates))
 
 
-def _lead(found: Found, stranger: Fit, costs: float, own: float) -> float:
-    """Return by how much the best fit, of this score, leads a stranger's, what the choice of both costs included."""
-    worse = score(stranger, found.setting.whitener.repeats) + costs - own
-    lead = worse / found.inflation - _price(found, stranger)
+def _lead(found: Found, alternative: Fit, costs: float, own: float) -> float:
+    """Return by how much the best fit, of this score, leads the alternative's, the costs of the choice included."""
+    worse = score(alternative, found.setting.whitener.repeats) + costs - own
+    lead = worse / found.inflation - _price(found, alternative)
     return 0.5 * lead if np.isfinite(lead) else np.inf

@@ -1,4 +1,4 @@
-"""The general ways: what they claim to resemble they resemble, at one scale over all records."""
+"""The basis functions: what they claim to resemble they resemble, at one scale over all records."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from analysis.diagnosis.candidates.signature import Motion
-from analysis.diagnosis.verdict.unlisted import READINGS, TORQUES, Scene, scenes_of
+from analysis.diagnosis.verdict.basis import READINGS, TORQUES, Scene, scenes_of
 from sim_backend.assembly import places_of
 from tests.analysis.diagnosis.residuals import MODEL
 

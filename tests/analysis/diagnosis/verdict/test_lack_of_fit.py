@@ -1,4 +1,4 @@
-"""What a fit leaves along general ways: sized as least squares sizes it, silent on noise, heard at the right place."""
+"""The lack of fit along basis functions: sized as least squares sizes it, silent on noise, heard at the right place."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of, sensitivities, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, Leftover, leftovers
-from analysis.diagnosis.verdict.unlisted import READINGS, SLOWEST, TORQUES
+from analysis.diagnosis.verdict.basis import READINGS, SLOWEST, TORQUES
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit, lacks_of_fit
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.linear import ModalModel, discretise
 from tests.analysis.diagnosis.two_axes import AXES, FREQUENCY_HZ, RATE_HZ, two_axes
@@ -81,7 +81,7 @@ def _motion(linear: ModalModel) -> tuple[Array, Array, Array]:
     return u, x, v
 
 
-def _at(found: tuple[Leftover, ...], what: str, where: str, reading: bool = False) -> Leftover:
+def _at(found: tuple[LackOfFit, ...], what: str, where: str, reading: bool = False) -> LackOfFit:
     return next(one for one in found if (one.what, one.where) == (_words(what, reading), where))
 
 
@@ -129,7 +129,7 @@ def test_a_part_is_as_large_as_least_squares_makes_it() -> None:
         solution = np.linalg.lstsq(full / size, goal, rcond=1e-12)[0]
         return float(np.sum((goal - full / size @ solution) ** 2))
 
-    one = _at(leftovers(setting, fit), "position and rate", "x")
+    one = _at(lacks_of_fit(setting, fit), "position and rate", "x")
     assert one.columns == len(laws)
     # the measured motion holds 10⁻⁵ of noise, and differences of models err as little
     assert one.gain == pytest.approx(left([]) - left(columns), rel=1e-3)
@@ -149,7 +149,7 @@ def test_noise_alone_makes_p_values_uniform() -> None:
     for seed in range(40):
         wrong = TOLERANCE * np.random.default_rng(1000 + seed).standard_normal(nuisances.shape[2])
         setting, fit = _setting(_noise(100 + seed) + nuisances @ wrong)
-        for one in leftovers(setting, fit):
+        for one in lacks_of_fit(setting, fit):
             seen.setdefault((one.what, one.where), []).append(one.p_value())
     general = {(_words(what, reading), a) for reading in (False, True) for what in WAYS[reading] for a in AXES}
     assert general <= set(seen)
@@ -174,7 +174,7 @@ def test_coloured_noise_is_not_found_again_in_itself() -> None:
         setting, fit = _setting(1e4 * noise)
         whitener = whitener_from(setting.data, list(fit.residuals))
         starts = starts_of(setting.data, setting.nominal, whitener)
-        found = leftovers(replace(setting, whitener=whitener, starts=starts), fit)
+        found = lacks_of_fit(replace(setting, whitener=whitener, starts=starts), fit)
         assert found[0].p_value() > ONE_IN_A_MILLION, seed
 
 
@@ -241,7 +241,7 @@ def test_what_is_missing_is_heard_where_it_acts(what: str, reading: bool) -> Non
     else:
         added = _through(FORCES[what](*_moved()), 0, two_axes().linear())
     residual = _noise(7) + 30.0 * added / np.linalg.norm(added)
-    found = leftovers(*_setting(residual))
+    found = lacks_of_fit(*_setting(residual))
     assert _at(found, what, "x", reading).p_value() < ONE_IN_A_MILLION
     assert found[0].where == "x"
     assert all(one.p_value() > ONE_IN_A_MILLION for one in found if one.where == "y")
@@ -251,7 +251,7 @@ def test_noise_that_is_loud_around_a_wave_is_no_wave() -> None:
     """A hump of noise at 150 Hz, forty times as strong as the whitener knows: its strongest line is one of many."""
     for seed in range(10):
         hump = lfilter([1.0], [1.0, -2.0 * 0.985 * np.cos(2.0 * np.pi * 0.15), 0.985**2], _noise(900 + seed), axis=0)
-        found = leftovers(*_setting(_noise(700 + seed) + hump / np.std(hump)))
+        found = lacks_of_fit(*_setting(_noise(700 + seed) + hump / np.std(hump)))
         lines = [one for one in found if "at one frequency" in one.what]
         assert lines and all(one.p_value() > ONE_IN_A_MILLION for one in lines), seed
         assert max(one.louder for one in lines) > 3.0
@@ -259,7 +259,7 @@ def test_noise_that_is_loud_around_a_wave_is_no_wave() -> None:
 
 def test_what_random_causes_may_explain_is_not_held_against_a_model() -> None:
     """Sixty of the gain put down to them: 70 becomes 10 of 10 columns, of which there are as many in noise."""
-    one = Leftover("a torque that follows time", "x", 70.0, 70.0, 10)
+    one = LackOfFit("a torque that follows time", "x", 70.0, 70.0, 10)
     assert one.p_value() < 1e-9
     assert one.p_value(60.0) == pytest.approx(0.44, abs=0.01)  # chi-square of 10 degrees of freedom above 10
     assert "a torque that follows time at x" in one.words()

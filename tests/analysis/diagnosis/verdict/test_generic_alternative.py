@@ -1,4 +1,4 @@
-"""General ways in place of what was found: ahead of a stand-in, behind the right name."""
+"""Basis functions in place of what was found: ahead of a confounder, behind the right name."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from analysis.diagnosis.pipeline import Options, search_causes
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
-from analysis.diagnosis.verdict.general_rival import GeneralRival, general_rivals
+from analysis.diagnosis.verdict.generic_alternative import GenericAlternative, generic_alternatives
 from analysis.diagnosis.verdict.judging import judge, outdone
-from analysis.diagnosis.verdict.leftover import ONE_IN_A_MILLION, leftovers
+from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, lacks_of_fit
 from sim_backend.effects import NAMED
 from tests.analysis.diagnosis.residuals import setting_of
 from tests.analysis.diagnosis.two_axes import AXES, DECAY_1_S, FREQUENCY_HZ, RATE_HZ, two_axes
@@ -65,8 +65,8 @@ def _found(data: Dataset, *searched: str) -> Found:
     return search_causes(data, two_axes(), Options(without=without))
 
 
-def rivals_of(found: Found) -> list[GeneralRival]:
-    return list(general_rivals(found.setting, found))
+def rivals_of(found: Found) -> list[GenericAlternative]:
+    return list(generic_alternatives(found.setting, found))
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def rivals_of(found: Found) -> list[GeneralRival]:
 def test_a_right_name_is_never_behind_and_a_stand_in_is(
     hidden: dict[str, float], name: str, confounder_in: str
 ) -> None:
-    """What a neighbour explains of a cause that is not listed a column or two of general ways explain better."""
+    """What a neighbour explains of a cause that is not listed one or two basis functions explain better."""
     data = _played(**hidden)
     right = _found(data, name, confounder_in)
     assert [e.reported() for e in right.best.effects] == [name]
@@ -93,7 +93,7 @@ def test_a_right_name_is_never_behind_and_a_stand_in_is(
 
 
 def test_a_column_that_is_the_law_itself_is_no_rival_of_it() -> None:
-    """The command times the position is a general way, and what an uneven force constant does: one law, one name."""
+    """The command times the position is a basis function, and what an uneven force constant does: one law, one name."""
     found = _found(_played(uneven=0.02), "position-dependent-force-constant")
     assert [e.reported() for e in found.best.effects] == ["position-dependent-force-constant"]
     (rival,) = rivals_of(found)
@@ -103,20 +103,20 @@ def test_a_column_that_is_the_law_itself_is_no_rival_of_it() -> None:
 def test_what_two_axes_exchange_follows_a_product_of_their_motions() -> None:
     """A torque with the square of one position and with both: no way of one axis by itself says that."""
     found = _found(_played(exchange=0.01))
-    least = leftovers(found.setting, found.tuned)[0]
+    least = lacks_of_fit(found.setting, found.tuned)[0]
     assert least.what == "a torque that follows products of degrees of freedom"
     assert least.p_value() < ONE_IN_A_MILLION
 
 
-def test_only_a_rival_that_is_sure_to_be_ahead_is_an_objection() -> None:
+def test_only_a_rival_that_is_sure_to_be_ahead_fails_a_check() -> None:
     """By log 99 = 4.6 and by half of what random causes may explain; said with its place and what it stands against."""
     noise = np.random.default_rng(0).standard_normal(4000)
     setting, fit = setting_of(np.zeros(4000), noise, noise, 1.0, period=1000)
     found = _found(_played(), "hysteresis")
     found = replace(found, setting=replace(setting, nuisances=[]), best=replace(fit, change=np.zeros(0)))
 
-    def rival(lead: float) -> tuple[GeneralRival, ...]:
-        return (GeneralRival((0,), ("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)
+    def rival(lead: float) -> tuple[GenericAlternative, ...]:
+        return (GenericAlternative((0,), ("hysteresis at x",), (("other degrees of freedom", False, 0),), lead),)
 
     assert outdone(found, rival(-4.0)) == ""
     assert outdone(found, rival(-9.0), random=10.0) == ""
