@@ -29,9 +29,9 @@ from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
 from analysis.diagnosis.search.rounds import Found, Progress, search, silent
 from analysis.diagnosis.search.shortlist import Rules
-from analysis.diagnosis.spread.causes import Spread, spread_causes
-from analysis.diagnosis.spread.lattice import lattices_of
-from analysis.diagnosis.spread.lines import without_lines, without_lines_of
+from analysis.diagnosis.variance.causes import VarianceEffects, variance_effects
+from analysis.diagnosis.variance.lines import without_lines, without_lines_of
+from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.verdict.causes import causes_of
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.generic_alternative import generic_alternatives
@@ -147,7 +147,7 @@ def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) 
     if not setting.whitener.repeats:
         return fit
     rest = without_lines_of(setting, fit)
-    if rest is fit or not spread_causes(setting, rest, searched, discrepancy_of(setting, rest, rest)).louder:
+    if rest is fit or not variance_effects(setting, rest, searched, discrepancy_of(setting, rest, rest)).louder:
         return fit
     return rest
 
@@ -166,22 +166,24 @@ def _doubtful(found: Found) -> list[int]:
     return [] if outdone and failed_check(found, lacks_of_fit(found.setting, found.best)) else outdone
 
 
-def found_and_spread(data: Dataset, model: Model, options: Options, progress: Progress) -> tuple[Found, Spread]:
+def found_with_variance_effects(
+    data: Dataset, model: Model, options: Options, progress: Progress
+) -> tuple[Found, VarianceEffects]:
     """Return what the search finds, and the causes that show only in the noise.
 
     Where one of these makes noise louder, whatever stood out beside it has to stand out again in that noise.
     """
     searched = searched_effects(options)
     found = without_lines(search_causes(data, model, options, progress))
-    spread = spread_causes(found.setting, found.best, searched, found.discrepancy)
+    variance = variance_effects(found.setting, found.best, searched, found.discrepancy)
     stood_out = found.best.candidates or np.any(found.last.gains > found.last.threshold)
-    if not (spread.louder and stood_out and found.setting.whitener.repeats):
-        return found, spread
-    found = without_lines(search_causes(data, model, options, progress, spread.louder))
-    again = spread_causes(found.setting, found.best, searched, found.discrepancy)
+    if not (variance.louder and stood_out and found.setting.whitener.repeats):
+        return found, variance
+    found = without_lines(search_causes(data, model, options, progress, variance.louder))
+    again = variance_effects(found.setting, found.best, searched, found.discrepancy)
     # what made the noise louder is there, whether or not it stands out once more
     same = {(type(c.effect), c.effect.where) for c in again.causes}
-    kept = [replace(c, allowed=0.0) for c in spread.causes if c.louder is not None]
+    kept = [replace(c, allowed=0.0) for c in variance.causes if c.louder is not None]
     more = tuple(c for c in kept if (type(c.effect), c.effect.where) not in same)
     return found, replace(again, causes=(*again.causes, *more))
 
@@ -232,11 +234,11 @@ def diagnose(
     cannot tell apart. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
-    found, spread = found_and_spread(data.for_fitting(), model, options, progress)
+    found, variance = found_with_variance_effects(data.for_fitting(), model, options, progress)
     progress("weighing the evidence", 0.9)
-    judgement, short = _judged(found, spread)
+    judgement, short = _judged(found, variance)
     found, judgement, remark = weigh_references(found, judgement, references, model, bench)
-    judgement = spread.joined(judgement)
+    judgement = variance.joined(judgement)
     setting, (tuned, best) = found.setting, _answered(found, judgement, model)
     answer = _answer(found, data, tuned, best, model, options.seed)
     floor = _noise_of_evidence(found, data, answer.before, answer.remaining)
@@ -249,7 +251,7 @@ def diagnose(
         answer = _answer(found, data, tuned, tuned, model, options.seed)
     gain, linear = answer.gain, turned(setting.nominal, setting.nuisances, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in references)])
-    causes = (*causes_of(found.best, judgement, model), *spread.named(judgement, model))
+    causes = (*causes_of(found.best, judgement, model), *variance.named(judgement, model))
     said = judgement.failed_check, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
@@ -262,7 +264,7 @@ def diagnose(
         data=data,
         nominal=model.linear(),
         linear=linear,
-        effects=(*best.effects, *spread.effects),
+        effects=(*best.effects, *variance.effects),
         before=answer.before,
         after=answer.after,
         considered=judgement.rivals,
@@ -306,16 +308,16 @@ def _checked(
     return beside_doubts(validated(judgement, answer.gain, repeats, unsteady, played), data.doubts), unsteady
 
 
-def _judged(found: Found, spread: Spread) -> tuple[Judgement, str]:
+def _judged(found: Found, variance: VarianceEffects) -> tuple[Judgement, str]:
     """Return the verdict on what the search found, and in words how far the best model gets where that is *unknown*."""
     if found.setting.whitener.even:
         return judge_dominant(found), ""
-    random, louder = spread.share(found.best.rows), spread.beside(found.setting, found.best)
+    random, louder = variance.share(found.best.rows), variance.beside(found.setting, found.best)
     left = sorted((*lacks_of_fit(louder, found.best), *drifts(louder, found.best)), key=LackOfFit.p_value)
     # of patterns there are many: they are asked for where one of them stands out most of what is left
     repeating = bool(left) and left[0].choices > 1
-    judgement = judge(found, spread.allowed, left, random, generic_alternatives(louder, found, repeating=repeating))
-    return judgement, shortfall(found, judgement, spread.allowed, random)
+    judgement = judge(found, variance.allowed, left, random, generic_alternatives(louder, found, repeating=repeating))
+    return judgement, shortfall(found, judgement, variance.allowed, random)
 
 
 def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fit]:

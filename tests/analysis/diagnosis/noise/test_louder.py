@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
-from analysis.diagnosis.pipeline import Options, diagnose, found_and_spread
+from analysis.diagnosis.pipeline import Options, diagnose, found_with_variance_effects
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, flicker, moved, setting_of
 
@@ -64,7 +64,7 @@ def test_what_stands_out_only_in_the_loudest_rows_gets_no_name(seed: int) -> Non
     reading = x + 0.002 * np.sqrt(1.0 + (6.0 * x) ** 2) * rng.standard_normal(x.size)
     record = Record("made", force[:, None], reading[:, None], (Window("all", 0, x.size, period=3000),))
     data = Dataset(RATE_HZ, (record,))
-    found, spread = found_and_spread(data, MODEL, Options(), lambda what, part: None)
+    found, spread = found_with_variance_effects(data, MODEL, Options(), lambda what, part: None)
     assert [type(c.effect).name for c in spread.causes] == ["apex-noise"]
     assert found.best.candidates == ()
     said = diagnose(data, MODEL, Options())

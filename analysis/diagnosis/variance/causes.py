@@ -17,12 +17,12 @@ from analysis.diagnosis.fitting.starts import without_starts
 from analysis.diagnosis.noise.whitener import Bands, louder
 from analysis.diagnosis.result import Cause, Estimate, Verdict
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
-from analysis.diagnosis.spread.chance import FALSE_ALARM, Chance
-from analysis.diagnosis.spread.late_readings import late_readings
-from analysis.diagnosis.spread.lattice import rounded_readings
-from analysis.diagnosis.spread.repeats import lost_samples
-from analysis.diagnosis.spread.shaking import shaking
-from analysis.diagnosis.spread.uneven_noise import uneven_noise
+from analysis.diagnosis.variance.broadband import broadband
+from analysis.diagnosis.variance.chance import FALSE_ALARM, Chance
+from analysis.diagnosis.variance.late_readings import late_readings
+from analysis.diagnosis.variance.quantisation import rounded_readings
+from analysis.diagnosis.variance.repeats import lost_samples
+from analysis.diagnosis.variance.uneven_noise import uneven_noise
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.base import Effect
 from sim_backend.model import Model
@@ -34,7 +34,7 @@ KINDS = 5
 
 
 @dataclass(frozen=True)
-class Spread:
+class VarianceEffects:
     """The significant ones of these causes, and how many were looked for."""
 
     causes: tuple[Chance, ...]
@@ -118,7 +118,9 @@ def _estimates(cause: Chance, model: Model) -> dict[str, Estimate]:
     }
 
 
-def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]], discrepancy: Discrepancy) -> Spread:
+def variance_effects(
+    setting: Setting, fit: Fit, searched: Container[type[Effect]], discrepancy: Discrepancy
+) -> VarianceEffects:
     """Return the causes of this kind that stand out of what `fit` leaves.
 
     Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by
@@ -126,7 +128,7 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
     """
     tests = KINDS * setting.data.n_outputs
     if setting.whitener.even:  # the spread of a large error hides that of the noise
-        return Spread((), tests)
+        return VarianceEffects((), tests)
     # what a start adds is no noise
     left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, fit.residuals)
     fit = replace(fit, residuals=left)
@@ -137,7 +139,7 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         *lost,
         *(cause for cause in late_readings(setting, fit) if cause.effect.where not in repeating),
         *uneven_noise(setting, fit),
-        *shaking(setting, fit),
+        *broadband(setting, fit),
     ]
     least = 2.0 * (SURE_LEAD + math.log(tests))
     there = {(e.reported(), e.where) for e in fit.effects}
@@ -152,4 +154,4 @@ def spread_causes(setting: Setting, fit: Fit, searched: Container[type[Effect]],
         # repeats are seen on the readings alone, so no error of the model can stand for them
         and (c in lost or c.shift**2 > discrepancy.at(c.effect.where))
     ]
-    return Spread(tuple(kept), tests)
+    return VarianceEffects(tuple(kept), tests)

@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from analysis.diagnosis.records.dataset import Window
-from analysis.diagnosis.spread.shaking import shaking
-from analysis.diagnosis.spread.whittle import resonator
+from analysis.diagnosis.variance.broadband import broadband
+from analysis.diagnosis.variance.whittle import resonator
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
 
 N = 24_000
@@ -45,7 +45,7 @@ def test_a_band_is_found_and_measured(rms: float, centre_hz: float, width_hz: fl
     """Each of its numbers, over four records, is right to three standard deviations of their mean."""
     off = []
     for seed in range(4):
-        (cause,) = shaking(*_case(seed, rms, centre_hz, width_hz))
+        (cause,) = broadband(*_case(seed, rms, centre_hz, width_hz))
         assert cause.p_value < 1e-6
         truth = {"rms": rms, "centre_hz": centre_hz, "bandwidth_hz": width_hz}
         off.append([(getattr(cause.effect, k) - v) / cause.std[k] for k, v in truth.items()])
@@ -57,7 +57,7 @@ def test_none_is_found_in_coloured_noise_alone() -> None:
     """Of sixty records none reaches one in five hundred, which happens once in nine times at that very rate."""
     values = []
     for seed in range(60):
-        found = shaking(*_case(200 + seed, 0.0, 30.0, 6.0))
+        found = broadband(*_case(200 + seed, 0.0, 30.0, 6.0))
         values.append(min((c.p_value for c in found), default=1.0))
     assert np.sum(np.array(values) < 0.002) <= 1
 
@@ -70,7 +70,7 @@ def test_the_ring_of_a_start_is_no_vibration() -> None:
         ring = moved(np.where(np.arange(N) < 7, 30.0, 0.0))
         assert np.max(np.abs(ring)) > 100.0 * 0.01  # far above the noise
         residual = _noise(rng) + np.append(ring[7:], np.zeros(7))
-        found = shaking(*setting_of(force, moved(force) + residual, residual, 0.01))
+        found = broadband(*setting_of(force, moved(force) + residual, residual, 0.01))
         assert all(c.p_value > 0.002 for c in found)
 
 
@@ -81,7 +81,7 @@ def test_a_hum_of_a_reading_is_never_sure_to_be_a_torque(centre_hz: float, width
         rng = np.random.default_rng(950 + seed)
         force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
         residual = _noise(rng) + 0.01 * _band(rng, centre_hz, width_hz)
-        for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
+        for cause in broadband(*setting_of(force, moved(force) + residual, residual, 0.01)):
             assert dict(cause.rivals)["noise of a reading in a band"] < math.log(99.0)
 
 
@@ -91,7 +91,7 @@ def test_a_torque_of_all_frequencies_is_never_sure_to_be_a_band() -> None:
         rng = np.random.default_rng(900 + seed)
         force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
         residual = _noise(rng) + moved(0.05 * rng.standard_normal(N))
-        for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
+        for cause in broadband(*setting_of(force, moved(force) + residual, residual, 0.01)):
             assert {name for name, gap in cause.rivals if gap < math.log(99.0)} >= {
                 "amplifier-noise",
                 "command-quantisation",
@@ -107,7 +107,7 @@ def test_an_amplifier_that_is_noisy_below_a_corner_is_never_sure_to_be_a_band(co
         force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
         shake = lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(N + 2000))[2000:]
         residual = _noise(rng) + moved(0.05 * shake)
-        for cause in shaking(*setting_of(force, moved(force) + residual, residual, 0.01)):
+        for cause in broadband(*setting_of(force, moved(force) + residual, residual, 0.01)):
             assert dict(cause.rivals)["amplifier-noise"] < math.log(99.0)
 
 
@@ -116,7 +116,7 @@ def test_what_shakes_only_while_much_is_played_is_no_vibration() -> None:
     rng = np.random.default_rng(10)
     force = np.repeat(np.where(np.arange(N // 4000) % 2 == 0, 0.02, 1.0), 4000)
     residual = _noise(rng) + moved(force * 0.03 * _band(rng, 30.0, 6.0))
-    assert shaking(*setting_of(force, moved(force) + residual, residual, 0.01)) == []
+    assert broadband(*setting_of(force, moved(force) + residual, residual, 0.01)) == []
 
 
 @pytest.mark.parametrize("repeats", [True, False])
@@ -133,7 +133,7 @@ def test_what_repeats_with_what_is_played_is_no_vibration(repeats: bool) -> None
     (record,) = setting.data.records
     windows = (Window("multisine", 0, half, period=period), Window("loops", half, N))
     setting = replace(setting, data=replace(setting.data, records=(replace(record, windows=windows),)))
-    assert len(shaking(setting, fit)) == (0 if repeats else 1)
+    assert len(broadband(setting, fit)) == (0 if repeats else 1)
 
 
 @pytest.mark.parametrize("steep", [True, False])

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.spread.chance import Chance
+from analysis.diagnosis.variance.chance import Chance
 from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.linear import Array
 

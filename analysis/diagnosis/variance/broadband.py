@@ -18,8 +18,8 @@ from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.starts import without_starts
 from analysis.diagnosis.noise.whitener import Bands
 from analysis.diagnosis.search.shortlist import SURE_LEAD
-from analysis.diagnosis.spread.chance import Chance
-from analysis.diagnosis.spread.whittle import Band, Series, Start, Whittle, series_of, spectrum_of
+from analysis.diagnosis.variance.chance import Chance
+from analysis.diagnosis.variance.whittle import Band, Series, Start, Whittle, series_of, spectrum_of
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.broadband_vibration import BroadbandVibration
 from sim_backend.effects.command_quantisation import CommandQuantisation
@@ -50,7 +50,7 @@ _AS_STRONG = 0.5
 """A band is the same noise in two places where it has at least this part of its power in either."""
 
 
-def shaking(setting: Setting, fit: Fit) -> list[Chance]:
+def broadband(setting: Setting, fit: Fit) -> list[Chance]:
     """Return the broadband vibration that the noise shows, if there is one."""
     series, whittle, found = _looked_for(setting, fit)
     if whittle is None or found is None:

@@ -10,7 +10,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
-from analysis.diagnosis.spread.shaking import noise_evidence
+from analysis.diagnosis.variance.broadband import noise_evidence
 from sim_backend.effects.vibration_line import VibrationLine
 
 

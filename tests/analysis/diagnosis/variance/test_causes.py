@@ -9,8 +9,8 @@ import pytest
 
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.noise.whitener import Bands
-from analysis.diagnosis.spread.causes import Spread, spread_causes
-from analysis.diagnosis.spread.chance import Chance
+from analysis.diagnosis.variance.causes import VarianceEffects, variance_effects
+from analysis.diagnosis.variance.chance import Chance
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects import EFFECTS
 from sim_backend.effects.apex_noise import ApexNoise
@@ -29,7 +29,7 @@ def _verdict(verdict, tied=()) -> Judgement:  # type: ignore[no-untyped-def]
 
 def test_a_sure_cause_names_itself_and_joins_others() -> None:
     """Consistent becomes named, named stays so, with all of them as causes in the units of their place."""
-    spread = Spread((APEX, LOST), 4)
+    spread = VarianceEffects((APEX, LOST), 4)
     for before in ("consistent", "named"):
         assert spread.joined(_verdict(before)).verdict == "named"
     apex, lost = spread.named(spread.joined(_verdict("consistent")), MODEL)
@@ -47,7 +47,7 @@ def test_steady_noise_belongs_to_the_noise_and_gathers_nowhere() -> None:
     force, noise = rng.standard_normal(4000), 0.01 * rng.standard_normal(4000)
     setting, fit = setting_of(force, moved(force) + noise, noise, 0.01)
     hump = replace(APEX, louder=Bands(np.array([0.1, 0.2]), np.array([[9.0]])))
-    spread = Spread((hump, LOST), 4)
+    spread = VarianceEffects((hump, LOST), 4)
     assert spread.share(1000) == pytest.approx(100.0)  # of the lost samples alone
     wave = 0.01 * np.sqrt(2.0) * np.cos(2.0 * np.pi * np.outer([0.05, 0.15, 0.3], np.arange(4000)))
     everywhere = np.ones(4000, dtype=bool)
@@ -56,12 +56,12 @@ def test_steady_noise_belongs_to_the_noise_and_gathers_nowhere() -> None:
     )
     # what leaks over a band's edges is less than a tenth
     assert after / before == pytest.approx([1.0, 1.0 / 9.0, 1.0], rel=0.1)
-    assert Spread((LOST,), 4).beside(setting, fit) is setting
+    assert VarianceEffects((LOST,), 4).beside(setting, fit) is setting
 
 
 def test_a_close_rival_makes_it_ambiguous() -> None:
     """The posterior is 1 / (1 + e^-1) then, far below what a name needs; nothing is added to the model."""
-    spread = Spread((TIED,), 4)
+    spread = VarianceEffects((TIED,), 4)
     assert spread.probability(TIED) == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
     joined = spread.joined(_verdict("consistent"))
     assert (joined.verdict, joined.tied) == ("ambiguous", (("apex-noise", "noise by rate"),))
@@ -71,7 +71,7 @@ def test_a_close_rival_makes_it_ambiguous() -> None:
 
 def test_unknown_stays_unknown_and_ambiguous_keeps_its_ties() -> None:
     """What made them so is not explained by a sure cause of another kind."""
-    spread = Spread((LOST,), 4)
+    spread = VarianceEffects((LOST,), 4)
     assert spread.joined(_verdict("unknown")).verdict == "unknown"
     assert spread.named(_verdict("unknown"), MODEL) == ()
     kept = spread.joined(_verdict("ambiguous", (("a", "b"),)))
@@ -94,7 +94,7 @@ def test_one_rate_for_all_kinds_holds_on_noise_alone() -> None:
         elif seed % 3 == 2:
             reading = np.round(reading, 4)
         setting, fit = setting_of(force, reading, reading - x, 0.01)
-        assert spread_causes(setting, fit, EFFECTS, _NONE).causes == (), f"seed {seed}"
+        assert variance_effects(setting, fit, EFFECTS, _NONE).causes == (), f"seed {seed}"
 
 
 def test_what_is_left_out_or_immaterial_is_not_among_them() -> None:
@@ -104,8 +104,8 @@ def test_what_is_left_out_or_immaterial_is_not_among_them() -> None:
     x = moved(force)
     reading = 0.005 * np.rint((x + 0.01 * rng.standard_normal(x.size)) / 0.005)
     setting, fit = setting_of(force, reading, reading - x, 0.01)
-    assert [c.effect.name for c in spread_causes(setting, fit, EFFECTS, _NONE).causes] == ["sensor-quantisation"]
+    assert [c.effect.name for c in variance_effects(setting, fit, EFFECTS, _NONE).causes] == ["sensor-quantisation"]
     others = tuple(e for e in EFFECTS if e.name != "sensor-quantisation")
-    assert spread_causes(setting, fit, others, _NONE).causes == ()
+    assert variance_effects(setting, fit, others, _NONE).causes == ()
     # its energy is 8000 · 0.25 / 12 = 167, which is less than 3 parts in a thousand of a million
-    assert spread_causes(setting, fit, EFFECTS, Discrepancy(("x",), (1e6,))).causes == ()
+    assert variance_effects(setting, fit, EFFECTS, Discrepancy(("x",), (1e6,))).causes == ()

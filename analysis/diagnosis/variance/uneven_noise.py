@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.whitener import Bands, Whitener, runs_of
-from analysis.diagnosis.spread.chance import Chance
+from analysis.diagnosis.variance.chance import Chance
 from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.linear import Array
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from analysis.diagnosis.spread.late_readings import late_readings
+from analysis.diagnosis.variance.late_readings import late_readings
 from tests.analysis.diagnosis.residuals import flicker, setting_of
 
 N = 8_000

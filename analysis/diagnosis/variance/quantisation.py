@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.records.dataset import Dataset
-from analysis.diagnosis.spread.chance import Chance
+from analysis.diagnosis.variance.chance import Chance
 from sim_backend.effects.sensor_quantisation import SensorQuantisation
 from sim_backend.linear import Array
 

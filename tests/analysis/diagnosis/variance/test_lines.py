@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.analysis.diagnosis.variance.test_broadband import N, _band, _noise
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of
@@ -13,10 +14,9 @@ from analysis.diagnosis.fitting.refit import refit
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
-from analysis.diagnosis.spread.lines import without_lines
+from analysis.diagnosis.variance.lines import without_lines
 from sim_backend.effects.vibration_line import VibrationLine
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
-from tests.analysis.diagnosis.spread.test_shaking import N, _band, _noise
 
 
 def _found(shake: np.ndarray, frequency_hz: float) -> Found:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from analysis.diagnosis.spread.uneven_noise import score_test, uneven_noise
+from analysis.diagnosis.variance.uneven_noise import score_test, uneven_noise
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
 
 N = 16_000

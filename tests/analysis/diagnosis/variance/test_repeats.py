@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.spread.repeats import lost_samples, repeats_of
+from analysis.diagnosis.variance.repeats import lost_samples, repeats_of
 from tests.analysis.diagnosis.residuals import setting_of
 
 N = 20_000

@@ -1,0 +1,1 @@
+"""Variance effects: causes that show in the lattice, the size or the colour of the residual, and lines beside bands."""
