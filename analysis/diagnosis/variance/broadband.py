@@ -60,10 +60,11 @@ def broadband(setting: Setting, fit: Fit) -> list[Chance]:
         return []
     place = setting.places.inputs[found.band.input]
     known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
-    # such noise through the plant is an amplifier's, white or behind a low pass, which is no error of a simulation
-    return (
-        [] if known or min(found.lead, found.reading_lead) < -SURE_LEAD else [_chance(setting, whittle, found, place)]
-    )
+    # such noise through the plant is an amplifier's, white or behind a low pass, which is no error of a simulation; nor
+    # is a reading's own, which as the likelier one leaves nothing to name
+    if known or found.lead < -SURE_LEAD or found.reading_lead < 0.0:
+        return []
+    return [_chance(setting, whittle, found, place)]
 
 
 def noise_evidence(setting: Setting, fit: Fit) -> float:

@@ -28,6 +28,9 @@ _IMPOSSIBLE = 1e-6
 _MAD = 1.4826
 """Standard deviation of normal numbers over the median of their magnitudes."""
 
+_DIGITS = 12
+"""Significant digits of text, at most; numbers that need more are as fine as floating-point numbers."""
+
 _ORDERED = 1e-4
 """Repeats that stand together, or apart, as no random loss does with more than this probability are something else: a
 sensor that is stuck, or one that is read more often than it measures."""
@@ -51,14 +54,14 @@ class Repeats:
 
 def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
     """Return what repeats in `readings`, one (n,) per record, beside the motion `predicted` for each."""
-    step = _spacing(readings)
+    steps = _spacings(readings)
     moves = [np.diff(x) for x in predicted]
     left = np.concatenate([np.diff(y) - move for y, move in zip(readings, moves, strict=True)])
     sd = _MAD * float(np.median(np.abs(left - np.median(left))))
     equal, pairs, expected, together, chances = 0, 0, 0.0, 0, 0
     where = []
-    for y, move in zip(readings, moves, strict=True):
-        chance = _chance_of_equal(move, sd, step)
+    for y, move, step in zip(readings, moves, steps, strict=True):
+        chance = _chance_of_equal(move, sd, step[:-1])
         rare = chance < _IMPOSSIBLE
         same = rare & (np.diff(y) == 0.0)
         equal, pairs, expected = equal + int(same.sum()), pairs + int(rare.sum()), expected + float(chance[rare].sum())
@@ -72,26 +75,44 @@ def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
     return Repeats(equal, pairs, expected, bool(tail > _ORDERED), tuple(where))
 
 
-def _spacing(readings: list[Array]) -> float:
-    """Return the distance of the values that readings can take: a lattice's step, or the last place of a number."""
+def _spacings(readings: list[Array]) -> list[Array]:
+    """Return the distance to the next value that each reading can take, (n,) per record.
+
+    That is a lattice's step, the last of so many significant digits in which readings were written, or the last place
+    of a number.
+    """
     values = np.concatenate(readings)
     lattice = lattice_of(values)
-    peak = float(np.max(np.abs(values)))
+    least = lattice.step if lattice else 0.0
+    digits = next((n for n in range(1, _DIGITS + 1) if _written_in(values, n)), 0)
+    if digits:
+        return [np.maximum(_last_digit(y, digits), least) for y in readings]
     short = bool(np.all(values.astype(np.float32) == values))
-    last = float(np.spacing(np.float32(peak))) if short else float(np.spacing(peak))
-    return max(lattice.step if lattice else 0.0, last)
+    last = float(np.spacing(np.abs(values).max().astype(np.float32 if short else np.float64)))
+    return [np.full(y.size, max(least, last)) for y in readings]
 
 
-def _chance_of_equal(move: Array, sd: float, step: float) -> Array:
-    """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, sd²), shape of `move`."""
-    sd = max(sd, 1e-6 * step)
+def _last_digit(values: Array, digits: int) -> Array:
+    """Return what the last of so many significant digits of each value counts, (n,)."""
+    size = np.where(values != 0.0, np.abs(values), np.abs(values).max(initial=1.0))
+    return np.asarray(10.0 ** (np.floor(np.log10(size)) - digits + 1))
+
+
+def _written_in(values: Array, digits: int) -> bool:
+    """Tell whether all values read back the same from so many significant digits."""
+    return all(float(f"{v:.{digits - 1}e}") == v for v in values.tolist())
+
+
+def _chance_of_equal(move: Array, sd: float, step: Array) -> Array:
+    """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, sd²) and each `step`, shape of `move`."""
+    sd = max(sd, 1e-6 * float(np.median(step)))
     d = np.abs(move)
-    if step < 0.01 * sd:  # the triangle is as narrow as a point beside the normal curve
-        return np.asarray(step * scipy.stats.norm.pdf(d / sd) / sd)
+    narrow = step * scipy.stats.norm.pdf(d / sd) / sd  # the triangle is a point beside the normal curve
     a, b, c = (d - step) / sd, d / sd, (d + step) / sd
     # the triangle is a second difference of ramps, and E[max(0, δ - k)] of a normal δ is sd (pdf + z cdf)
     ramp = [scipy.stats.norm.pdf(z) + z * scipy.stats.norm.cdf(z) for z in (a, b, c)]
-    return np.asarray(np.clip(sd / step * (ramp[0] - 2.0 * ramp[1] + ramp[2]), 0.0, 1.0))
+    wide = np.clip(sd / step * (ramp[0] - 2.0 * ramp[1] + ramp[2]), 0.0, 1.0)
+    return np.asarray(np.where(step < 0.01 * sd, narrow, wide))
 
 
 def lost_samples(setting: Setting, fit: Fit) -> list[Chance]:

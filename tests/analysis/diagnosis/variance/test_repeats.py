@@ -74,3 +74,14 @@ def test_a_stuck_or_slow_sensor_is_another_matter() -> None:
         reading = _with_losses(noisy, lost)
         assert not repeats_of([reading], [true]).random
         assert lost_samples(*setting_of(np.zeros(N), reading, reading - true, 1.0)) == []
+
+
+def test_equal_readings_of_six_significant_digits_are_no_losses() -> None:
+    """Text has no lattice: its last digit counts a thousand times as much at the peaks as near zero."""
+    for seed in range(20):
+        rng = np.random.default_rng(300 + seed)
+        true, noisy = _motion(rng)
+        reading = np.array([float(f"{value:.3e}") for value in noisy])
+        assert np.sum(np.diff(reading) == 0.0) > 0
+        setting, fit = setting_of(np.zeros(N), reading, reading - true, 1.0)
+        assert all(c.p_value > 1e-3 for c in lost_samples(setting, fit)), f"seed {seed}"
