@@ -159,12 +159,20 @@ def require_no_link(path: Path) -> None:
 
 def folder_within(parent: Path, name: str) -> Path:
     """Return the folder `name` in `parent`, made if need be; raises ConfigError for a link, which may lead anywhere."""
-    folder = parent / name
+    folder = unnamed_folder(parent / name)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def unnamed_folder(folder: Path) -> Path:
+    """Return a folder that the user has not named himself, as it is; raises ConfigError for a link in its place.
+
+    Its name comes from a file or from the program, so that whoever packed the files around it may have laid the link.
+    """
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise ConfigError(
             f"{folder} is a link or a file, and a folder of results is to stand there; remove it, or choose another"
         )
-    folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 

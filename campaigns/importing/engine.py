@@ -18,10 +18,11 @@ from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
 from campaigns.importing.record import check_varies
-from campaigns.log import Channel, LogSegment, LogWriter, Unit, sha256_of, unit_named
+from campaigns.log import Channel, LogSegment, Unit, sha256_of, unit_named
 from campaigns.log.guard import one_line
 from campaigns.log.limits import check_note
 from campaigns.log.schema import to_json
+from campaigns.log.whole import whole_log
 from campaigns.log.write import SETTINGS_BYTES
 from campaigns.names import check_label, check_name
 from campaigns.progress import Report, part_of, unheard
@@ -205,7 +206,7 @@ def _write(
     report: Report,
 ) -> str:
     widest = max((len(to_json(segment.settings, segment.label).encode()) for segment in segments), default=0)
-    with LogWriter.create(
+    with whole_log(
         target,
         channels,
         test=written.map.log.test,

@@ -34,6 +34,7 @@ from campaigns.importing.selecting import column_of, parse_selection
 from campaigns.importing.sources import Source, open_source, select, variable_of
 from campaigns.importing.text import CellError, TextSource
 from campaigns.log import Unit
+from campaigns.log.guard import most_bytes, stored_bytes
 from campaigns.log.units import is_unit, unit_named
 from campaigns.progress import Report
 from sim_backend.errors import ConfigError, DataError
@@ -69,6 +70,7 @@ class Files:
     outside: bool = False
     opened: dict[str, Source] = field(default_factory=dict)
     used: dict[str, Path] = field(default_factory=dict)
+    taken: list[int] = field(default_factory=list)
 
     def source(self, wanted: str | None, part: PartMap | None, what: str) -> Source:
         """Return the file that `wanted` names or is, by default the part's, by default the log's."""
@@ -84,6 +86,18 @@ class Files:
             log, self.used[name] = self.map.log, self._path(name)
             self.opened[name] = open_source(self.used[name], self.closing, log.delimiter, log.decimal, log.header)
         return self.opened[name]
+
+    def take(self, size: int, what: str) -> None:
+        """Count `size` more bytes that were read; raises DataError where it is too much in all.
+
+        Each array may unpack to much: forty of them, or one that forty channels select, would fill the memory.
+        """
+        self.taken.append(size)
+        stored = {path: stored_bytes(path) for path in self.used.values()}
+        limit = sum(most_bytes(count) for count in stored.values())
+        if (total := sum(self.taken)) > limit:
+            told = f"channels of {total} bytes together, of at most {limit} for sources of {sum(stored.values())}"
+            raise DataError(f"{what}: the map selects {told}: store them with less compression, or select fewer")
 
     def _path(self, name: str) -> Path:
         """Return the path of a source; raises ConfigError, before anything is read, for one that lies elsewhere."""
@@ -111,6 +125,7 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
         report(i, len(channels), f"reading {what}")
         try:
             columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
+            files.take(columns[name].nbytes, what)
         except CellError as error:
             raise DataError(f"{what}: {error}") from None
     apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,6 +20,9 @@ from campaigns.log.guard import refuse, stored_bytes
 from sim_backend.errors import DataError
 
 _ERRORS = (OSError, ValueError, TypeError, EOFError, SyntaxError, RuntimeError, MemoryError, zipfile.BadZipFile)
+_LONGEST_HEADER = 2**16
+"""Bytes of a header, which tells shape and type: numpy refuses one of more than 10,000 characters, once it has it."""
+
 _PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """What numpy writes. Others are unpacked by Python without a bound on what comes out at once."""
 
@@ -42,6 +46,8 @@ class NpzSource:
             if name in members:
                 raise refuse(self.path, name, "stands for two members of the archive", "save it again with numpy")
             members[name] = entry
+        # what a member tells of its size is checked when it is read
+        check_expansion(self.path, "all members", sum(m.file_size for m in found), stored_bytes(self.path))
         return members
 
     def names(self) -> list[str]:
@@ -60,7 +66,7 @@ class NpzSource:
         try:
             with zipfile.ZipFile(self.path) as archive:
                 with archive.open(entry) as stream:
-                    shape, turned, dtype = _described(stream)
+                    shape, turned, dtype = described(stream)
                 if dtype.hasobject:
                     raise refuse(self.path, name, "holds Python objects", "save real numbers")
                 found = Pieces(
@@ -79,7 +85,7 @@ class NpzSource:
 
     def _read(self, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
         with archive.open(entry) as stream:
-            shape, _, _ = _described(stream)
+            shape, _, _ = described(stream)
             left = math.prod(shape) * dtype.itemsize
             while left:
                 # whole numbers only: a stream gives what it has, not what it is asked for
@@ -94,13 +100,20 @@ class NpzSource:
         return None
 
 
-def _described(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, whether it is in Fortran's order, and type."""
+def described(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, whether it is in Fortran's order, and type; raises ValueError for a header beyond all need.
+
+    A header may claim 4 GiB, and numpy reads it before it looks at its length.
+    """
     version = np.lib.format.read_magic(stream)
+    count = _exactly(stream, 2 if version == (1, 0) else 4)
+    length = int.from_bytes(count, "little")
+    if length > _LONGEST_HEADER:
+        raise ValueError(f"its header has {length} bytes, of at most {_LONGEST_HEADER}")
     read_header: Callable[..., tuple[tuple[int, ...], bool, np.dtype[Any]]] = (
         np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     )
-    return read_header(stream)
+    return read_header(BytesIO(count + _exactly(stream, length)))
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.kinds import APART, SUFFIXES, TEXT, is_packaged, packaged
-from campaigns.importing.npz import NpzSource
+from campaigns.importing.npz import NpzSource, described
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.importing.selecting import column_of, parse_selection
 from campaigns.importing.text import TextSource
@@ -57,6 +57,8 @@ class NpySource:
     def array(self, name: str) -> AnyArray | None:
         """Return the array; raises DataError when the file is damaged or holds Python objects."""
         try:
+            with self.path.open("rb") as stream:
+                described(stream)
             found: AnyArray = np.load(self.path, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, TypeError, EOFError, SyntaxError, OverflowError, MemoryError) as error:
             raise unreadable(self.path, error) from None

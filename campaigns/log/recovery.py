@@ -10,7 +10,8 @@ from campaigns.log.opening import open_run
 from campaigns.log.probe import examine
 from campaigns.log.read import Run
 from campaigns.log.schema import LogSegment, to_json
-from campaigns.log.write import SETTINGS_BYTES, LogWriter
+from campaigns.log.whole import whole_log
+from campaigns.log.write import SETTINGS_BYTES
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
 
@@ -57,7 +58,7 @@ def _copy(run: Run, rows: int, segments: list[LogSegment], target: Path, reason:
 
     header = run.header
     widest = max((len(to_json(part.settings, part.label).encode()) for part in segments), default=0)
-    with LogWriter.create(
+    with whole_log(
         target,
         list(run.channels.values()),
         test=header.test,

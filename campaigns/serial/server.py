@@ -114,8 +114,8 @@ class Connection:
         return self._session.holds_the_lock
 
     def overdue(self, now_s: float) -> str:
-        """Return why to hang up on it by now, empty when there is no reason."""
-        if self._guard is None or self.holds_the_lock:
+        """Return why to hang up on it by now, were it not the holder's; empty when there is no reason."""
+        if self._guard is None:
             return ""
         if not self.admitted:
             late = now_s - self.opened_s > GREET_S
@@ -288,16 +288,25 @@ class Server:
 
     def _make_room(self, now_s: float) -> None:
         """Hang up on whoever is overdue, and on the most silent of those beyond the places there are."""
+        holder = self._holder()
         for connection in list(self._connections):
-            if why := connection.overdue(now_s):
+            if connection is not holder and (why := connection.overdue(now_s)):
                 self._dismiss(connection, why, now_s)
         waiting = [c for c in self._connections if not c.admitted]
         for connection in waiting[: max(len(waiting) - MAX_WAITING, 0)]:  # in the order in which they came
             self._dismiss(connection, f"{MAX_WAITING} others wait to greet, it the longest", now_s)
         hosts = [c for c in self._connections if c.admitted]
-        silent = sorted((c for c in hosts if not c.holds_the_lock), key=lambda c: c.active_s)
+        silent = sorted((c for c in hosts if c is not holder), key=lambda c: c.active_s)
         for connection in silent[: max(len(hosts) - MAX_HOSTS, 0)]:
             self._dismiss(connection, f"{MAX_HOSTS} others are connected, it was silent the longest", now_s)
+
+    def _holder(self) -> Connection | None:
+        """Return the one connection that keeps its place because its host has locked the bench.
+
+        Many may have locked it by one name, as after a line that broke: it is the one that spoke last.
+        """
+        holders = [c for c in self._connections if c.holds_the_lock]
+        return max(holders, key=lambda c: c.active_s, default=None)
 
     def _patience_s(self) -> float:
         """How long to wait for bytes: hardly, while something else than they can make it necessary to act."""

@@ -9,6 +9,7 @@ import click
 from mccdcli.options import common_options
 from mccdcli.output import emit, table
 from mccdcli.trials import count_campaign, play_campaign
+from sim_backend.safe_write import unnamed_folder
 
 
 @click.command()
@@ -33,7 +34,7 @@ def run(campaign: str, bench: str, out: Path | None, seed: int, dry_run: bool, a
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
-    folder = out or Path(loaded.name)
+    folder = out or unnamed_folder(Path(loaded.name))
     played = play_campaign(loaded, folder, bench, seed, resume=resume)
     text = table([(name, str(log)) for name, log in played.logs.items()], heads=("run", "log"))
     result = {"campaign": loaded.name, "status": played.status, "folder": folder, "logs": played.logs}

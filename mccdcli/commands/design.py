@@ -12,6 +12,7 @@ from mccdcli.options import POSITIVE, RealRange, common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import Report, progress
 from mccdcli.trials import count, play
+from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
     from analysis.design.api import Designed
@@ -94,7 +95,7 @@ def design(
     options = Options(
         1e-3 * reach, 1e-3 * (settling or 5.0), max_power, tolerance=Tolerance(1e-2 * tolerance), seed=seed
     )
-    folder = prepare_folder(out or Path("design"))
+    folder = prepare_folder(out or unnamed_folder(Path("design")))
     with ExitStack() as stack:
         runs = _logs(stack, plan, given, bench, folder, seed)
         if isinstance(runs, int):

@@ -12,6 +12,7 @@ from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import BenchAddress, NewPath, Real, RealRange, WholeRange, common_options
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
+from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
     from analysis.diagnosis.evidence.chop_gain import ChopGain
@@ -107,7 +108,7 @@ def diagnose(
     from sim_backend.model import load_model
 
     _require_one(runs, table_file, bench, level, held=held)
-    folder = out or Path("diagnosis")
+    folder = out or unnamed_folder(Path("diagnosis"))
     prepare_junit(junit, folder)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
     settings = {"tolerance": nominal_tolerance, "without": without, "seed": seed}

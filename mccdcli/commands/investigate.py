@@ -12,6 +12,7 @@ from mccdcli.options import POSITIVE, RealRange, WholeRange, common_options, giv
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count, settings_option
+from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
     from analysis.diagnosis.investigation import Inquiry
@@ -92,7 +93,7 @@ def investigate(
     options = Options(tolerance=nominal_tolerance, without=without, seed=seed)
     quest = Quest(bench, model, seed, rounds, budget_s, plan, options, given_note())
     with progress("investigating") as report:
-        found = inquire(quest, out or Path("investigation"), resume=resume, report=report, remark=say)
+        found = inquire(quest, out or unnamed_folder(Path("investigation")), resume=resume, report=report, remark=say)
     emit(found, as_json=as_json, text=_text(found), colours=VERDICTS)
     if found.paused:
         return INTERRUPTED

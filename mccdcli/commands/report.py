@@ -12,6 +12,7 @@ from mccdcli.options import NewPath, common_options
 from mccdcli.output import BAD, GOOD, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign
+from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -91,7 +92,7 @@ def report(
     if dry_run:
         count_campaign(loaded, bench, seed, as_json=as_json)
         return 0
-    folder = out or Path("report")
+    folder = out or unnamed_folder(Path("report"))
     prepare_junit(junit, folder)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 

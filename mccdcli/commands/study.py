@@ -12,6 +12,7 @@ from mccdcli.failures import INTERRUPTED
 from mccdcli.options import WholeRange, common_options, existing_file
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
+from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
     from analysis.study.run import StudyOutcome
@@ -80,7 +81,7 @@ def study(
     if workers is not None and cluster is not None:
         raise ConfigError("--workers counts threads, and a cluster has workers of its own; leave out one of the two")
     loaded = load_study(study_file)
-    folder = out or Path(loaded.name)
+    folder = out or unnamed_folder(Path(loaded.name))
     if dry_run:
         return _show(loaded, folder, as_json=as_json)
 

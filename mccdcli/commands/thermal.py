@@ -9,6 +9,7 @@ import click
 
 from mccdcli.options import common_options
 from mccdcli.trials import conclude, count_campaign, play_campaign, settings_option
+from sim_backend.safe_write import unnamed_folder
 
 
 @click.command()
@@ -40,7 +41,7 @@ def thermal(
     if dry_run:
         count_campaign(campaign, bench, seed, as_json=as_json)
         return 0
-    played = play_campaign(campaign, out or Path("thermal"), bench, seed, resume=False)
+    played = play_campaign(campaign, out or unnamed_folder(Path("thermal")), bench, seed, resume=False)
     if played.exit_code:
         return played.exit_code
 

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from campaigns.log import read_run, verify
@@ -94,6 +95,23 @@ def test_a_disk_without_room_for_a_header_leaves_nothing_behind(tmp_path: Path, 
     done = on_small_disk(tmp_path / "disk", "1m", fill + mccd("import", str(tmp_path / "map.toml"), "-o", "run.h5"))
     assert "cannot make the log run.h5: No space left on device" in the_error(done)
     assert [path.name for path in (tmp_path / "disk").iterdir()] == ["ballast"]
+
+
+def test_a_copy_that_does_not_fit_leaves_nothing_behind(tmp_path: Path) -> None:
+    """What was measured is kept however a run ends; an import or a recovered log can be made again."""
+    (tmp_path / "map.toml").write_text(
+        '[log]\ntest = "t"\nsource = "a.csv"\nsample_rate_hz = 10.0\n'
+        '[channels.x]\nselect = "x"\nunit = "m"\nrole = "output"\n'
+    )
+    values = np.random.default_rng(0).standard_normal(100_000).tolist()
+    (tmp_path / "a.csv").write_text("x\n" + "\n".join(map(repr, values)))
+    whole = tmp_path / "whole.h5"
+    importing = ("import", str(tmp_path / "map.toml"), "-o")
+    subprocess.run(mccd(*importing, str(whole)), shell=True, check=True, capture_output=True)
+    for k, arguments in enumerate(((*importing, "run.h5"), ("log", "recover", str(whole), "-o", "run.h5"))):
+        disk = tmp_path / f"disk{k}"
+        assert "No space left on device" in the_error(on_small_disk(disk, "400k", mccd(*arguments)))
+        assert list(disk.iterdir()) == [], arguments
 
 
 FILL_WHEN_IT_GROWS = """

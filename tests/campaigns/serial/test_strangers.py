@@ -19,6 +19,7 @@ from campaigns.serial import SerialBench, ServeOptions, TcpTransport, transport_
 from campaigns.serial import server as serving
 from campaigns.serial.addresses import resolved
 from campaigns.serial.firmware import Firmware
+from campaigns.serial.frames import encode_line
 from campaigns.serial.ports import TcpPort
 from campaigns.serial.serve import serve as run
 from campaigns.serial.server import MAX_HOSTS, MAX_WAITING, REMARKS, Server
@@ -250,6 +251,25 @@ def test_the_lock_survives_more_hosts_than_there_are_places() -> None:
             for line in lines[:-MAX_HOSTS]:
                 assert line.heard() is None  # those that have been silent longest made room
             assert lines[-1].heard(0.1) == b""
+
+
+def test_many_who_lock_by_one_name_have_one_place_among_them() -> None:
+    """A host that lost its line locks again by its name; no reason to keep as many lines as there are numbers."""
+    with in_thread() as (address, _, firmware), contextlib.ExitStack() as stack:
+        lines = []
+        for _ in range(3 * MAX_HOSTS):
+            lines.append(stack.enter_context(Line(address, encode_line("*IDN?", 1) + encode_line("SYST:LOCK me", 2))))
+            assert lines[-1].heard()
+        assert wait_until(lambda: sum(map(is_open, lines)) <= MAX_HOSTS, 3.0)
+        assert is_open(lines[-1]) and firmware.owner == "me"
+        assert abort(address) < ABORT_S
+
+
+def is_open(line: Line) -> bool:
+    """Tell whether the bench has not hung up, whatever it said before."""
+    while said := line.heard(0.05):
+        pass
+    return said is not None
 
 
 def test_strangers_cannot_fill_the_journal() -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.analysis.diagnosis.variance.test_broadband import N, _band, _noise
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of
@@ -17,6 +16,7 @@ from analysis.diagnosis.search.shortlist import Screen
 from analysis.diagnosis.variance.lines import without_lines
 from sim_backend.effects.vibration_line import VibrationLine
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
+from tests.analysis.diagnosis.variance.test_broadband import N, _band, _noise
 
 
 def _found(shake: np.ndarray, frequency_hz: float) -> Found:
