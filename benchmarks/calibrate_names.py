@@ -3,8 +3,7 @@
     python -m benchmarks.calibrate_names SCORE.json …     print the table
     python -m benchmarks.calibrate_names --write          make analysis/diagnosis/calibration.toml again
 
-SCORE.json is what `mccd challenge score` and `pool` write, of a version whose stated probability was the posterior
-itself (before decision 0030).
+SCORE.json is what `mccd challenge score` and `pool` write (decision 46).
 """
 
 from __future__ import annotations
@@ -19,8 +18,11 @@ from pathlib import Path
 from analysis.diagnosis.calibration import TABLE
 
 ROOT = Path(__file__).parents[1]
-SCORES = ("benchmarks/results/challenge-1393-2026-11-24.json",)
-"""Sealed cases of seeds that are burnt: effects of every family, with nothing hidden, and left out of the library."""
+SCORES = (
+    "benchmarks/results/second-generator-83217-2026-11-27.json",
+    "benchmarks/results/second-generator-26119-2026-11-27.json",
+)
+"""Sealed cases of burnt seeds, simulated by another hand: listed effects, with a twist, in pairs, unlisted, none."""
 
 LEAST = 100
 """Names that a bin holds at least: a share of fewer says little."""
