@@ -137,7 +137,6 @@ def search(
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
         setting, trials, before = _settled(careful, some, rivals[0])
-        trials = _begun_at_the_best(setting, trials)
         best = sharpened(setting, _best_of(setting, trials, before))
         rivals = [*trials, before]
         flat = _flat(setting, best)
@@ -357,7 +356,7 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
-        return setting, trials, before
+        return setting, _begun_at_the_best(setting, trials), before
     return _settled(replace(setting, substeps=finer), trials, before)
 
 
