@@ -255,20 +255,25 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
         begun = replace(setting, data=some, states=(start[:states].reshape(-1, 2),))
         return left_by(begun, linear, acting)[0][earlier:]
 
-    rows, size = record.fitted() | record.held_out(), _left_elsewhere(setting, fit, record)
-    inverse: Array = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-    weight = rows[:, None] * inverse
+    weight = (record.fitted() | record.held_out())[:, None] * _weights(setting, fit, record)
     changed = [e for e in effects if e.site is Site.MODEL]
     exact = not setting.known and len(changed) == len(effects)
     columns = np.concatenate([free, late], axis=2)
     return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, exact=exact)
 
 
-def _left_elsewhere(setting: Setting, fit: Fit, record: Record) -> Array:
-    """Return the rms (n_y,) that a fit leaves on its own rows; of an output of which it leaves none, its motion's."""
+def _weights(setting: Setting, fit: Fit, record: Record) -> Array:
+    """Return how much each output of a record counts, (n_y,): in units of what a fit leaves of it on its own rows.
+
+    The output of which it leaves least for its size counts in units of its own motion, of which steps are small parts.
+    """
     fitted = np.concatenate([e[r.fitted()] for r, e in zip(setting.data.records, fit.residuals, strict=True)])
-    size = np.sqrt(np.mean(fitted**2, axis=0))
-    return np.asarray(np.where(size > 0.0, size, np.std(record.y, axis=0)), dtype=float)
+    size = np.std(record.y, axis=0)
+    moving = size > 0.0
+    left = np.sqrt(np.mean(fitted**2, axis=0))[moving] / size[moving]
+    weights = np.zeros(size.size)
+    weights[moving] = (left.min(initial=np.inf) / left if np.all(left > 0.0) else 1.0) / size[moving]
+    return weights
 
 
 def positions(setting: Setting, fit: Fit) -> list[Array]:

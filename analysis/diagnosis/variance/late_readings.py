@@ -20,6 +20,7 @@ import scipy
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.variance.chance import Chance
+from analysis.diagnosis.variance.quantisation import lattices_of
 from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.linear import Array
 
@@ -85,7 +86,8 @@ class _Rows:
 
 def late_readings(setting: Setting, fit: Fit) -> list[Chance]:
     """Return every output of which some readings, at random, are those of a sample before."""
-    found = (_late(setting, fit, o, where) for o, where in enumerate(setting.places.outputs))
+    lattices = lattices_of(setting.data, setting.places.outputs)  # readings in steps follow the motion in their error
+    found = (_late(setting, fit, o, w) for o, w in enumerate(setting.places.outputs) if w not in lattices)
     return [one for one in found if one is not None]
 
 

@@ -103,10 +103,13 @@ def _written_in(values: Array, digits: int) -> bool:
     return all(float(f"{v:.{digits - 1}e}") == v for v in values.tolist())
 
 
-def _chance_of_equal(move: Array, sd: float, step: Array) -> Array:
-    """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, sd²) and each `step`, shape of `move`."""
-    sd = max(sd, 1e-6 * float(np.median(step)))
-    d = np.abs(move)
+def _chance_of_equal(move: Array, noise: float, step: Array) -> Array:
+    """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, noise²) and each `step`, shape of `move`.
+
+    A difference of two readings is known no better than their rounding, step²/6 in variance, even where the model that
+    foretells the motion rounds as well.
+    """
+    sd, d = np.maximum(noise, step / math.sqrt(6.0)), np.abs(move)
     narrow = step * scipy.stats.norm.pdf(d / sd) / sd  # the triangle is a point beside the normal curve
     a, b, c = (d - step) / sd, d / sd, (d + step) / sd
     # the triangle is a second difference of ramps, and E[max(0, δ - k)] of a normal δ is sd (pdf + z cdf)
