@@ -14,9 +14,9 @@ from campaigns.log import own
 from campaigns.log.checksum import sidecar_of
 from campaigns.log.failure import cannot
 from campaigns.log.schema import ChannelLike
-from campaigns.log.write import LogWriter
-from sim_backend.errors import ConfigError, MccdError
-from sim_backend.safe_write import give_name, hidden_name, require_ordinary, write_text
+from campaigns.log.write import LogWriter, require_new
+from sim_backend.errors import MccdError
+from sim_backend.safe_write import give_name, hidden_name, write_text
 
 
 @contextlib.contextmanager
@@ -25,9 +25,7 @@ def whole_log(target: Path, channels: Sequence[ChannelLike], **about: Any) -> It
 
     Raises ConfigError for an existing path, DataError when the file cannot be completed: then nothing is left of it.
     """
-    require_ordinary(target)
-    if target.exists():
-        raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
+    require_new(target)
     hidden = hidden_name(target)
     try:
         with LogWriter.create(hidden, channels, **about) as log:

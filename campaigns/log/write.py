@@ -47,6 +47,13 @@ CHUNK_ROWS = 4096
 SETTINGS_BYTES = 1024
 
 
+def require_new(target: Path) -> None:
+    """Raise ConfigError where a log cannot get the name `target`: something stands there, or no file may."""
+    require_ordinary(target)
+    if target.exists():
+        raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
+
+
 class LogWriter:
     """One run being recorded into a new file; use it as a context manager.
 
@@ -115,9 +122,7 @@ class LogWriter:
         columns = _checked(channels)
         _check_sizes(chunk_rows, settings_bytes, expected_segments)
         target = Path(path)
-        require_ordinary(target)
-        if target.exists():
-            raise ConfigError(f"{target} exists and a log never overwrites: choose another path with --out")
+        require_new(target)
         hidden = hidden_name(target)
         try:
             file = h5py.File(hidden, "x")

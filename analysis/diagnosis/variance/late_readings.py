@@ -21,6 +21,7 @@ import scipy
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.variance.chance import Chance
 from analysis.diagnosis.variance.quantisation import lattices_of
+from analysis.diagnosis.variance.repeats import MAD
 from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.linear import Array
 
@@ -33,9 +34,6 @@ _OLDEST = 4
 
 _MOST = 0.5
 """Beyond this share those that arrive are the exception."""
-
-_MAD = 1.4826
-"""Standard deviation of normal numbers over the median of their magnitudes."""
 
 _ROUNDS = 3
 """Late rows make the noise look wider than it is, and the noise decides which rows are late."""
@@ -96,7 +94,7 @@ def _late(setting: Setting, fit: Fit, output: int, where: str) -> Chance | None:
     z, a = (np.concatenate(parts, axis=-1) for parts in zip(*matches, strict=True))
     left = z
     for _ in range(_ROUNDS):
-        size = _MAD * float(np.median(np.abs(left))) if z.size else 0.0
+        size = MAD * float(np.median(np.abs(left))) if z.size else 0.0
         if size <= 0.0:
             return None
         noise = max((_Noise(size, *some) for some in _OUTLIERS), key=lambda n: float(np.sum(n.log_density(left))))

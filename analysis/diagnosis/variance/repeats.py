@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 _IMPOSSIBLE = 1e-6
 """Pairs count that are equal by chance with less than this probability."""
 
-_MAD = 1.4826
+MAD = 1.4826
 """Standard deviation of normal numbers over the median of their magnitudes."""
 
 _DIGITS = 12
@@ -57,7 +57,7 @@ def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
     steps = _spacings(readings)
     moves = [np.diff(x) for x in predicted]
     left = np.concatenate([np.diff(y) - move for y, move in zip(readings, moves, strict=True)])
-    sd = _MAD * float(np.median(np.abs(left - np.median(left))))
+    sd = MAD * float(np.median(np.abs(left - np.median(left))))
     equal, pairs, expected, together, chances = 0, 0, 0.0, 0, 0
     where = []
     for y, move, step in zip(readings, moves, steps, strict=True):

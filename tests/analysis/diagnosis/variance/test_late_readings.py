@@ -1,4 +1,4 @@
-"""Samples that were lost before the noise was added: told from a delay, from jitter, and from rows that stand out."""
+"""Samples that were lost before the noise was added: distinguished from a delay, jitter and outliers."""
 
 from __future__ import annotations
 
