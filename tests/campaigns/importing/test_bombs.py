@@ -232,5 +232,7 @@ def refused_in_little_memory(folder, text):
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])},
     )
     code, *peaks = map(int, run.stdout.split())
-    assert code == 4 and run.stderr.startswith("mccd: error: ") and run.stderr.count("\n") == 1, run.stderr[-2000:]
+    # what takes longer than a few seconds tells its progress, in lines of its own, on a slow computer as well
+    told = [line for line in run.stderr.splitlines() if not line.startswith("importing: ")]
+    assert code == 4 and len(told) == 1 and told[0].startswith("mccd: error: "), run.stderr[-2000:]
     assert sum(peaks) < MOST_BYTES, (peaks, run.stderr)
