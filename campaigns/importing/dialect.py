@@ -249,9 +249,11 @@ def _head(
     above = [_bare(lines[k], separator) for k in range(first) if lines[k].strip()]
     remarks = [is_remark(lines[k]) for k in range(first) if lines[k].strip()]
     data = [list(row[:columns]) for row in rows[first : first + 50] if len(row) >= columns]
-    if header is True and all(remarks):
+    # where names can be the first row alone: a title above it has other cells than it
+    bare = all(remark or (columns > 1 and len(line) != columns) for line, remark in zip(above, remarks, strict=True))
+    if header is True and bare:
         return tuple(data[0]), (), first + 1
-    if header is not False and not above and _may_be_names(path, data[0], data[1:], decimal, header):
+    if header is not False and bare and not any(remarks) and _may_be_names(path, data[0], data[1:], decimal):
         return tuple(data[0]), (), first + 1
     if header is False or not above:
         if header:
@@ -265,6 +267,7 @@ def _head(
     if len(last) == columns:
         if _are_units(last) and others and len(others[-1]) == columns and not _are_units(others[-1]):
             return _names(path, others[-1], first - 1, header), tuple(last), first
+        _check_no_units(path, data[0], data[1:], decimal)
         return _names(path, last, first, header), (), first
     if remarks[-1] or len(last) == 1:
         return (), (), first  # a remark or a line of text
@@ -307,15 +310,11 @@ def _are_units(cells: Sequence[str]) -> bool:
     return bool(written) and all(_BRACKETED.fullmatch(cell) or cell == "-" or is_unit(cell) for cell in written)
 
 
-def _may_be_names(
-    path: Path, row: Sequence[str], others: Sequence[Sequence[str]], decimal: str, header: bool | None
-) -> bool:
+def _may_be_names(path: Path, row: Sequence[str], others: Sequence[Sequence[str]], decimal: str) -> bool:
     """Tell whether a first line that holds numbers alone are names, as tables that were given none have.
 
     Those are whole numbers that count from 0 or 1, beside an empty cell for the rows' own names.
     """
-    if header:
-        return True
     counted = [cell for cell in row if cell]
     whole = [int(cell) for cell in counted if cell.isdecimal()]
     counts = len(whole) == len(counted) > 0 and whole in (
@@ -326,14 +325,29 @@ def _may_be_names(
         return False
     if len(counted) < len(row):
         return not row[0] and all(all(other) for other in others)
-    # numbers with a fraction below whole ones: another hand wrote the first line
-    below = [all(decimal in other[i] or "e" in other[i].lower() for other in others) for i in range(len(row))]
-    if len(row) == 1 or not others or not all(below[1:]):
+    if len(row) == 1 or not others or not all(_fractions(others, decimal)[1:]):
         return False
     raise DataError(
         f"{path}: the first line ({', '.join(row)}) may be names or data: say header = true (names) or "
         "header = false (data) in [log]"
     )
+
+
+def _fractions(rows: Sequence[Sequence[str]], decimal: str) -> list[bool]:
+    """Tell for each column whether all its numbers have a fraction or an exponent.
+
+    Whole numbers above such were written by another hand.
+    """
+    return [all(decimal in cell or "e" in cell.lower() for cell in column) for column in zip(*rows, strict=True)]
+
+
+def _check_no_units(path: Path, row: Sequence[str], others: Sequence[Sequence[str]], decimal: str) -> None:
+    """Raise DataError where a first row of ones, below names, may be the units of quantities that have none."""
+    if others and all(cell == "1" for cell in row) and all(_fractions(others, decimal)):
+        raise DataError(
+            f"{path}: the line below the names ({', '.join(row)}) may be units or data: take it out, "
+            f"or write 1{decimal}0 in it if it is data"
+        )
 
 
 def _doubt(path: Path, rows: Sequence[Sequence[str]], separator: str, names: Sequence[str]) -> str:

@@ -81,6 +81,8 @@ def test_the_same_table_is_read_however_it_is_written(tmp_path, how):
         ("u;y\n1.234,5;2\n3.456,7;3\n", "column 'u' holds '1.234,5'"),
         ("u;y\n1,234;2,345\n3,456;4,567\n", "thousands set off"),
         ("0,1\n0.5,1.0\n0.6,2.0\n", "may be names or data: say header"),
+        ("Recorder\n\n0,1\n0.5,1.0\n0.6,2.0\n", "may be names or data: say header"),
+        ("u,y\n1,1\n0.5,1.5\n0.6,2e0\n", "may be units or data: take it out, or write 1.0"),
         ("1,05\n2,10\n3,05\n", "may be the digits behind a decimal comma"),
         ("u,y\n1_000,2\n1_001,3\n", "holds '1_000'"),
         ("u,y\n1.5,0x10\n2.5,0x11\n", "holds '0x10'"),
@@ -111,6 +113,9 @@ def test_a_head_of_numbers_that_a_table_without_names_gets_is_no_row(tmp_path):
 def test_the_map_decides_where_two_ways_are_open(tmp_path):
     text = "0,1\n0.5,1.0\n0.6,2.0\n"
     assert table(tmp_path, text, header=True).names() == ["0", "1"]
+    titled = table(tmp_path, f"Recorder\n\n{text}", header=True)
+    assert titled.names() == ["0", "1"]
+    np.testing.assert_array_equal(titled.array(""), [[0.5, 1.0], [0.6, 2.0]])
     np.testing.assert_array_equal(table(tmp_path, text, header=False).array(""), [[0, 1], [0.5, 1], [0.6, 2]])
     np.testing.assert_array_equal(table(tmp_path, "u;y\n1,234;2,345\n", decimal=",").array("u"), [1.234])
 
