@@ -20,13 +20,13 @@ KEPT: Final = "designed-"
 
 
 def chop_plan(
-    name: str, settings: Mapping[str, Any], bench: str, seed: int, *, dry_run: bool, as_json: bool
+    name: str, settings: Mapping[str, Any], *, bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool
 ) -> Plan | int:
     """Return the plan of a chop by name; an exit code where a controller's design ends the command.
 
     A designed strategy without a controller gets that of the folder designed-BENCH, designed now unless it is there:
-    from the logs in it, recorded now where they are missing. Raises ConfigError for the folder of another bench, and
-    for settings that cannot be, before anything is recorded.
+    from the logs in it, recorded now where they are missing. `out` is where the chop itself goes, not these. Raises
+    ConfigError for the folder of another bench, and for settings that cannot be, before anything is recorded.
     """
     from campaigns.plans import make_plan
     from campaigns.strategies import STRATEGIES

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, TypeVar
 
 import click
 
@@ -17,6 +17,7 @@ from sim_backend.documents import SyntaxFault, toml_of
 
 if TYPE_CHECKING:
     from analysis.recorded.requirements import Check
+    from campaigns.log import Run
     from campaigns.plans import Estimate, Plan
     from campaigns.playing.campaign import Campaign
 
@@ -32,25 +33,6 @@ SHOWN: Final[Mapping[str, tuple[tuple[float, str, float], ...]]] = {
 }
 
 
-class Form(click.ParamType[tuple[float, float]]):
-    """The two positions of a chop in mrad, as in `0:+8.5`; converted to rad."""
-
-    name = "form"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """Return both positions in rad, else end with a usage error."""
-        if isinstance(value, tuple):
-            return value
-        first, colon, second = str(value).partition(":")
-        try:
-            positions = float(first) * 1e-3, float(second) * 1e-3
-        except ValueError:
-            positions = math.nan, math.nan
-        if not colon or not all(map(math.isfinite, positions)):
-            self.fail(f"{value!r} is not a form; write both positions in mrad, as in 0:+8.5", param, ctx)
-        return positions
-
-
 def settings_option(command: F) -> F:
     """Decorator that adds `--set NAME=VALUE`, which reaches the command as `settings`: dict."""
     return click.option(
@@ -60,16 +42,6 @@ def settings_option(command: F) -> F:
         callback=_parsed,
         metavar="NAME=VALUE",
         help="Another setting of the plan, as in its TOML; repeatable. `mccd campaign list --plans` shows them.",
-    )(command)
-
-
-def controller_option(command: F) -> F:
-    """Decorator that adds `--controller FILE`, which reaches the command as `controller`: str | None."""
-    return click.option(
-        "--controller",
-        type=click.Path(exists=True, dir_okay=False),
-        metavar="FILE",
-        help="Controller that the designed strategies play.  [default: designed now, kept in designed-BENCH]",
     )(command)
 
 
@@ -90,6 +62,45 @@ def _parsed(_ctx: click.Context, param: click.Parameter, texts: tuple[str, ...])
         except SyntaxFault:
             own[last] = value.strip()  # a bare word is a text
     return settings
+
+
+class Order(TypedDict):
+    """What the common options of a test ask for, as the commands get it."""
+
+    bench: str
+    out: Path | None
+    seed: int
+    dry_run: bool
+    as_json: bool
+
+
+def run_test(
+    plan: Plan,
+    title: str,
+    measured: Callable[[Run], tuple[Sequence[Check], Mapping[str, Any]]],
+    *,
+    bench: str,
+    out: Path | None,
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Play a plan and show what is `measured` in its log: checks and results; return the exit code.
+
+    A dry run only counts. The log is named after the plan unless `out` names another.
+    """
+    if dry_run:
+        count({plan.name: plan}, bench, seed, as_json=as_json)
+        return 0
+    played = play(plan, bench, out or Path(f"{plan.name}.h5"), seed)
+    if played.exit_code:
+        return played.exit_code
+
+    from campaigns.log import read_run
+
+    with read_run(played.log) as run:
+        checks, results = measured(run)
+    return conclude(title, checks, results, [played.log], as_json=as_json)
 
 
 class Played(NamedTuple):

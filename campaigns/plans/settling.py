@@ -18,7 +18,6 @@ class Settling(ChopPlan, frozen=True, kw_only=True):
     name: ClassVar[str] = "settling"
     title: ClassVar[str] = "settling of a fast chop"
 
-    alpha_deg: float = 90.0
     frequency_hz: float = 5.0
     cycles: int = 25
     window_s: float = 0.05

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
 from mccdcli.options import common_options
-from mccdcli.trials import conclude, count, play, settings_option
+from mccdcli.trials import Order, run_test, settings_option
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from analysis.recorded.requirements import Check
+    from campaigns.log import Run
 
 
 @click.command()
 @settings_option
 @common_options()
-def endstops(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool, settings: dict[str, Any]) -> int:
+def endstops(settings: dict[str, Any], **order: Unpack[Order]) -> int:
     """Pull the mechanism against its end stops, eight ways, and measure the noise of the sensors there.
 
     The log is endstops.h5 unless --out names another. Exit code 1 if a 3σ exceeds 30 nm.
@@ -26,18 +31,12 @@ def endstops(bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bo
     """
     from campaigns.plans import make_plan
 
-    plan = make_plan("endstops", settings)
-    if dry_run:
-        count({plan.name: plan}, bench, seed, as_json=as_json)
-        return 0
-    played = play(plan, bench, out or Path("endstops.h5"), seed)
-    if played.exit_code:
-        return played.exit_code
+    return run_test(make_plan("endstops", settings), "end stops", _measured, **order)
 
+
+def _measured(run: Run) -> tuple[Sequence[Check], Mapping[str, Any]]:
     from analysis.recorded.requirements import endstop_checks
     from analysis.recorded.sensors import endstops_of
-    from campaigns.log import read_run
 
-    with read_run(played.log) as run:
-        test = endstops_of(run)
-    return conclude("end stops", endstop_checks(test), {"result": test}, [played.log], as_json=as_json)
+    test = endstops_of(run)
+    return endstop_checks(test), {"result": test}

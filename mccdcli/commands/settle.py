@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
-from mccdcli.options import Real, WholeRange, common_options
-from mccdcli.trials import Form, conclude, controller_option, count, play, settings_option
+from mccdcli.chop_options import chop_options
+from mccdcli.options import WholeRange, common_options
+from mccdcli.trials import Order, run_test, settings_option
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from analysis.recorded.requirements import Check
+    from campaigns.log import Run
 
 
 @click.command()
-@click.option(
-    "--strategy", default="hybrid", show_default=True, help="hybrid, mbff, repetitive, learned-hybrid, designed …"
-)
-@click.option("--alpha", type=Real(), default=90.0, show_default=True, help="Direction in degrees: 0 is θx, 90 is θy.")
-@click.option("--form", type=Form(), default="0:+8.5", show_default=True, help="Both positions in mrad.")
+@chop_options
 @click.option("--cycles", type=WholeRange(1), default=25, show_default=True, help="Cycles to chop, after any learning.")
-@click.option("--model", default="design-4th-order", show_default=True, help="Design model: a bundled one or a file.")
-@controller_option
 @settings_option
 @common_options()
 def settle(
-    bench: str,
-    out: Path | None,
-    seed: int,
-    dry_run: bool,
-    as_json: bool,
     settings: dict[str, Any],
     strategy: str,
     alpha: float,
@@ -35,6 +30,7 @@ def settle(
     cycles: int,
     model: str,
     controller: str | None,
+    **order: Unpack[Order],
 ) -> int:
     """Chop at 5 Hz and measure how fast each move settles to ±1.7 µrad, with power and peak current.
 
@@ -57,27 +53,22 @@ def settle(
         "model": model,
         "controller": controller,
     }
-    plan = chop_plan("settling", {**chosen, **settings}, bench, seed, dry_run=dry_run, as_json=as_json)
+    plan = chop_plan("settling", {**chosen, **settings}, **order)
     if isinstance(plan, int):
         return plan
-    if dry_run:
-        count({plan.name: plan}, bench, seed, as_json=as_json)
-        return 0
     with told_to_design_anew(plan):
-        played = play(plan, bench, out or Path("settle.h5"), seed)
-    if played.exit_code:
-        return played.exit_code
+        return run_test(plan, f"settling {alpha:g}°, {strategy}", _measured, **order)
 
+
+def _measured(run: Run) -> tuple[Sequence[Check], Mapping[str, Any]]:
     from analysis.recorded.requirements import settling_checks
     from analysis.recorded.settle import settle_of
-    from campaigns.log import read_run
 
-    with read_run(played.log) as run:
-        test = settle_of(run)
+    test = settle_of(run)
     results = {
         "settling_ms": test.settling_s * 1e3,
         "stability_urad_3sigma": test.stability.stability_rad * 1e6,
         "inside_percent": test.stability.inside_percent,
         "result": test,
     }
-    return conclude(f"settling {alpha:g}°, {strategy}", settling_checks(test), results, [played.log], as_json=as_json)
+    return settling_checks(test), results

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
 from mccdcli.options import common_options
-from mccdcli.trials import conclude, count, play, settings_option
+from mccdcli.trials import Order, run_test, settings_option
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from analysis.recorded.requirements import Check
+    from campaigns.log import Run
 
 
 @click.command()
@@ -20,15 +30,7 @@ from mccdcli.trials import conclude, count, play, settings_option
 )
 @settings_option
 @common_options()
-def theodolite(
-    bench: str,
-    out: Path | None,
-    seed: int,
-    dry_run: bool,
-    as_json: bool,
-    settings: dict[str, Any],
-    readings: Path | None,
-) -> int:
+def theodolite(settings: dict[str, Any], readings: Path | None, **order: Unpack[Order]) -> int:
     """Hold a grid of angles and compare the sensors with a theodolite: gain corrections of both axes.
 
     Without --readings the bench's own instrument is read. The log is theodolite.h5 unless --out names another. Exit
@@ -44,17 +46,12 @@ def theodolite(
 
     plan = Theodolite.of(settings)
     given = None if readings is None else read_angles(readings, len(plan.points()))
-    if dry_run:
-        count({plan.name: plan}, bench, seed, as_json=as_json)
-        return 0
-    played = play(plan, bench, out or Path("theodolite.h5"), seed)
-    if played.exit_code:
-        return played.exit_code
+    return run_test(plan, "theodolite", partial(_measured, given=given), **order)
 
+
+def _measured(run: Run, *, given: NDArray[np.float64] | None) -> tuple[Sequence[Check], Mapping[str, Any]]:
     from analysis.recorded.requirements import theodolite_checks
     from analysis.recorded.sensors import theodolite_of
-    from campaigns.log import read_run
 
-    with read_run(played.log) as run:
-        test = theodolite_of(run, given)
-    return conclude("theodolite", theodolite_checks(test), {"result": test}, [played.log], as_json=as_json)
+    test = theodolite_of(run, given)
+    return theodolite_checks(test), {"result": test}

@@ -23,7 +23,7 @@ from sim_backend.model import number
 from sim_backend.simbench import SimBench
 from tests.analysis.study.studies import spread
 
-HEAD = 'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n[settings]\ncycles = 2\n'
+HEAD = 'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n[settings]\ncycles = 2\nalpha_deg = 90.0\n'
 FREQUENCY = "model.modes[theta_y suspension].frequency_hz"
 OWN_HZ = 29.4775
 
@@ -100,7 +100,7 @@ def test_a_sweep_over_the_model_and_over_parts_of_a_number() -> None:
 def test_a_trial_is_the_test_that_the_command_plays(tmp_path: Path) -> None:
     one = job()
     setup = one.setup(7, one.varied(7))
-    plan = make_plan("settling", {"cycles": 2})
+    plan = make_plan("settling", {"cycles": 2, "alpha_deg": 90.0})
     with contextlib.closing(open_bench("sim", setup.seed)) as bench:
         run_plan(plan, bench, tmp_path / "run.h5", seed=setup.seed)
     with read_run(tmp_path / "run.h5") as run:

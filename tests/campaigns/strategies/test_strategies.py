@@ -60,7 +60,10 @@ def test_a_chop_between_two_angles_approaches_the_first_from_rest(design_path):
 
 def test_learning_shrinks_the_error_by_what_the_gain_says(design_path):
     bench = SimBench(bench_model(), 0)
-    plan = make_plan("settling", {"strategy": "repetitive", "model": design_path, "tuning": {"learning_s": 4.0}})
+    plan = make_plan(
+        "settling",
+        {"strategy": "repetitive", "model": design_path, "alpha_deg": 90.0, "tuning": {"learning_s": 4.0}},
+    )
     learning = [segment for segment in checked_segments(plan, bench) if segment.settings["phase"] == "learning"]
     # a cycle each, so that each can be judged before the next
     error = np.stack([one.reference[:, 1] - bench.play(one).channels["theta_y"] for one in learning])
@@ -75,7 +78,8 @@ def test_learning_shrinks_the_error_by_what_the_gain_says(design_path):
 def test_the_learned_input_goes_on_when_the_feedback_closes_within_a_period(design_path):
     bench = SimBench(bench_model(), 0)
     tuning = {"learning_s": 4.7}
-    plan = make_plan("settling", {"strategy": "repetitive", "model": design_path, "tuning": tuning, "cycles": 2})
+    chosen = {"strategy": "repetitive", "model": design_path, "alpha_deg": 90.0, "tuning": tuning, "cycles": 2}
+    plan = make_plan("settling", chosen)
     *learning, chop, _ = checked_segments(plan, bench)
     assert sum(one.n_samples for one in learning) == 47_000  # 23.5 periods
     assert chop.settings["position_2_at"] == 1000 and chop.settings["position_1_at"] == 0
