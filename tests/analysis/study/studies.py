@@ -17,6 +17,7 @@ trials = {trials}
 seed = 3
 [settings]
 cycles = 2
+alpha_deg = 90.0
 [[vary]]
 place = "model.modes[theta_y suspension].frequency_hz"
 relative = true
