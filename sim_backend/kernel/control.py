@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sim_backend.kernel.code import Cells, Number, added, index
-
-if TYPE_CHECKING:
-    from sim_backend.kernel.sample import Sample
+from sim_backend.kernel.emission import Emission
 
 
-def emit_commands(loop: Sample, sample: Any, k: Any) -> None:
+def emit_commands(loop: Emission, sample: Any, k: Any) -> None:
     """Emit the commands of sample `k` of the period: feed-forward, feedback where the loop is closed, and learning."""
     reference, feedforward = (loop.cells_of(loop.whole, name) for name in ("reference", "feedforward"))
     row = loop.at.mul(k, index(loop.n_u))
@@ -24,7 +22,7 @@ def emit_commands(loop: Sample, sample: Any, k: Any) -> None:
             _learn(loop, i, sample, loop.alike(reference[column]) - loop.bus["reading"][i], command)
 
 
-def _feedback(loop: Sample, i: int, error: Number) -> Number:
+def _feedback(loop: Emission, i: int, error: Number) -> Number:
     """Emit one sample of the block filter of an axis; return its output."""
     a, b, c, x = (
         loop.weights["fa"],
@@ -42,7 +40,7 @@ def _feedback(loop: Sample, i: int, error: Number) -> Number:
     return loop.weights["fd"].term((i,), error, added(parts)) or loop.zero
 
 
-def _learn(loop: Sample, i: int, sample: Any, error: Number, command: Cells) -> None:
+def _learn(loop: Emission, i: int, sample: Any, error: Number, command: Cells) -> None:
     """Emit the call that adds the repetitive input of an axis to its command."""
     now = loop.at.add(loop.whole["samples"], sample)
     of_controller = [f"ctl.{name}" for name in ("period", "lead", "learning", "taps", "gain", "la", "lb", "lc", "ld")]

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from llvmlite import ir
 
 from sim_backend.effects.base import Aux, Site
 from sim_backend.effects.compiled import WIRES, Step
 from sim_backend.kernel.code import F64, I64, Cells, Number, index
+from sim_backend.kernel.emission import Emission
 from sim_backend.kernel.structure import step_symbol, whole
 from sim_backend.kernel.wide_step import wide_step
 
-if TYPE_CHECKING:
-    from sim_backend.kernel.sample import Sample
 
-
-def emit_effects(loop: Sample, site: Site) -> None:
+def emit_effects(loop: Emission, site: Site) -> None:
     """Emit all effects of a site: inlined one by one, or one call for all places of an effect."""
     dt_s = loop.fine_s if site in (Site.DRIVE, Site.STRUCTURE) else loop.dt_s
     if loop.structure.inlined:
@@ -34,7 +32,7 @@ def emit_effects(loop: Sample, site: Site) -> None:
         at.call(function, [at.sub(end, first), at.inttoptr(wires, I64.as_pointer()), dt_s.value])
 
 
-def _inline(loop: Sample, site: Site, number: int, dt_s: Number) -> None:
+def _inline(loop: Emission, site: Site, number: int, dt_s: Number) -> None:
     """Emit one effect: its step, which the compiler inlines, and the addition of what it gives."""
     wires = loop.wires[number]
     signals = {Site.COMMAND: "driven", Site.CURRENT: "current", Site.HEAD: "head", Site.READING: "reading"}
@@ -60,7 +58,7 @@ def _inline(loop: Sample, site: Site, number: int, dt_s: Number) -> None:
     target[0] = target[0] + _stepped(loop, number, numbers)
 
 
-def _stepped(loop: Sample, number: int, numbers: list[Number]) -> Number:
+def _stepped(loop: Emission, number: int, numbers: list[Number]) -> Number:
     """Emit the step of an effect, each lane with its own parameters and states; return what it gives."""
     parameters, states = (
         loop.mine[name].part(loop.wires[number][first]) for name, first in (("parameters", "p0"), ("states", "s0"))
@@ -77,7 +75,7 @@ def _stepped(loop: Sample, number: int, numbers: list[Number]) -> Number:
     return _one_by_one(loop, number, numbers, (parameters, states))
 
 
-def _one_by_one(loop: Sample, number: int, numbers: list[Number], arrays: tuple[Cells, Cells]) -> Number:
+def _one_by_one(loop: Emission, number: int, numbers: list[Number], arrays: tuple[Cells, Cells]) -> Number:
     """Emit the step for one lane after the other: it finds its numbers one behind the other."""
     sizes = [_size(loop, number, *which) for which in (("p0", "n_parameters"), ("s0", "n_states"))]
     added: list[Any] = []
@@ -92,14 +90,14 @@ def _one_by_one(loop: Sample, number: int, numbers: list[Number], arrays: tuple[
     return Number.of_lanes(loop.at, added)
 
 
-def _size(loop: Sample, number: int, first: str, in_all: str) -> int:
+def _size(loop: Emission, number: int, first: str, in_all: str) -> int:
     """Return how many numbers an effect has, the next one's first or the spare one behind the last."""
     starts = [wires[first] for wires in loop.wires]
     end = starts[number + 1] if number + 1 < len(starts) else getattr(loop.structure, in_all) - 1
     return end - starts[number]
 
 
-def _function(loop: Sample, step: Step, arguments: list[Any]) -> Any:
+def _function(loop: Emission, step: Step, arguments: list[Any]) -> Any:
     name = step_symbol(step.key)
     known = loop.module.globals.get(name)
     return known or ir.Function(loop.module, ir.FunctionType(F64, [a.type for a in arguments]), name)

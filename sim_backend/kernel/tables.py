@@ -7,14 +7,12 @@ handed back, row by row.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from llvmlite import ir
 
 from sim_backend.kernel.code import F64, I64, Cells, Number, index, repeated
-
-if TYPE_CHECKING:
-    from sim_backend.kernel.sample import Sample
+from sim_backend.kernel.emission import Emission
 
 AT_ONCE = 256
 """Samples that are brought together: 25 signals of four benches take 0.2 MB, which stay in the processor's cache."""
@@ -23,7 +21,7 @@ AT_ONCE = 256
 class Tables:
     """Reads and writes the tables of a loop; `kept` is how many rows each that is kept has."""
 
-    def __init__(self, loop: Sample, kept: dict[str, int]) -> None:
+    def __init__(self, loop: Emission, kept: dict[str, int]) -> None:
         self._loop, self._rows = loop, kept
         self._staged = loop.structure.lanes > 1
         if self._staged:
