@@ -11,6 +11,7 @@ import click
 from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import BenchAddress, NewPath, Real, RealRange, WholeRange, common_options
 from mccdcli.output import VERDICTS, emit, say, table
+from mccdcli.pdf import pdf_option, printed
 from mccdcli.progress import progress
 from sim_backend.safe_write import unnamed_folder
 
@@ -62,6 +63,7 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
     "--held", is_flag=True, help="With --frf: it was measured at the model's rate, behind the hold of its input."
 )
 @click.option("--page/--no-page", default=True, show_default=True, help="Draw the page index.html and its figures.")
+@pdf_option("diagnosis.pdf")
 @click.option(
     "--expect",
     type=click.Choice(POSSIBLE),
@@ -88,6 +90,7 @@ def diagnose(
     rows: int,
     bench: str | None,
     page: bool,
+    pdf: bool,
     expect: str | None,
     junit: Path | None,
 ) -> int:
@@ -108,6 +111,8 @@ def diagnose(
     from sim_backend.model import load_model
 
     _require_one(runs, table_file, bench, level, held=held)
+    if pdf and not page:
+        raise click.UsageError("--pdf is the page on paper: leave out --no-page")
     folder = out or unnamed_folder(Path("diagnosis"))
     prepare_junit(junit, folder)
     model = load_model(nominal)  # before what diagnoses is imported: a wrong name is refused at once
@@ -116,6 +121,8 @@ def diagnose(
         found = _of_table(table_file, model, folder, settings, level, held=held, page=page, as_json=as_json)
     else:
         found = _of_logs(runs, nominal, model, folder, settings, rows, bench, page=page, as_json=as_json)
+    if pdf:
+        printed(folder / "index.html", folder / "diagnosis.pdf")
     return _concluded(found, nominal, expect, junit)
 
 

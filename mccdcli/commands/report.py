@@ -10,6 +10,7 @@ import click
 from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import NewPath, common_options
 from mccdcli.output import BAD, GOOD, emit, say, table
+from mccdcli.pdf import pdf_option, printed
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign
 from sim_backend.safe_write import unnamed_folder
@@ -58,6 +59,7 @@ OWN_LOGS: Final = "310 MB"
     metavar="FILE",
     help="With --check: also write every predicted number as a case of a JUnit file, which CI shows.",
 )
+@pdf_option("report.pdf")
 @common_options()
 def report(
     bench: str,
@@ -70,6 +72,7 @@ def report(
     check: bool,
     known_misses: Path | None,
     junit: Path | None,
+    pdf: bool,
 ) -> int:
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
@@ -111,6 +114,8 @@ def report(
         with progress("report") as advance:
             built = report_of(measured, folder, advance)
     emit(built.content(), as_json=as_json, text=_text(built), colours={"met": GOOD, "missed": BAD})
+    if pdf:
+        printed(built.page, folder / "report.pdf")
     return _checked(built, known, junit) if check else 0
 
 
