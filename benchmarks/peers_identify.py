@@ -127,13 +127,13 @@ def _mirror(folder: Path, level: str, there: dict[str, Any]) -> dict[str, Any]:
     """Compare on one level of the measured mirror: all fitted rows, and the last period of each test record."""
     train, test = ([np.load(folder / f"{s}_{level}_{part}.npy") for s in "uy"] for part in ("train", "test"))
 
-    def parts(u: Array, y: Array, periods: slice) -> list[tuple[Array, Array]]:
+    def parts(record: list[Array], periods: slice) -> list[tuple[Array, Array]]:
         """Take (sample, channel, realisation, period) apart into one record (n, channels) for each realisation."""
-        each = [[x[:, :, r, periods].transpose(2, 0, 1).reshape(-1, x.shape[1]) for x in (u, y)] for r in
-                range(u.shape[2])]  # fmt: skip
+        each = [[x[:, :, r, periods].transpose(2, 0, 1).reshape(-1, x.shape[1]) for x in record] for r in
+                range(record[0].shape[2])]  # fmt: skip
         return [(one[0], one[1]) for one in each]
 
-    peers = _peers(parts(*train, slice(None)), parts(*test, slice(-1, None)), there)
+    peers = _peers(parts(train, slice(None)), parts(test, slice(-1, None)), there)
     with tempfile.TemporaryDirectory() as place:
         for file in folder.resolve().glob(f"*_{level}_*.npy"):
             (Path(place) / file.name).symlink_to(file)

@@ -10,6 +10,7 @@ import contextlib
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import scipy
@@ -77,7 +78,7 @@ class _Regression:
         self.past = self.orders[-1] + ARX_DELAYS[-1]
         rows = np.concatenate([self._rows(u, y) for u, y in parts if u.shape[0] > self.past])
         self.count = rows.shape[0]
-        self.r = np.linalg.qr(rows, mode="r")
+        self.r = cast(Array, np.linalg.qr(rows, mode="r"))
 
     def _rows(self, u: Array, y: Array) -> Array:
         n, p = u.shape[0], self.past
@@ -93,7 +94,7 @@ class _Regression:
         last = first + (self.past + 1) * self.n_u
         columns = np.r_[own, [i for i in driven if i < last], last].astype(int)
         goal = self.r[:, last + 1 :]
-        found = np.linalg.lstsq(self.r[:, columns], goal, rcond=1e-12)[0]
+        found = np.asarray(np.linalg.lstsq(self.r[:, columns], goal, rcond=1e-12)[0], dtype=float)
         rest = goal - self.r[:, columns] @ found
         power = np.maximum(np.sum(rest**2, axis=0), np.finfo(float).tiny) / self.count
         return found, float(self.count * np.sum(np.log(power)) + 2.0 * found.size)

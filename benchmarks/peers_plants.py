@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -120,7 +121,8 @@ def state_space(kind: Kind, rng: np.random.Generator) -> tuple[Array, Array, Arr
     # one in each part of the band, apart by a tenth of it at least
     parts = rng.uniform(0.1, 0.9, size=m)
     omega = 2.0 * np.pi * kind.rate_hz * edges[:-1] * (edges[1:] / edges[:-1]) ** parts
-    zeta = np.exp(rng.uniform(*np.log(kind.damping), size=m))
+    least, most = np.log(kind.damping)
+    zeta = np.exp(rng.uniform(least, most, size=m))
     stiffness, drag = omega**2, 2.0 * zeta * omega
     shape_in, shape_out = rng.normal(size=(m, n_u)), rng.normal(size=(n_y, m))
     if n_u == 1 and n_y == 1:  # no mode that hardly shows
@@ -217,4 +219,4 @@ def _noise(kind: Kind, rng: np.random.Generator) -> Array:
 
 def maker() -> dict[str, Callable[[int], Record]]:
     """Return what draws each simulated case, by the name of its kind."""
-    return {kind.name: lambda seed, kind=kind: drawn(kind, seed) for kind in KINDS}
+    return {kind.name: partial(drawn, kind) for kind in KINDS}

@@ -162,7 +162,7 @@ def shares(trials: int, warm: int = WARM, *, give_back: bool = False) -> dict[st
     trial_ms = 1e3 * whole_s / trials
     names = [*dict.fromkeys(stage for _, _, stage in STAGES)]
     ms, free_ms = ({name: 1e3 * total[name] / trials for name in names} for total in (stage_s, free_s))
-    table = {
+    stages = {
         name: {
             "ms": round(ms[name], 3),
             "share": round(ms[name] / trial_ms, 3),
@@ -176,7 +176,7 @@ def shares(trials: int, warm: int = WARM, *, give_back: bool = False) -> dict[st
         "keeps_freed_memory": not give_back,
         "page_faults_per_trial": round(faults / trials, 1),
         "trial_ms": round(trial_ms, 3),
-        "stages": table,
+        "stages": stages,
         "without_lock_share": round(sum(free_ms.values()) / trial_ms, 3),
     }
 

@@ -21,9 +21,11 @@ def calls_in(line: str) -> list[list[str]]:
 
 def check(words: list[str]) -> None:
     """Raise click's usage error unless the words are a command with options that it has; values are not looked at."""
-    ctx, command, rest = click.Context(cli, info_name="mccd"), cli, words[1:]
+    command: click.Command = cli
+    ctx, rest = click.Context(cli, info_name="mccd"), words[1:]
     while isinstance(command, click.Group) and rest and not rest[0].startswith("-"):
-        _, command, rest = command.resolve_command(ctx, rest)
-        assert command is not None
+        _, found, rest = command.resolve_command(ctx, rest)
+        assert found is not None
+        command = found
         ctx = click.Context(command, info_name=command.name, parent=ctx, **command.context_settings)
     command.make_parser(ctx).parse_args(list(rest))

@@ -26,8 +26,8 @@ def shifted_bench(
             seconds = delay_samples / model.sample_rate_hz
             effects.append(EffectEntry(effect="delay", where=dof, parameters={"seconds": seconds}))
         if amplifier_hz is not None:
-            lag = {"time_constant_s": 1.0 / (2.0 * math.pi * amplifier_hz)}
-            effects.append(EffectEntry(effect="amplifier-lag", where=dof, parameters=lag))
+            lag_s = 1.0 / (2.0 * math.pi * amplifier_hz)
+            effects.append(EffectEntry(effect="amplifier-lag", where=dof, parameters={"time_constant_s": lag_s}))
     return msgspec.structs.replace(
         model, modes=_shifted(model.modes, 1.0 + frequency, only), effects=[*model.effects, *effects]
     )

@@ -45,6 +45,9 @@ def prepare(quick: bool, folder: Path) -> Prepared:
     def diagnosis(name: str, run: Callable[..., Ran]) -> Ran:
         return run("diagnose", *given[name], may_fail=True)
 
+    def by_time(name: str) -> list[str]:
+        return commands.sampled("diagnose", *given[name], may_fail=True).by_time()
+
     warm = 0 if quick else 1
     contenders = [
         Contender(
@@ -52,7 +55,7 @@ def prepare(quick: bool, folder: Path) -> Prepared:
             partial(diagnosis, name, commands.mccd),
             rounds=3,
             warm=warm,
-            profile=lambda name=name: commands.sampled("diagnose", *given[name], may_fail=True).by_time(),
+            profile=partial(by_time, name),
         )
         for name in chosen
     ]

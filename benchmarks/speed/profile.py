@@ -31,7 +31,7 @@ def profile(run: Callable[[], Any]) -> list[str]:
     compiled = _compiled()
     total = sum(own for _, _, own, _, _ in entries.values()) or 1.0
     kinds = dict.fromkeys((NUMBA, C, PYTHON), 0.0)
-    lines = []
+    lines: list[str] = []
     for place, (_, calls, own, _, _) in sorted(entries.items(), key=lambda item: -item[1][2]):
         kind = _kind(place, compiled)
         kinds[kind] += own

@@ -104,8 +104,8 @@ class Stacks(threading.Thread):
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
-        self.seconds: Counter[str] = Counter()
-        self.grown_mb: Counter[str] = Counter()
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.grown_mb: defaultdict[str, float] = defaultdict(float)
         self.lines: defaultdict[str, Counter[int]] = defaultdict(Counter)
         self.most_mb: tuple[float, list[str]] = 0.0, []
         self.ended = threading.Event()
@@ -125,9 +125,9 @@ class Stacks(threading.Thread):
                 self.most_mb = holds, [f"{name}, line {line}" for name, line in met]
             last, held = now, holds
 
-    def most(self, of: Counter[str]) -> list[tuple[str, float]]:
+    def most(self, of: dict[str, float]) -> list[tuple[str, float]]:
         """Return the functions with the most of something, with the line at which each was met most often."""
-        told = of.most_common(LINES)
+        told = sorted(of.items(), key=lambda item: -item[1])[:LINES]
         return [(f"{name}, mostly line {self.lines[name].most_common(1)[0][0]}", value) for name, value in told]
 
 
@@ -160,7 +160,7 @@ def main(library: str, out: Path, arguments: list[str]) -> int:
         found["shares"] = shares(list(buffer[:taken]), Path("/proc/self/maps").read_text()) if taken else None
     stacks.ended.set()
     stacks.join()
-    found["stacks_s"], found["own_time"] = stacks.seconds.total(), stacks.most(stacks.seconds)
+    found["stacks_s"], found["own_time"] = sum(stacks.seconds.values()), stacks.most(stacks.seconds)
     found["grown_mb"] = stacks.most(stacks.grown_mb)
     found["most_mb"], found["most_in"] = stacks.most_mb
     out.write_text(json.dumps(found), encoding="utf-8")

@@ -4,7 +4,7 @@ import pytest
 from sim_backend.linear import ModalModel
 
 
-def make_plant(rng, blocks, n_y, n_u, mechanical, band_hz=(20.0, 2500.0)):
+def make_plant(rng, blocks, n_y, n_u, mechanical, band_hz: tuple[float, float] = (20.0, 2500.0)):
     """A random stable plant whose modes all matter: unit participation, gains of one size at resonance."""
     omega = 2.0 * np.pi * np.geomspace(*band_hz, blocks) * rng.uniform(0.9, 1.1, blocks)
     sigma = omega * rng.uniform(0.005, 0.05, blocks)

@@ -18,7 +18,7 @@ from benchmarks.speed.profile import profile
 from benchmarks.speed.sampled import COMPILED, group_of, shares
 
 
-@njit
+@njit()
 def compiled_sum(n: int) -> float:
     total = 0.0
     for k in range(n):

@@ -54,8 +54,9 @@ def test_a_stage_is_timed_without_the_stages_that_it_calls(monkeypatch: pytest.M
     monkeypatch.setattr(time, "thread_time", lambda: now[0])
     clock = Clock()
 
-    def passing(seconds: float) -> None:
+    def passing(seconds: float) -> float:
         now[0] += seconds
+        return now[0]
 
     compiled = clock.free(passing)
     inner = clock.stage("inner", lambda: (passing(1.0), compiled(2.0)))

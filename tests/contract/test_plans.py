@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import h5py
 import numpy as np
@@ -10,13 +11,14 @@ import pytest
 
 from campaigns.plans import PLANS, checked_segments, estimate, make_plan
 from campaigns.playing.runner import run_plan
+from sim_backend.bench import Record, Segment
 from sim_backend.errors import ConfigError
 from sim_backend.model import dump_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import NOISE, bench_model
 
 # what makes each plan short; a plan that is not here is tested with its defaults
-SHORT = {
+SHORT: dict[str, dict[str, Any]] = {
     "chop": {"cycles": 1, "frequency_hz": 2.0, "window_s": 0.1, "alpha_deg": 120.0},
     "endstops": {"ramp_s": 0.02, "settle_s": 0.02, "hold_s": 0.02},
     "freerun": {"steps_s": 0.5, "noise_s": 0.2, "held_out_s": 0.2},
@@ -37,11 +39,14 @@ class Face:
         self.identity, self.signals, self.axes, self.limits = bench.identity, bench.signals, bench.axes, bench.limits
         self.made_safe = 0
 
-    def play(self, segment):
+    def play(self, segment: Segment) -> Record:
         raise AssertionError(f"'{segment.label}' was played")
 
-    def safe(self):
+    def safe(self) -> None:
         self.made_safe += 1
+
+    def close(self) -> None:
+        """There is nothing to let go of."""
 
 
 @pytest.fixture(params=sorted(PLANS))

@@ -6,6 +6,7 @@ import math
 import shutil
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import jsonschema
@@ -169,7 +170,9 @@ def test_the_whole_page_in_a_browser_shows_the_numbers_of_the_json(home, content
 
 
 def test_repeatability_is_the_farthest_dot_of_figure_6_16(measured, content):
-    dots = make_figure("6.16", measured).numbers()
+    figure = make_figure("6.16", measured)
+    assert figure is not None
+    dots = figure.numbers()
     offsets = [group.y.to_numpy() for _, group in dots.groupby("panel", sort=False)]
     farthest = max(np.hypot(*offsets[i : i + 2]).max() for i in (0, 2))
     (row,) = [row for row in content["tables"]["6.6"] if row["row"] == "positional repeatability"]
@@ -279,7 +282,7 @@ def cases_of(path):
 
 
 def known_file(path, rows):
-    tables = {}
+    tables: dict[str, list[str]] = {}
     for key, row in rows:
         tables.setdefault(key, []).append(row)
     text = "".join(f'["{key}"]\n' + "".join(f"{json.dumps(r)} = 'seen'\n" for r in of) for key, of in tables.items())
@@ -297,7 +300,7 @@ def test_known_misses_pass_and_one_that_passes_again_is_told(home, content, tmp_
     )
     junit = tmp_path / "report.xml"
     begin = [*COMMAND, "--out", str(home), "--check", "--junit", str(junit)]
-    built = []
+    built: list[Any] = []
 
     def report_once(*arguments):
         built.extend([] if built else [report_of(*arguments)])

@@ -9,6 +9,7 @@ Ishlinskii in the drives. The linear model is fitted to its records.
 from __future__ import annotations
 
 import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def played(u, hysteresis, softening, y):
                 q[m], v[m] = q[m] + h * (v[m] + 0.5 * h * a), v[m] + h * a
 
 
-def recorded(folder, hysteresis: float, softening: float = 0.0) -> dict:
+def recorded(folder, hysteresis: float, softening: float = 0.0) -> dict[str, Any]:
     """Write four multisines per level, the last of them held out, and return their diagnosis."""
     rng = np.random.default_rng(5)
     lines = np.arange(4, 400)
@@ -120,7 +121,7 @@ def test_hysteresis_at_both_drives_is_named_and_pays(tmp_path):
     assert set(extended["coordinates"]) == {"piezo_1", "piezo_2"}
 
 
-def lost_per_deflection(folder, found: dict) -> list[float]:
+def lost_per_deflection(folder, found: dict[str, Any]) -> list[float]:
     """Return by what part of its stiffness each mode softens per unit of what it adds to the outputs."""
     model = tomllib.loads((folder / "out" / "extended.toml").read_text())
     levels = {e["where"]: e["parameters"]["level"] for e in model["effects"] if e["effect"] == "slow-softening"}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.slow
 PERIOD, DWELL, STEP, LEVEL_RAD = 2000, 1000, 50, 8.5e-3
 OFF_RAD, MOST_W = 50e-6, 1.0
 
-BENCHES = {
+BENCHES: dict[str, dict[str, Any]] = {
     "modes -1 %": {"frequency": -0.01},
     "490 Hz -0.7 %": {"frequency": -0.007, "only": "490"},
     "2 samples late": {"delay_samples": 2.0},
@@ -37,7 +38,7 @@ def controller() -> Path:
     return designed() / "design" / "controller.toml"
 
 
-def settled(here: Path, controller: Path, alpha: float, kind: str = "sim", **shift: object) -> tuple[int, Path]:
+def settled(here: Path, controller: Path, alpha: float, kind: str = "sim", **shift: Any) -> tuple[int, Path]:
     """Return the exit code and the log of a fast chop on a shifted bench."""
     (here / "shifted.toml").write_text(dump_model(shifted_bench(**shift)), encoding="utf-8")
     log = here / "settle.h5"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.end_to_end.unknown_bench import diagnosed
+from tests.end_to_end.unknown_bench import Array, diagnosed
 
 RATE_HZ = 500.0
 
 
-def play(cubic_1_m2: float, seed: int):
+def play(cubic_1_m2: float, seed: int) -> tuple[Array, Array]:
     """Return drive and reading (n,) of one mode at 23 Hz, 4 % damped, by the classical Runge-Kutta rule."""
     rng = np.random.default_rng(seed)
     n, omega, ratio = 8000, 2.0 * np.pi * 23.0, 0.04

@@ -30,8 +30,8 @@ def main() -> int:
         pid = int(answers.readline())
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, lambda got, _: os.kill(pid, got))
-        for number in early:
-            os.kill(pid, number)
+        for got in early:
+            os.kill(pid, got)
         code = int(answers.readline())
     if code < 0:  # it died of a signal, and so do we
         if -code != signal.SIGKILL:

@@ -113,7 +113,7 @@ def run(words: dict[str, Any], streams: list[int]) -> NoReturn:
         os.environ.update(words["environ"])
         os.chdir(words["cwd"])
         sys.stdin, sys.stdout, sys.stderr = _stream(0, "r"), _stream(1, "w"), _stream(2, "w")
-        sys.__stdin__, sys.__stdout__, sys.__stderr__ = sys.stdin, sys.stdout, sys.stderr
+        sys.__stdin__, sys.__stdout__, sys.__stderr__ = sys.stdin, sys.stdout, sys.stderr  # type: ignore[misc]  # final
         code = ended_with(program(words["arguments"]))
     finally:
         if code == -signal.SIGINT:  # the interpreter ends so, for its caller to see

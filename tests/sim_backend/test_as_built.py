@@ -222,6 +222,7 @@ def test_amplifiers_give_no_more_than_nine_amperes():
 def test_temperature_follows_the_power_of_the_currents():
     bench = SimBench(as_built(*NOISES), 0)
     hw = load_model("as-built").hardware
+    assert hw is not None
     force = 2.0
     wave = np.array([[0.0, 0.0, 3 * force]]) * 0.1
     n = 100_000
@@ -353,7 +354,9 @@ def test_theodolite_sees_the_true_angle_and_only_when_asked():
 
 def test_end_stops_of_the_limits_are_those_of_the_contact():
     limits = SimBench(as_built(), 0).limits
-    gap, radius = effect("end-stop-contact", "a1")["gap"], number(load_model("as-built").hardware.actuators.radius_m)
+    hw = load_model("as-built").hardware
+    assert hw is not None
+    gap, radius = effect("end-stop-contact", "a1")["gap"], number(hw.actuators.radius_m)
     np.testing.assert_allclose(limits.reference, [gap / radius, gap / radius, gap], rtol=1e-12)
 
 

@@ -19,7 +19,7 @@ def test_held_steps_have_the_smooth_signals_spectrum_in_band(period: int) -> Non
     """Held on a grid 64 times finer, the steps' line at each frequency is the sine's own amplitude and phase."""
     t = np.arange(2000) / RATE_HZ
     lines = {20.0: 1.0, 130.0: -0.7, 310.0: 0.4}
-    u = sum(a * np.sin(2.0 * np.pi * f * t + 0.3) for f, a in lines.items())[:, None]
+    u = sum((a * np.sin(2.0 * np.pi * f * t + 0.3) for f, a in lines.items()), np.zeros(t.size))[:, None]
     fine = held_finely(steps_for(u, period=period), 64)[:, 0]
     fine_t = (np.arange(fine.size) + 0.5) / (64.0 * RATE_HZ)
     # without a period the ends are guesses, which reach a few samples in; whole periods of all lines lie between

@@ -23,7 +23,7 @@ PLANTS = {"1440 Hz": theta_x(), "as printed": theta_x_printed()}
 ROUNDING = 1e-12
 
 
-def _polynomials(shape):
+def _polynomials(shape: LoopShape):
     zeros, poles, gain = tustin_zpk(*shape.continuous_zpk(), shape.rate_hz)
     return np.poly(zeros).real * gain * 1e-3, np.poly(poles).real
 

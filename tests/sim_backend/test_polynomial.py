@@ -1,6 +1,7 @@
 """Polynomials taken apart into modes, against exact rational arithmetic and python-control."""
 
 from fractions import Fraction
+from typing import cast
 
 import control
 import numpy as np
@@ -67,7 +68,7 @@ def test_double_real_pole_and_direct_term():
 
 
 def test_a_double_root_stays_in_one_pair():
-    pairs = real_pairs([-1.0, -2.0, -2.0, -5.0])
+    pairs = cast(list[tuple[complex, complex]], real_pairs([-1.0, -2.0, -2.0, -5.0]))
     assert sorted(sorted((p.real, q.real)) for p, q in pairs) == [[-5.0, -1.0], [-2.0, -2.0]]
 
 

@@ -21,7 +21,12 @@ def arrays(size, places):
 def test_benches_that_differ_in_numbers_alone_are_connected_once(monkeypatch):
     asked = []
     connect = wiring._batches  # noqa: SLF001
-    monkeypatch.setattr(wiring, "_batches", lambda acting: (asked.append(len(acting)), connect(acting))[1])
+
+    def connecting(acting):
+        asked.append(len(acting))
+        return connect(acting)
+
+    monkeypatch.setattr(wiring, "_batches", connecting)
     wiring._connected.cache_clear()  # noqa: SLF001
     model = load_model("as-built")
     other = msgspec.structs.replace(model, modes=model.modes[::-1], name="another")

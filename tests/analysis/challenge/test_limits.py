@@ -77,7 +77,7 @@ def test_drift_of_a_long_record_is_seen_as_theory_says(short_one: Campaign, metr
     noise, run = short_one.noises[0], short_one.runs[0]
     time_s = np.arange(run.excitation.n) / run.excitation.rate_hz
     white = noise.whiten(time_s[:, None])[run.rows(held_out=False), 0]
-    bound = THRESHOLD / np.linalg.norm(white)
+    bound = THRESHOLD / float(np.linalg.norm(white))
     found = detection_limit(SensorDrift(0, 0.1 * bound, 1.0), metric, short_one.scene())
     assert bound * 0.98 < found < bound * 1.2
 
@@ -102,7 +102,7 @@ def test_what_an_amplifier_leaves_of_a_vibration_is_the_distance_of_the_nearest_
     # Whittle's expected likelihood ratio of two spectra is ½ Σ (q - 1 - ln q) per number, q their ratio, and d² twice
     # that; the nearest is looked for over level and corner of the amplifier and six terms of the noise's colour
     rate_hz, substeps = short_one.runs[0].excitation.rate_hz, short_one.runs[0].excitation.substeps
-    f = (np.arange(4096) + 0.5) * rate_hz / 8192.0
+    f = (np.arange(4096, dtype=float) + 0.5) * rate_hz / 8192.0
     numerator, denominator = weak_band.filter(1.0 / (rate_hz * substeps))
     z = np.exp(-2j * np.pi * f / (rate_hz * substeps))
     torque = weak_band.size**2 * np.abs(numerator[0] / np.polyval(denominator[::-1], z)) ** 2 / substeps
@@ -150,7 +150,7 @@ def test_signature_grows_with_the_size_and_place_and_name_hold(family, short_two
         small, large = (random_energy(effect.resized(s * effect.size), short_two) for s in (0.01, 0.02))
     else:
         # dropped samples are drawn anew at each size, so only their number tells: far apart
-        small, large = (np.linalg.norm(metric.signature([effect.resized(s * effect.size)])) for s in (0.1, 1.0))
+        small, large = (float(np.linalg.norm(metric.signature([effect.resized(s * effect.size)]))) for s in (0.1, 1.0))
     assert 0.0 < small < large
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def said(verdict: str, *groups: list[str]) -> dict[str, Any]:
     return {"verdict": verdict, "causes": [], "ambiguous": list(groups), "gain": None}
 
 
-def write(folder: Path, diagnoses: dict[str, tuple[Case, dict[str, Any] | None]], wall_s: float = 5.0) -> None:
+def write(folder: Path, diagnoses: Mapping[str, tuple[Case, dict[str, Any] | None]], wall_s: float = 5.0) -> None:
     seal(folder, Truth(seed=0, salt="", cases={name: c for name, (c, _) in diagnoses.items()}))
     (folder / "challenge.json").write_text(json.dumps({"cases": list(diagnoses)}))
     for name, (_, diagnosis) in diagnoses.items():
@@ -165,7 +166,7 @@ def test_all_measures_together(tmp_path: Path) -> None:
         },
     )
     score = score_challenge(tmp_path)
-    value = {name: (m.value, m.n, m.ok) for name, m in rows(score).items()}
+    value: dict[str, Any] = {name: (m.value, m.n, m.ok) for name, m in rows(score).items()}
     assert value["named correctly"] == (pytest.approx(2 / 3), 3, False)
     assert value["worst family"] == (pytest.approx(2 / 3), 3, False)
     assert rows(score)["worst family"].interval == pytest.approx(share_interval(2, 3))

@@ -176,6 +176,7 @@ def test_convergence_is_proven_at_the_measured_lines(plants, feedback):
     assert made.gains == (1.0, 1.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0) == averaging_gains(6)
     assert np.max(made.worst) <= LARGEST_FACTOR and np.all(made.factor <= made.worst + 1e-12)
     lines = made.lines_hz
+    assert lines is not None and made.at_lines is not None and made.at_lines_worst is not None
     z = np.exp(2j * np.pi * lines / RATE_HZ)
     p = control.ss(*siso_matrices(discretise(plants[0], RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)(z)
     k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)(z)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from analysis.diagnosis.pipeline import fitted_delays
-from sim_backend.model import Mode, Model, Port, Quantity
+from sim_backend.model import Mode, Model, Port, Quantity, Value
 
 OWN, FOREIGN = "free fit to run a1", "free fit to run b2"
 
 
 def test_only_a_delay_that_was_fitted_to_the_same_run_is_re_tuned() -> None:
-    delays = {
+    delays: dict[str, Value] = {
         "own": Quantity(value=1e-3, origin="fitted", source=OWN, std=1e-5),
         "foreign": Quantity(value=1e-3, origin="fitted", source=FOREIGN, std=1e-5),
         "set": Quantity(value=1e-3, origin="fitted", source=OWN, std=0.0),

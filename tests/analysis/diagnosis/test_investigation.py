@@ -15,6 +15,7 @@ from analysis.diagnosis.investigation import Quest, investigate
 from analysis.diagnosis.pipeline import Options
 from campaigns.log import read_run
 from campaigns.plans import make_plan
+from campaigns.plans.multisine import Multisine
 from sim_backend.errors import ConfigError
 from sim_backend.model import EffectEntry, dump_model
 from sim_backend.simbench import SimBench
@@ -33,6 +34,7 @@ def models(tmp_path, rate_hz, *effects, theodolite_rad=None):
 
     def model(*entries):
         plain = bench_model(entries)
+        assert plain.hardware is not None
         hardware = msgspec.structs.replace(plain.hardware, theodolite_noise_rad=theodolite_rad)
         return msgspec.structs.replace(plain, sample_rate_hz=rate_hz, hardware=hardware)
 
@@ -56,13 +58,14 @@ def test_what_a_slow_loop_leaves_tied_the_next_experiment_names(tmp_path):
     """
     bench, nominal = models(tmp_path, 2000.0, hidden("position-dependent-force-constant", quadratic=-900.0))
     slow = {"torques_nm": [0.02], "offsets_rad": [], "frequency_hz": 0.5, "cycles": 4}
-    told = []
+    told: list[str] = []
     quest = Quest(bench, nominal, first=make_plan("hysteresis", slow), options=OPTIONS)
     found = investigate(quest, tmp_path / "out", remark=told.append)
     first, second = found.rounds
     assert first.verdict == "ambiguous"
     assert set(first.ambiguous[0]) == {"cubic-stiffness", "position-dependent-force-constant"}
     proposed = first.next_experiment
+    assert proposed is not None
     assert proposed["expected_sigma"] > 7.0 and set(proposed["separates"]) == set(first.ambiguous[0])
     assert proposed["test"] in first.sentence
     assert second.plan == proposed["test"] and second.settings == proposed["settings"]
@@ -83,6 +86,7 @@ def test_a_model_of_one_axis_has_a_first_plan_on_a_bench_of_three(tmp_path):
     )
     description = BenchDescription.of(SimBench(three, 0))
     plan, whole = first_plan(description, one), first_plan(description, three)
+    assert isinstance(plan, Multisine) and isinstance(whole, Multisine)
     assert (plan.name, plan.axes) == ("multisine", ("theta_x",))
     # the axes are driven one after the other, so that what one may have does not depend on the others
     assert plan.torque_rms_nm == pytest.approx(whole.torque_rms_nm, rel=0.1)
@@ -170,7 +174,9 @@ def test_the_first_plan_moves_as_far_as_the_bench_allows_and_no_further():
 def test_a_bench_without_limits_is_asked_for_the_plans_own_size():
     model = bench_model(hardware=False)
     plan = first_plan(BenchDescription.of(SimBench(model, 0)), model)
-    assert plan.torque_rms_nm == make_plan("multisine", {}).torque_rms_nm
+    own = make_plan("multisine", {})
+    assert isinstance(plan, Multisine) and isinstance(own, Multisine)
+    assert plan.torque_rms_nm == own.torque_rms_nm
 
 
 def test_a_bench_of_other_axes_is_refused_by_name():

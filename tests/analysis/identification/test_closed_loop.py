@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from analysis.identification.identify import identify_runs
 from campaigns.importing import import_run
 from campaigns.log import read_run
+from sim_backend.model import Quantity
 
 Array = NDArray[np.float64]
 
@@ -88,6 +89,7 @@ def test_its_numbers_are_right_within_what_they_say(tmp_path: Path, noise: str, 
         (mode.output["x"], GAIN),
     )
     for quantity, value in true:
+        assert isinstance(quantity, Quantity) and quantity.std is not None
         assert abs(quantity.value - value) < 3.0 * quantity.std
         assert quantity.std < 0.1 * value
     assert not found.model.feedthrough and not found.model.delay_s

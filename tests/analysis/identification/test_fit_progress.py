@@ -18,7 +18,8 @@ def assert_rises(heard: Listener, numbers: set[str]) -> None:
 def test_in_frequency() -> None:
     f = np.linspace(1.0, 100.0, 60)
     s = 2j * np.pi * f
-    response = sum((2 * np.pi * at) ** 2 / (s**2 + 10.0 * s + (2 * np.pi * at) ** 2) for at in (20.0, 60.0))
+    modes = [(2 * np.pi * at) ** 2 / (s**2 + 10.0 * s + (2 * np.pi * at) ** 2) for at in (20.0, 60.0)]
+    response = np.sum(modes, axis=0)
     heard = Listener()
     fit_rational(f, response[:, None, None], (1, 2), report=heard)
     assert_rises(heard, {"1", "2"})

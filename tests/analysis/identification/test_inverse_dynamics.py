@@ -79,4 +79,4 @@ def test_a_record_starts_where_the_cubic_through_its_first_rows_does() -> None:
     assert found is not None
     t = np.arange(y.size) / RATE_HZ
     position, rate = found.starts(0.3 - 0.2 * t + 5.0 * t**2 - 40.0 * t**3, RATE_HZ)
-    assert (position, rate) == (pytest.approx(0.3, rel=1e-9), pytest.approx(-0.2, rel=1e-6))
+    assert position == pytest.approx(0.3, rel=1e-9) and rate == pytest.approx(-0.2, rel=1e-6)

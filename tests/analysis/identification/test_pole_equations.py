@@ -10,7 +10,7 @@ PAIRS = np.array([-0.02 + 0.3j, -0.02 - 0.3j, -0.1 + 0.9j, -0.1 - 0.9j, -0.4, -0
 
 def fractions(point, poles):
     """Columns (n_f, n): both of a pair by their sum and j times their difference, real poles by themselves."""
-    columns = []
+    columns: list[np.ndarray] = []
     for k, pole in enumerate(poles):
         if pole.imag < 0.0:
             before = 1.0 / (point - poles[k - 1])

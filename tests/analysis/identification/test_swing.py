@@ -28,9 +28,9 @@ def record(model: ModalModel, *, settled: bool) -> tuple[Realisations, np.ndarra
     u = np.tile(one, before + PERIODS)[:, None]
     y = simulate_linear(discretise(model, RATE_HZ), u)[before * PERIOD :]
     noisy = y + NOISE * rng.standard_normal(y.shape)
-    shaped = [x.reshape(PERIODS, PERIOD, 1, 1).transpose(1, 2, 3, 0) for x in (u[before * PERIOD :], noisy)]
+    inputs, outputs = (x.reshape(PERIODS, PERIOD, 1, 1).transpose(1, 2, 3, 0) for x in (u[before * PERIOD :], noisy))
     steady = simulate_linear(discretise(model, RATE_HZ), np.tile(one, 200)[:, None])[-PERIOD:]
-    return Realisations(*shaped, RATE_HZ, 1), steady
+    return Realisations(inputs, outputs, RATE_HZ, 1), steady
 
 
 @pytest.mark.parametrize("decay_1_s", [0.3, 1.1, 3.0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -60,7 +62,7 @@ def test_modes_behind_a_delay_are_counted_without_imitations_of_it() -> None:
     plant = record("two modes, whole delay", 11)
     u, y = [plant.inputs[: plant.fitted]], [plant.outputs[: plant.fitted]]
 
-    def search(us: list[np.ndarray], ys: list[np.ndarray]) -> TimeFit:
+    def search(us: Sequence[np.ndarray], ys: Sequence[np.ndarray]) -> TimeFit:
         return fit_records(us, ys, plant.rate_hz, ORDERS, rigid_bodies=None)
 
     fit = fit_whole_delay(search, u, y, plant.rate_hz, ORDERS, Structure())

@@ -46,7 +46,7 @@ def test_steady_state_of_a_periodic_input_with_fractional_delay(rng, plant):
     discrete = discretise(model, 1e4)
     u = rng.normal(size=(2000, 2))
     long = simulate_linear(discrete, np.tile(u, (6, 1)))[-2000:]
-    steady = periodic_response(discrete.frequency_response(np.arange(1001) * 5.0), u)
+    steady = periodic_response(discrete.frequency_response(np.arange(1001.0) * 5.0), u)
     # five periods of 0.2 s leave e^-40 of the transient
     assert np.allclose(long, steady, atol=1e-11 * np.std(steady))
 
@@ -69,4 +69,4 @@ def test_wrong_shapes_are_refused(rng, plant):
     with pytest.raises(ConfigError, match=r"needs \(2, 2\)"):
         simulate_linear(discrete, np.ones((5, 1)), np.zeros(4))
     with pytest.raises(ConfigError, match="needs"):
-        periodic_response(np.ones((5, 1, 1)), np.ones((20, 1)))
+        periodic_response(np.ones((5, 1, 1), dtype=np.complex128), np.ones((20, 1)))

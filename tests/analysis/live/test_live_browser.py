@@ -8,9 +8,10 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from http.client import HTTPConnection
 from pathlib import Path
+from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
@@ -44,7 +45,7 @@ def angles(rows: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return torque, x, -2e-3 * x[::-1]
 
 
-def writer(path: Path, **more: object) -> LogWriter:
+def writer(path: Path, **more: Any) -> LogWriter:
     channels = [
         Channel("torque_x", "N m", "input", "theta_x", RATE_HZ),
         Channel("theta_x", "rad", "output", "theta_x", RATE_HZ),
@@ -53,7 +54,7 @@ def writer(path: Path, **more: object) -> LogWriter:
     return LogWriter.create(path, channels, test="chop", bench={}, chunk_rows=500, expected_rows=40_000, **more)
 
 
-def append(log: LogWriter, rows: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+def append(log: LogWriter, rows: Iterable[np.ndarray]) -> None:
     log.append(dict(zip(("torque_x", "theta_x", "theta_y"), rows, strict=True)))
 
 
@@ -67,6 +68,7 @@ class Watching:
             stderr=subprocess.PIPE,
             text=True,
         )
+        assert self.process.stdout is not None and self.process.stderr is not None
         self.said = self.process.stdout.readline()
         found = re.match(r"(http://127\.0\.0\.1:(\d+)/) shows ", self.said)
         assert found, (self.said, self.process.stderr.read())
@@ -152,7 +154,7 @@ def test_it_follows_a_growing_log_with_the_numbers_of_the_log(tmp_path, watch, b
     assert page.end() == 0
 
 
-def drawn(tab: headless.Tab) -> list[dict]:
+def drawn(tab: headless.Tab) -> list[dict[str, Any]]:
     """What the newest state has as plots; the page draws one curve for each of its series."""
     found = tab.run(
         "fetch('state.json').then(a => a.json()).then(s => s.explorer.views[0].panels.map(p => "

@@ -31,7 +31,7 @@ def test_the_loop_far_from_saturation_has_the_closed_form_remanence(amplitude):
     assert 0.5 * abs(loop[0] - loop[n // 2]) == pytest.approx(expected, rel=2e-3)
 
 
-def slow_record(rng, noise_nm=0.0, pinning=2.2e-3, size=0.99):
+def slow_record(rng, noise_nm=0.0, pinning=2.2e-3, size=0.99) -> tuple[np.ndarray, np.ndarray]:
     n = 1000
     angle = np.concatenate([a * np.sin(2 * np.pi * np.arange(2 * n) / n) for a in (4.5e-3, 7.2e-3, 8.5e-3)])
     iron = size * magnetisation(angle, {**HELD, "pinning": pinning})

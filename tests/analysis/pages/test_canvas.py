@@ -1,7 +1,9 @@
 import re
+from typing import cast
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from analysis.pages.canvas import COLOURS, MAX_POINTS, Canvas, thinned
 
@@ -19,7 +21,8 @@ def test_what_is_drawn_is_what_stands_in_the_numbers():
     np.testing.assert_array_equal(drawn.get_ydata(), of_curve.y)
     assert of_curve.panel.tolist() == ["left"] * 3
     assert of_curve.x_quantity.iloc[0] == "x (s)"
-    assert numbers[numbers.series == "bars"].y.tolist() == [p.get_height() for p in canvas.axes[1].patches]
+    heights = [cast(Rectangle, p).get_height() for p in canvas.axes[1].patches]
+    assert numbers[numbers.series == "bars"].y.tolist() == heights
     assert numbers.panel.iloc[3] == "panel 2"
 
 

@@ -87,6 +87,7 @@ def test_all_that_a_page_has_is_in_the_policy_that_comes_first(page):
 )
 def test_no_page_brings_scripts_or_styles_but_files_of_the_package(package):
     environment = page_environment(package)
+    assert environment.loader is not None
     for name in environment.list_templates(extensions=["j2"]):
         source = environment.loader.get_source(environment, name)[0]
         assert not re.search(r"<style|<script(?! type=\"application/json\")|\bstyle=|\son\w+=", source), name

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from analysis.paper.known_misses import load_known_misses, outcomes
-from analysis.paper.numbers import PaperNumber, PaperTable, paper_tables
+from analysis.paper.numbers import Label, PaperNumber, PaperTable, paper_tables
 from analysis.paper.rows import Ours, build_table
 from sim_backend.errors import ConfigError
 
@@ -22,7 +22,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def number(key: str, label: str = "predicted", value: float | None = 10.0) -> PaperNumber:
+def number(key: str, label: Label = "predicted", value: float | None = 10.0) -> PaperNumber:
     return PaperNumber(key=key, row=f"row {key}", unit="Hz", label=label, tolerance=1.0, why="test", value=value)
 
 

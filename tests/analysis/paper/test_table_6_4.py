@@ -1,5 +1,7 @@
 """The tolerances of Table 6.4 and of the margins are what the rounding of Table 6.2 leaves: computed again here."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def part(numerator, denominator, also_hz) -> ModalModel:
 def spread():
     """Standard deviation of (overshoot µrad, settling ms) of every row under uniform rounding of the coefficients."""
     rng = np.random.default_rng(1)
-    results = {key: [] for key in (*PARTS, "own")}
+    results: dict[str, list[tuple[float, float]]] = {key: [] for key in (*PARTS, "own")}
     for _ in range(40):
         n = NUMERATOR + HALF_NUMERATOR * rng.uniform(-1, 1, NUMERATOR.size)
         d = DENOMINATOR + HALF_DENOMINATOR * rng.uniform(-1, 1, DENOMINATOR.size)
@@ -60,7 +62,7 @@ def test_tolerances_are_twice_the_spread_and_half_a_printed_unit(spread, key):
             continue
         expected = half + 2.0 * spread[key][i]
         # forty draws know a deviation to 11 %, taken threefold; or the 0.1 ms of a sample
-        loose = {"rel": 0.35, "abs": 0.1} if spread[key][i] > 1e-6 else {"abs": 1e-6}
+        loose: dict[str, Any] = {"rel": 0.35, "abs": 0.1} if spread[key][i] > 1e-6 else {"abs": 1e-6}
         assert table.number(f"{key} {name}").tolerance == pytest.approx(expected, **loose)
 
 

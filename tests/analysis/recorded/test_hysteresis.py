@@ -74,7 +74,7 @@ def test_repeated_steps_are_averaged(write_log):
     ]
     parts = [(f"{label} {i}", *rest) for i, (label, *rest) in enumerate(parts)]
     (found,) = steps_of(write_log("hysteresis", CHANNELS, parts))
-    assert (found.repeats, found.start_rad) == (2, pytest.approx(2e-4))
+    assert found.repeats == 2 and found.start_rad == pytest.approx(2e-4)
     assert found.moved_rad[-1] == pytest.approx((1.1e-3 + 0.9e-3) / 2)
 
 

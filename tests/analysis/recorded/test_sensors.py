@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def test_only_the_holds_against_the_stops_count(write_log):
 
 
 def theodolite_parts(gain):
-    parts = []
+    parts: list[tuple[str, dict[str, Any], dict[str, np.ndarray]]] = []
     for i, (x, y) in enumerate([(-8e-3, 0.0), (0.0, 4e-3), (2e-3, -8e-3), (8e-3, 1e-3)]):
         n = 50
         held = {"theta_x": np.full(n, x), "theta_y": np.full(n, y)}

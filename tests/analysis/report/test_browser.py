@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ SHIFT = 8
 def explorer() -> Explorer:
     """Two choices; a log axis; names that try to break out of the page."""
     f = np.geomspace(1.0, 1000.0, 301)
-    views = {}
+    views: dict[tuple[str, ...], View] = {}
     for axis, gain in (("θx", 1.0), ("θy", 2.0)):
         for form in ("up", EVIL):
             curve = Series.of("model & <b>", f, 20.0 * np.log10(gain / np.abs(1.0 + 1j * f / 30.0)))
@@ -38,7 +39,7 @@ def explorer() -> Explorer:
 
 
 def table():
-    shared = {"label": "predicted", "tolerance": 0.4, "why": EVIL, "requirement": 5.0}
+    shared: dict[str, Any] = {"label": "predicted", "tolerance": 0.4, "why": EVIL, "requirement": 5.0}
     rows = (
         PaperNumber(key="a", row="settling", unit="ms", value=5.6, **shared),
         PaperNumber(key="b", row=EVIL, unit="ms", value=None, **shared),
@@ -53,7 +54,7 @@ def table():
 
 
 def coefficients(folded=True):
-    shared = {"label": "input", "unit": "", "why": "rounding"}
+    shared: dict[str, Any] = {"label": "input", "unit": "", "why": "rounding"}
     rows = (
         PaperNumber(key="p1", row="p1", value=1.0, tolerance=0.1, **shared),
         PaperNumber(key="p2", row="p2", value=2.1e-9, tolerance=2.1e-10, **shared),

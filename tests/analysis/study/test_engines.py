@@ -12,9 +12,9 @@ import pytest
 from analysis.study import engines
 from analysis.study.engines import AHEAD, MOST, Engine, groups_of
 from analysis.study.run import missing_trials, run_study
-from analysis.study.trial import Outcome, run_trials
+from analysis.study.trial import Job, Outcome, run_trials
 from sim_backend.kernel import machine, side_by_side
-from sim_backend.kernel.structure import LANES
+from sim_backend.kernel.structure import LANES, Structure
 from tests.analysis.study.studies import results, spread
 
 
@@ -80,10 +80,13 @@ def test_the_size_of_tasks_changes_no_byte(
     folders = [tmp_path_factory.mktemp("study") for _ in range(2)]
     run_study(spread(12), folders[0], workers=1)
     asked: list[int] = []
+
+    def noted(job: Job, trials: Sequence[int]) -> list[Outcome]:
+        asked.append(len(trials))
+        return run_trials(job, trials)
+
     monkeypatch.setattr(engines, "THREAD_TASK_S", task_s)
-    monkeypatch.setattr(
-        engines, "run_trials", lambda job, trials: (asked.append(len(trials)), run_trials(job, trials))[1]
-    )
+    monkeypatch.setattr(engines, "run_trials", noted)
     run_study(spread(12), folders[1], workers=1)
     assert results(folders[1]) == results(folders[0])
     assert (max(asked) > 1) is (task_s > 0.0)
@@ -93,7 +96,12 @@ def test_the_size_of_tasks_changes_no_byte(
 def test_trials_side_by_side_change_no_byte(workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     loop_of = machine.loop_of
-    monkeypatch.setattr(machine, "loop_of", lambda structure: (asked.append(structure.lanes), loop_of(structure))[1])
+
+    def noted(structure: Structure) -> machine.Play:
+        asked.append(structure.lanes)
+        return loop_of(structure)
+
+    monkeypatch.setattr(machine, "loop_of", noted)
     monkeypatch.setattr(engines, "THREAD_TASK_S", 10.0)
     for lanes in (False, True):
         monkeypatch.setattr(side_by_side, "_is_there", lambda *_, lanes=lanes: lanes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from tests.analysis.study.studies import spread
 SIZES = '\n[[vary]]\nplace = "settings.to_rad"\nsweep = [1e-3, 2e-3, 8e-3]\n'
 
 
-def drawn(folder: Path, job: Job, settling_s: list[float | None]):
+def drawn(folder: Path, job: Job, settling_s: Sequence[float | None]):
     """Return the points of the figure of a study in which trial `t` settled after `settling_s[t]`, None: it failed."""
     blank = (None,) * len(job.varied_names)
     outcomes = [

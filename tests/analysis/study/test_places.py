@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from typing import Any
 
 import msgspec
 import pytest
@@ -13,7 +14,7 @@ from sim_backend.model import load_model
 
 
 @pytest.fixture(scope="module")
-def content() -> dict:
+def content() -> dict[str, Any]:
     return msgspec.to_builtins(load_model("as-built"))
 
 
@@ -28,11 +29,11 @@ def content() -> dict:
         ("sample_rate_hz", [10000.0]),
     ],
 )
-def test_a_place_means_the_numbers_of_the_file(content: dict, place: str, values: list[float]) -> None:
+def test_a_place_means_the_numbers_of_the_file(content: dict[str, Any], place: str, values: list[float]) -> None:
     assert [n.value for n in numbers_at(content, place)] == values
 
 
-def test_names_are_places_that_mean_one_number(content: dict) -> None:
+def test_names_are_places_that_mean_one_number(content: dict[str, Any]) -> None:
     for number in numbers_at(content, "modes[*].output.*"):
         assert numbers_at(content, number.name) == [number]
 
@@ -43,7 +44,7 @@ def test_two_entries_with_one_label_keep_their_own_names() -> None:
     assert [(n.name, n.value) for n in found] == [("modes[m].frequency_hz", 1.0), ("modes[m].frequency_hz#2", 2.0)]
 
 
-def test_only_the_number_is_replaced(content: dict) -> None:
+def test_only_the_number_is_replaced(content: dict[str, Any]) -> None:
     before = copy.deepcopy(content)
     (number,) = numbers_at(content, "modes[theta_y suspension].frequency_hz")
     after = replaced(content, number.way, 31.0)
@@ -69,7 +70,7 @@ def test_only_the_number_is_replaced(content: dict) -> None:
         ("effects[coulomb-friction@theta_x].parameters.torque", "no entry of 'effects'"),
     ],
 )
-def test_a_place_that_means_nothing_is_told_with_what_there_is(content: dict, place: str, words: str) -> None:
+def test_a_place_that_means_nothing_is_told_with_what_there_is(content: dict[str, Any], place: str, words: str) -> None:
     with pytest.raises(ConfigError) as caught:
         numbers_at(content, place)
     assert words in str(caught.value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,18 +13,22 @@ from scipy import stats
 from analysis.recorded.settle import settle_of
 from analysis.study.definition import parse_study
 from analysis.study.kinds import KINDS
+from analysis.study.kinds.settling import SettlingTrial
 from analysis.study.trial import Job, run_trial, run_trials
 from campaigns.benches import open_bench
 from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
 from sim_backend.kernel import machine, side_by_side
-from sim_backend.kernel.structure import LANES
+from sim_backend.kernel.structure import LANES, Structure
 from sim_backend.model import number
 from sim_backend.simbench import SimBench
 from tests.analysis.study.studies import spread
 
-HEAD = 'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n[settings]\ncycles = 2\nalpha_deg = 90.0\n'
+HEAD = (
+    'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n'
+    "[settings]\ncycles = 2\nalpha_deg = 90.0\n"
+)
 FREQUENCY = "model.modes[theta_y suspension].frequency_hz"
 OWN_HZ = 29.4775
 
@@ -93,7 +98,7 @@ def test_a_sweep_over_the_model_and_over_parts_of_a_number() -> None:
     )
     setups = [one.setup(t, one.varied(t)) for t in range(4)]
     assert [s.bench.name for s in setups] == ["as-built", "as-built", "printed", "printed"]
-    z = [next(m for m in s.bench.modes if m.label == "z suspension").frequency_hz.value for s in setups]
+    z = [number(next(m for m in s.bench.modes if m.label == "z suspension").frequency_hz) for s in setups]
     assert z == pytest.approx([0.9 * 20.068674719, 20.068674719] * 2, rel=1e-15)
 
 
@@ -105,6 +110,7 @@ def test_a_trial_is_the_test_that_the_command_plays(tmp_path: Path) -> None:
         run_plan(plan, bench, tmp_path / "run.h5", seed=setup.seed)
     with read_run(tmp_path / "run.h5") as run:
         test = settle_of(run)
+    assert test.power is not None
     found = dict(zip([c.name for c in one.columns], run_trial(one, 7).results, strict=True))
     assert found == {
         "settling_s": test.settling_s,
@@ -130,21 +136,23 @@ def test_a_draw_that_makes_no_model_is_a_result_too() -> None:
 
 def test_an_error_that_nobody_foresaw_is_kept_and_told_from_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     right = run_trials(job(), range(4))
-    play, measured = SimBench.begin, KINDS["settling"].measured
+    kind = KINDS["settling"]
+    assert isinstance(kind, SettlingTrial)
+    play, measured = SimBench.begin, kind.measured
     numbers = iter(range(4))
 
-    def breaks(*of: object) -> object:
+    def breaks(*of: Any) -> Any:
         if next(numbers) == 1:
             raise ZeroDivisionError("nobody thought of it")
         return measured(*of)
 
-    def breaks_while_played(bench: SimBench, *of: object) -> object:
+    def breaks_while_played(bench: SimBench, *of: Any) -> Any:
         if bench.identity.serial == f"seed-{job().setup(2, ()).seed}":
             raise ZeroDivisionError("nobody thought of it")
         return play(bench, *of)
 
     for owner, name, function, broken in (
-        (KINDS["settling"], "measured", breaks, 1),
+        (kind, "measured", breaks, 1),
         (SimBench, "begin", breaks_while_played, 2),
     ):
         with monkeypatch.context() as patched:
@@ -170,9 +178,14 @@ def test_what_lies_outside_a_trial_is_no_result_of_it(error: Exception, monkeypa
 
 @pytest.mark.parametrize("lanes", [False, True])
 def test_trials_side_by_side_are_what_each_is_alone(lanes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+    asked: list[int] = []
     loop_of = machine.loop_of
-    monkeypatch.setattr(machine, "loop_of", lambda structure: (asked.append(structure.lanes), loop_of(structure))[1])
+
+    def noted(structure: Structure) -> machine.Play:
+        asked.append(structure.lanes)
+        return loop_of(structure)
+
+    monkeypatch.setattr(machine, "loop_of", noted)
     monkeypatch.setattr(side_by_side, "_is_there", lambda *_: lanes)
     # every second one is unstable, and two strategies play other segments
     one = job(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import campaigns.facts.finding
-from campaigns.facts import Seen, facts_of, found_in, measured_segments, usable_segments
+from campaigns.facts import Fact, Seen, facts_of, found_in, measured_segments, usable_segments
 from campaigns.log import Channel, LogSegment, LogWriter, read_run
 from sim_backend.errors import DataError
 
@@ -34,7 +34,7 @@ def plain(rows: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     return u, 1e-3 * (np.convolve(u, np.exp(-np.arange(60) / 12.0))[:rows] + 0.01 * noise)
 
 
-def of(record: Seen, name: str) -> list:
+def of(record: Seen, name: str) -> list[Fact]:
     return [fact for fact in found_in(record) if fact.name == name]
 
 

@@ -16,7 +16,9 @@ def told(u: np.ndarray, y: np.ndarray) -> Fact:
     return fact
 
 
-def repeated(rng: np.random.Generator, damping: float, lead: int, noise: float, colour: float = 0.0) -> tuple:
+def repeated(
+    rng: np.random.Generator, damping: float, lead: int, noise: float, colour: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Return six periods of a mode at a twentieth of the rate, begun so many periods before."""
     bench = drawn.Bench(np.array([0.3]), np.array([damping]), np.ones(1), 0, noise, colour, 0.0, 0.0)
     u = np.tile(rng.standard_normal(PERIOD), 6 + lead)

@@ -98,7 +98,7 @@ def test_a_clock_of_a_channel_must_ascend(tmp_path, run_map, plain):
 
 
 def test_a_long_gap_costs_what_a_long_gap_costs():
-    full_s = np.arange(2000) * 1e-3
+    full_s = np.arange(2000.0) * 1e-3
     kept = np.setdiff1d(np.arange(2000), np.arange(700, 750))
     wave = np.sin(2 * np.pi * 10.0 * full_s)
     _, grid_s = grid_of(Stamps(full_s[kept]), "t", "")

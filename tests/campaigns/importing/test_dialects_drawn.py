@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ NAME = st.text(st.characters(codec="utf-8", categories=("L", "N"), include_chara
 
 
 @st.composite
-def tables(draw: st.DrawFn) -> tuple[np.ndarray, list[str], dict[str, object]]:
+def tables(draw: st.DrawFn) -> tuple[np.ndarray, list[str], dict[str, Any]]:
     columns, rows = draw(st.integers(1, 5)), draw(st.integers(1, 8))
     values = np.array([[draw(NUMBER) for _ in range(columns)] for _ in range(rows)])
     names = [draw(NAME) for _ in range(columns)]
@@ -47,7 +48,7 @@ def tables(draw: st.DrawFn) -> tuple[np.ndarray, list[str], dict[str, object]]:
     return values, names, dialect
 
 
-def cell(value: float, dialect: dict[str, object]) -> str:
+def cell(value: float, dialect: dict[str, Any]) -> str:
     form = str(dialect["form"])
     if form == "%r":
         text = repr(float(value))
@@ -58,11 +59,11 @@ def cell(value: float, dialect: dict[str, object]) -> str:
     return text.replace(".", str(dialect["decimal"]))
 
 
-def as_written(values: np.ndarray, dialect: dict[str, object]) -> np.ndarray:
+def as_written(values: np.ndarray, dialect: dict[str, Any]) -> np.ndarray:
     return np.round(values, 3) if dialect["form"] == "%.3f" else values
 
 
-def text_of(values: np.ndarray, names: list[str], dialect: dict[str, object]) -> str:
+def text_of(values: np.ndarray, names: list[str], dialect: dict[str, Any]) -> str:
     separator = str(dialect["separator"]) + str(dialect["padding"])
     quote = '"' if dialect["quotes"] else ""
     lines = [separator.join(f"{quote}{cell(v, dialect)}{quote}" for v in row) for row in values.tolist()]
@@ -77,7 +78,7 @@ def text_of(values: np.ndarray, names: list[str], dialect: dict[str, object]) ->
     return str(dialect["newline"]).join([*head, *lines]) + str(dialect["end"])
 
 
-def comes_back_or_is_refused(values: np.ndarray, names: list[str], dialect: dict[str, object]) -> None:
+def comes_back_or_is_refused(values: np.ndarray, names: list[str], dialect: dict[str, Any]) -> None:
     told = {"separator": dialect["separator"], "decimal": dialect["decimal"]} if dialect["told"] else {}
     if dialect["head"] in ("names", "preamble") and all(name.isdecimal() for name in names):
         told["header"] = True  # without it nobody could tell whole numbers that name columns from data
@@ -86,7 +87,7 @@ def comes_back_or_is_refused(values: np.ndarray, names: list[str], dialect: dict
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.txt"
         path.write_bytes(text_of(values, names, dialect).encode(str(dialect["encoding"])))
-        source = TextSource(path, **told)  # type: ignore[arg-type]
+        source = TextSource(path, **told)
         try:
             found = source.array("")
         except DataError:
@@ -96,18 +97,18 @@ def comes_back_or_is_refused(values: np.ndarray, names: list[str], dialect: dict
         np.testing.assert_array_equal(found, wanted)
 
 
-UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+UNHURRIED: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
 
 @settings(max_examples=300, **UNHURRIED)
 @given(tables())
-def test_a_table_comes_back_exactly_or_is_refused(drawn: tuple[np.ndarray, list[str], dict[str, object]]) -> None:
+def test_a_table_comes_back_exactly_or_is_refused(drawn: tuple[np.ndarray, list[str], dict[str, Any]]) -> None:
     comes_back_or_is_refused(*drawn)
 
 
 @settings(max_examples=10_000, **UNHURRIED)
 @given(tables())
-def test_ten_thousand_tables(drawn: tuple[np.ndarray, list[str], dict[str, object]]) -> None:
+def test_ten_thousand_tables(drawn: tuple[np.ndarray, list[str], dict[str, Any]]) -> None:
     comes_back_or_is_refused(*drawn)
 
 
@@ -117,8 +118,18 @@ def test_most_tables_are_read_and_not_refused(head: str) -> None:
     values = np.array([[0.5, -1.25, 3.0], [0.625, 2.0, -4.5]])
     for separator in (",", ";", "\t", " ", "|"):
         for decimal in (".", ","):
-            dialect = {"separator": separator, "decimal": decimal, "head": head, "form": "%r", "newline": "\n"}
-            dialect |= {"quotes": separator == decimal, "padding": "", "end": "\n", "told": False, "encoding": "utf-8"}
+            dialect: dict[str, Any] = {
+                "separator": separator,
+                "decimal": decimal,
+                "head": head,
+                "form": "%r",
+                "newline": "\n",
+                "quotes": separator == decimal,
+                "padding": "",
+                "end": "\n",
+                "told": False,
+                "encoding": "utf-8",
+            }
             with TemporaryDirectory() as folder:
                 path = Path(folder) / "a.txt"
                 path.write_text(text_of(values, ["t", "u", "y"], dialect), encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 import struct
+import subprocess
 import zlib
 from pathlib import Path
 
@@ -174,14 +175,14 @@ def test_mutated_sources_are_imported_or_refused(tmp_path, imported, suffix):
 @pytest.mark.usefixtures("forked_readers")
 def test_a_map_of_many_files_keeps_few_processes(tmp_path, imported, monkeypatch):
     living: list[int] = []
-    started = isolated.start_python
+    started = isolated.start_python  # type: ignore[attr-defined]  # what the fixture has put there
 
     def counted(*arguments, **options):
         living.append(sum(child.poll() is None for child in children) + 1)
         children.append(started(*arguments, **options))
         return children[-1]
 
-    children: list = []
+    children: list[subprocess.Popen[bytes]] = []
     monkeypatch.setattr(isolated, "start_python", counted)
     parts = ""
     for index in range(12):

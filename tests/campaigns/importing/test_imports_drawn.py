@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ RATES_HZ = (1.0, 10.0, 250.0, 1000.0)
 
 
 @st.composite
-def records(draw: st.DrawFn) -> dict[str, object]:
+def records(draw: st.DrawFn) -> dict[str, Any]:
     rows = draw(st.integers(6, 40))
     seed = draw(st.integers(0, 2**31))
     drawn = {
@@ -45,7 +46,7 @@ def records(draw: st.DrawFn) -> dict[str, object]:
     return drawn
 
 
-def stamps(drawn: dict[str, object]) -> list[object]:
+def stamps(drawn: dict[str, Any]) -> list[object]:
     seconds = drawn["late_s"] + np.arange(len(drawn["values"])) / drawn["rate_hz"]
     if drawn["clock"] == "date":
         start = np.datetime64("2026-11-25T11:00:00", "us")
@@ -53,7 +54,7 @@ def stamps(drawn: dict[str, object]) -> list[object]:
     return (seconds / SECONDS[str(drawn["clock"])]).tolist()
 
 
-def write(folder: Path, drawn: dict[str, object]) -> tuple[str, dict[str, str]]:
+def write(folder: Path, drawn: dict[str, Any]) -> tuple[str, dict[str, str]]:
     """Write the record and return the name of its file and how its columns are selected."""
     values, form, clock = drawn["values"], str(drawn["form"]), str(drawn["clock"])
     timed = clock != "rate"
@@ -64,7 +65,8 @@ def write(folder: Path, drawn: dict[str, object]) -> tuple[str, dict[str, str]]:
         np.save(path, values)
         return path.name, {"time": "", "u": "[:, 0]", "y": "[:, 1]"}
     if form == "npz":
-        np.savez(path, **({time_name: np.array(stamps(drawn))} if timed else {}), u=values[:, 0], y=values[:, 1])
+        times: dict[str, Any] = {time_name: np.array(stamps(drawn))} if timed else {}
+        np.savez(path, **times, u=values[:, 0], y=values[:, 1])
         return path.name, names
     separator, decimal = str(drawn["separator"]), str(drawn["decimal"])
     quote = '"' if separator == decimal else ""
@@ -79,7 +81,7 @@ def write(folder: Path, drawn: dict[str, object]) -> tuple[str, dict[str, str]]:
     return path.name, names
 
 
-def comes_back(drawn: dict[str, object]) -> bool:
+def comes_back(drawn: dict[str, Any]) -> bool:
     """Import what was drawn; tell whether it was read, having checked that it was read right."""
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -108,18 +110,18 @@ def comes_back(drawn: dict[str, object]) -> bool:
     return True
 
 
-UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+UNHURRIED: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
 
 @settings(max_examples=60, **UNHURRIED)
 @given(records())
-def test_a_record_comes_back_in_si_or_is_refused(drawn: dict[str, object]) -> None:
+def test_a_record_comes_back_in_si_or_is_refused(drawn: dict[str, Any]) -> None:
     comes_back(drawn)
 
 
 @settings(max_examples=2_000, **UNHURRIED)
 @given(records())
-def test_two_thousand_records(drawn: dict[str, object]) -> None:
+def test_two_thousand_records(drawn: dict[str, Any]) -> None:
     comes_back(drawn)
 
 

@@ -56,8 +56,10 @@ def test_a_timetable_beside_plain_data_is_passed_over(tmp_path, write, first, co
     write(path, "timetable", first, compressed)
     source = foreign._source(path)  # noqa: SLF001
     assert sorted(source.names()) == ["s", "u"]
-    np.testing.assert_array_equal(source.pieces("u").whole().ravel(), np.arange(5.0))
-    np.testing.assert_array_equal(source.pieces("s.y").whole().ravel(), np.arange(4.0))
+    u, y = source.pieces("u"), source.pieces("s.y")
+    assert u is not None and y is not None
+    np.testing.assert_array_equal(u.whole().ravel(), np.arange(5.0))
+    np.testing.assert_array_equal(y.whole().ravel(), np.arange(4.0))
 
 
 @pytest.mark.parametrize("write", [version_5, version_73])

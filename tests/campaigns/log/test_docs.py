@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def in_log_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def run_block(index: int, names: dict[str, object] | None = None) -> dict[str, object]:
+def run_block(index: int, names: dict[str, Any] | None = None) -> dict[str, Any]:
     names = names or {}
     exec(compile(BLOCKS[index], f"{PAGE.name}, block {index}", "exec"), names)
     return names

@@ -17,6 +17,7 @@ from tests.small_bench import bench_model
 @pytest.fixture(scope="module")
 def bench():
     model = bench_model()
+    assert model.hardware is not None
     return SimBench(
         msgspec.structs.replace(model, hardware=msgspec.structs.replace(model.hardware, theodolite_noise_rad=2.5e-6)), 0
     )

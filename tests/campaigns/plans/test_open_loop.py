@@ -38,7 +38,7 @@ def test_fed_forward_steps_arrive_at_every_offset_of_a_linear_plant(design_path)
     for segment in checked_segments(make_plan("hysteresis", settings), bench):
         angle = bench.play(segment).channels["theta_x"]
         if segment.settings["phase"] == "step":
-            wanted = segment.settings["offset_rad"] + 1e-3
+            wanted = float(segment.settings["offset_rad"]) + 1e-3
             # the approach in half a cosine of 15 periods leaves 5.3 mrad / (4 · 15² - 1) = 6 µrad ringing, of which
             # 3 s of e^(-4.7 t) leave 5 prad
             np.testing.assert_allclose(angle[50:], wanted, atol=1e-11)

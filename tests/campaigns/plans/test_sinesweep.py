@@ -29,7 +29,7 @@ def test_every_segment_is_whole_cycles_of_its_frequency(bench, frequency_hz):
     np.testing.assert_allclose(wave, 0.01 * np.sin(2 * np.pi * frequency_hz * n / 10_000.0), atol=1e-12)
     cycles = segment.n_samples * frequency_hz / 10_000.0
     assert cycles == pytest.approx(round(cycles), abs=1e-9)
-    measured = (segment.n_samples - segment.settings["measure_from"]) * frequency_hz / 10_000.0
+    measured = (segment.n_samples - int(segment.settings["measure_from"])) * frequency_hz / 10_000.0
     assert measured == pytest.approx(round(measured), abs=1e-9) and measured >= 1.0
 
 
@@ -42,8 +42,8 @@ def test_steady_state_is_the_plants_response():
         checked_segments(make_plan("sinesweep", {"bands": [band]}), bench), response, strict=True
     ):
         angle = bench.play(segment).channels["theta_x"][int(segment.settings["measure_from"]) :]
-        carrier = np.exp(-2j * np.pi * segment.settings["frequency_hz"] * np.arange(angle.size) / 10_000.0)
-        measured = 2.0 * np.mean(angle * carrier) / (-1j * segment.settings["amplitude"])
+        carrier = np.exp(-2j * np.pi * float(segment.settings["frequency_hz"]) * np.arange(angle.size) / 10_000.0)
+        measured = 2.0 * np.mean(angle * carrier) / (-1j * float(segment.settings["amplitude"]))
         # after 5 s of e^(-4.7 t) the transient is 6e-11 of the response
         assert abs(measured - expected) < 1e-9 * abs(expected)
 

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -115,7 +116,8 @@ def test_paused_and_resumed_equals_uninterrupted(file, tmp_path):
 
     paused = play(file, tmp_path / "parts", report=interrupt)
     assert [r.status for r in paused.runs] == ["complete", "complete", "paused"] and paused.status == "paused"
-    assert read_state(tmp_path / "parts")["status"] == "paused"
+    state = read_state(tmp_path / "parts")
+    assert state is not None and state["status"] == "paused"
     before = bytes_of(tmp_path / "parts")
 
     resumed = play(file, tmp_path / "parts", resume=True)
@@ -136,8 +138,9 @@ def test_paused_and_resumed_equals_uninterrupted(file, tmp_path):
 def test_killed_and_resumed_equals_uninterrupted(file, tmp_path, at):
     play(file, tmp_path / "whole")
     command = [sys.executable, "-m", "tests.campaigns.playing.slow_run", "campaign", str(file), str(tmp_path / "parts")]
-    settings = {"cwd": ROOT, "stdout": subprocess.PIPE, "text": True}
+    settings: dict[str, Any] = {"cwd": ROOT, "stdout": subprocess.PIPE, "text": True}
     killed = subprocess.Popen(command, env=os.environ | {"SLOW_S": "0.1"}, **settings)
+    assert killed.stdout is not None
     for line in killed.stdout:
         if line.strip() == at:
             killed.kill()
@@ -197,7 +200,7 @@ def test_an_error_in_one_run_ends_the_campaign_and_the_others_are_kept(file, tmp
     with pytest.raises(DataError, match="no more"):
         play(file, tmp_path / "parts", report=fail)
     state = read_state(tmp_path / "parts")
-    assert state["status"] == "failed"
+    assert state is not None and state["status"] == "failed"
     assert {run["name"]: run["status"] for run in state["runs"]} == {
         "stops": "complete",
         "chop": "complete",
@@ -334,7 +337,7 @@ def test_bundled_campaigns_keep_the_limits_of_the_bench_as_built(name):
 
 
 def test_the_paper_campaign_holds_every_test_of_the_paper():
-    runs = load_campaign("paper").plans().values()
+    runs: list[Any] = list(load_campaign("paper").plans().values())
     chops = {(p.alpha_deg, p.from_rad, p.to_rad) for p in runs if p.name == "chop"}
     forms = [(0.0, 8.5e-3), (0.0, -8.5e-3), (-8.5e-3, 8.5e-3)]
     assert chops == {(a, *form) for a in (0.0, 120.0, 240.0) for form in forms}

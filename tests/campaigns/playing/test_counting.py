@@ -9,8 +9,13 @@ from campaigns.playing.campaign import load_campaign, run_seed
 
 
 def test_a_campaign_is_counted_on_one_bench_as_each_run_would_be_on_its_own(monkeypatch):
-    opened = []
-    monkeypatch.setattr(counting, "open_bench", lambda *asked: opened.append(asked) or open_bench(*asked))
+    opened: list[tuple[str, int]] = []
+
+    def opening(*asked):
+        opened.append(asked)
+        return open_bench(*asked)
+
+    monkeypatch.setattr(counting, "open_bench", opening)
     campaign = load_campaign("quick")
     counted = counting.estimate_campaign(campaign, "sim", 7)
     assert opened == [("sim", 7)]

@@ -41,6 +41,7 @@ def start(tmp_path):
 
 
 def wait_for(process: subprocess.Popen[str], line: str) -> None:
+    assert process.stdout is not None and process.stderr is not None
     for said in process.stdout:
         if said.strip() == line:
             return

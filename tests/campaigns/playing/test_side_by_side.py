@@ -26,7 +26,7 @@ def test_as_many_cores_as_there_are_but_not_more_than_help(monkeypatch):
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_every_job_is_done_once(workers):
-    done = []
+    done: list[int] = []
     share(range(50), done.append, workers, Interrupts())
     assert sorted(done) == list(range(50))
 
@@ -85,7 +85,8 @@ def test_a_pause_lets_what_runs_end_and_begins_nothing_more():
 
 
 def test_an_abort_reaches_a_helper_that_would_go_on_for_long():
-    main, stopped = threading.get_ident(), []
+    main = threading.get_ident()
+    stopped: list[bool] = []
 
     def job(_number):
         if threading.get_ident() == main:

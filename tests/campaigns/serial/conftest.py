@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def serve(tmp_path: Path, model_path: str) -> Iterator[Serve]:
     """Return a function that starts an emulated bench; all end with the test."""
     started: list[EmulatorProcess] = []
 
-    def begin(**options: object) -> Served:
+    def begin(**options: Any) -> Served:
         journal = tmp_path / f"journal-{len(started)}"
         with journal.open("wb") as file:
             process = EmulatorProcess(ServeOptions(**{"bench": f"sim:{model_path}", "seed": 5, **options}), file)

@@ -22,7 +22,7 @@ from sim_backend.bench import Bench, Segment
 RATE_HZ = 10_000.0
 
 
-class Slow(Plan):
+class Slow(Plan, frozen=True):
     """Ten segments of a small torque."""
 
     name: ClassVar[str] = "slow"

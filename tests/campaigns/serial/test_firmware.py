@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -23,7 +24,7 @@ from tests.small_bench import NOISE, bench_model
 class Host:
     """Talks to a firmware in whole lines, at a time that stands still unless told to pass."""
 
-    def __init__(self, **options: float) -> None:
+    def __init__(self, **options: Any) -> None:
         self.bench = SimBench(bench_model(NOISE), 1)
         self.journal: list[tuple[str, str]] = []
         self.firmware = Firmware(

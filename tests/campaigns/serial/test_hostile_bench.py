@@ -19,7 +19,8 @@ from campaigns.serial import link as linking
 from campaigns.serial.answers import Reply
 from campaigns.serial.conformance import check_bench
 from campaigns.serial.description import decode_description, describe, encode_description
-from campaigns.serial.link import REPLY_S, Link, LinkLost
+from campaigns.serial.link import REPLY_S, Link
+from campaigns.serial.transport import LinkLost
 from sim_backend.errors import HardwareError
 from sim_backend.simbench import SimBench
 from tests.campaigns.serial.conftest import noise_segment

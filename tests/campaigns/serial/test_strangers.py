@@ -24,7 +24,7 @@ from campaigns.serial.ports import TcpPort
 from campaigns.serial.serve import serve as run
 from campaigns.serial.server import MAX_HOSTS, MAX_WAITING, REMARKS, Server
 from campaigns.serial.shared_token import TOKEN, TOKEN_FILE
-from sim_backend.bench import Segment
+from sim_backend.bench import Record, Segment
 from sim_backend.errors import ConfigError, HardwareError
 from sim_backend.simbench import SimBench
 from tests.campaigns.serial.conftest import Serve, Served, noise_segment
@@ -151,12 +151,17 @@ def test_an_abort_gets_through_while_idle_lines_fill_the_bench(serve: Serve) -> 
 
 def test_an_abort_gets_through_beside_lines_that_drip_and_flood(serve: Serve) -> None:
     served = serve(transport="tcp", speed=1.0)
+
+    def drip() -> None:
+        for line in (silent, greeted):
+            line.say(b"\n")
+
     with (
         long_run(served),
         Line(served.address, b"*IDN?\n") as flooding,
         Line(served.address) as silent,
         Line(served.address, b"*IDN?\n") as greeted,
-        again_and_again(lambda: [line.say(b"\n") for line in (silent, greeted)], 0.05),
+        again_and_again(drip, 0.05),
         again_and_again(lambda: flooding.say(b"STAT?\n" * 20_000 + b"\n" * 100_000), 0.0),
     ):
         time.sleep(0.3)
@@ -170,7 +175,7 @@ def test_a_newcomer_need_not_wait_for_what_a_bench_computes() -> None:
     """An aborted segment is computed to its end all the same; the next one waits for that, an ABORt does not."""
 
     class Slow(SimBench):
-        def play(self, segment: Segment) -> object:  # type: ignore[override]
+        def play(self, segment: Segment) -> Record:
             time.sleep(1.0)
             return super().play(segment)
 
@@ -335,7 +340,7 @@ def test_a_bench_is_not_opened_to_others_by_mistake(
 ) -> None:
     asked = ServeOptions(**{**remote(tmp_path, monkeypatch), **options})  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=message):
-        run(asked, lambda _address, _seed: pytest.fail("the bench was opened"), print, print)
+        run(asked, lambda *_: pytest.fail("the bench was opened"), print, print)
 
 
 @pytest.mark.parametrize("kind", ["short", "open to others", "a pipe", "a folder", "not there", "no ASCII", "huge"])

@@ -1,6 +1,7 @@
 """Designed strategies on benches that are, or are not, what they were designed on: theory says what is left."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -62,7 +63,7 @@ def path(tmp_path: Path) -> str:
 def play(bench, path, strategy, **settings):
     """Return θy and its reference by phase, each (periods, PERIOD)."""
     chosen = {"strategy": strategy, "controller": path, "alpha_deg": 90.0, "cycles": 3, **settings}
-    out = {}
+    out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for segment in checked_segments(make_plan("settling", chosen), bench):
         record = bench.play(segment)
         if segment.n_samples % PERIOD == 0:
@@ -88,6 +89,7 @@ def test_what_the_feedforward_knows_can_be_less_than_the_model(path):
     plant = Design(model, RATE_HZ).axis("theta_y")
     assert plant.n_blocks == 2 and mechanism(plant).n_blocks == 1
     design = Design(model, RATE_HZ, controller(model))
+    assert design.controller is not None
     motion = motion_of(design.controller.axes[0], Chop((8.5e-3, 0.0), DWELL, RATE_HZ))
     linear, modes = (feedforward_of(design, "theta_y", motion, k) for k in ("linear", "modes"))
     alone = feedforward_of(Design(known, RATE_HZ), "theta_y", motion, "modes")
@@ -99,6 +101,7 @@ def test_the_iron_is_fed_forward_with_the_other_sign(path):
     spring = EffectEntry(effect="cubic-stiffness", where="theta_y", parameters={"stiffness": 4000.0})
     model = msgspec.structs.replace(bench_model(hardware=False), effects=[spring])
     design = Design(model, RATE_HZ, controller(model))
+    assert design.controller is not None
     motion = motion_of(design.controller.axes[0], Chop((8.5e-3, 0.0), DWELL, RATE_HZ))
     difference = feedforward_of(design, "theta_y", motion, "hysteresis") - feedforward_of(
         design, "theta_y", motion, "modes"
@@ -221,7 +224,7 @@ def test_the_controllers_text_decides_the_configuration(path):
 
 def test_the_campaign_plays_every_form_of_table_6_7_and_every_piece_of_knowledge(path):
     campaign = designed_campaign(Path(path))
-    plans = campaign.plans()
+    plans: dict[str, Any] = campaign.plans()
     forms = {(p.alpha_deg, p.from_rad, p.to_rad) for p in plans.values() if p.name == "chop"}
     assert len(forms) == 9 and {alpha for alpha, _, _ in forms} == {0.0, 120.0, 240.0}
     assert sum(p.name == "settling" for p in plans.values()) == 8

@@ -11,7 +11,7 @@ from campaigns.strategies.design import Design, feedback_of
 from campaigns.strategies.learned import move_profile_limits
 from sim_backend.control.profile import fourth_order
 from sim_backend.errors import ConfigError
-from sim_backend.model import dump_model
+from sim_backend.model import dump_model, number
 from sim_backend.simbench import SimBench
 from tests.small_bench import bench_model
 
@@ -135,7 +135,7 @@ def test_a_design_is_kept_while_its_file_is_the_same(tmp_path):
     assert np.array_equal(first.unit_step("z", 50).drive, alone.unit_step("z", 50).drive)
     assert first.unit_step("z", 60).arrival == 60
     heavier = bench_model(hardware=False)
-    heavier.modes[2].input["force_z"] /= 2.0
+    heavier.modes[2].input["force_z"] = number(heavier.modes[2].input["force_z"]) / 2.0
     path.write_text(dump_model(heavier), encoding="utf-8")
     drive = Design.load(str(path), 1e4).unit_step("z", 50).drive
     np.testing.assert_allclose(drive, 2.0 * first.unit_step("z", 50).drive, rtol=1e-6)

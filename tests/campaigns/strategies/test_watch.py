@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ def record(of: Segment, error_rad: float = 0.0, torque_nm: float = 0.0, at: slic
     return Record(of, channels)
 
 
-def judged(errors: list[float], gains: list[float | None]) -> list[str]:
+def judged(errors: Sequence[float], gains: Sequence[float | None]) -> list[str]:
     watch = Watch(PROMISE, BENCH)
     return [watch.failure(segment(g), record(segment(g), e)) for e, g in zip(errors, gains, strict=True)]
 
@@ -122,6 +123,7 @@ def test_power_and_force_are_those_of_equation_6_2(torque_nm: float, says: str):
     limits = BENCH.limits
     current = limits.to_current[:, 1] * torque_nm
     power, force = float(np.sum((5.7 / 7.9 * current) ** 2)), float(5.7 * np.abs(current).max())
+    assert limits.coil is not None
     soft = dataclasses.replace(limits.coil, continuous_force_n=3.0) if says == "N (rms)" else limits.coil
     assert ("dissipate" in says) == (power > 1.0) and (says == "N (rms)") == (force > soft.continuous_force_n)
     watch = Watch(PROMISE, BENCH)
@@ -142,7 +144,9 @@ def test_the_fallback_plays_the_drive_of_the_best_cycle_where_the_moves_are():
         seen.channels["command_theta_y"] = ramp if error == 8e-6 else 2.0 * ramp
         assert watch.failure(segment(gain), seen) == ""
     last = segment(None, cycles=2, label="chop", shift=300)
-    made, number = watch.fallback(last)
+    fallback = watch.fallback(last)
+    assert fallback is not None
+    made, number = fallback
     assert number == 2 and made.n_samples == PERIOD and made.learning == ()
     np.testing.assert_array_equal(np.roll(made.feedforward[:, 1], 300), ramp)
     np.testing.assert_array_equal(made.reference, last.reference)

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -25,7 +26,7 @@ from tests.small_bench import bench_model
 MULTISINE = {"axes": ["theta_x"], "realisations": 1, "period_s": 0.2, "start_hz": 10.0, "stop_hz": 200.0}
 
 
-def compared(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, dict[str, dict[str, object]]]:
+def compared(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, dict[str, dict[str, Any]]]:
     """Run the command with --json and return the rows by part and name."""
     assert main(["compare", *map(str, words), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

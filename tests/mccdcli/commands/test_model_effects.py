@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +14,13 @@ from sim_backend.effects import NAMED, make_effect
 
 
 @pytest.fixture(scope="module")
-def listed() -> list[dict[str, object]]:
+def listed() -> list[dict[str, Any]]:
     done = CliRunner().invoke(cli, ["model", "effects", "--json"])
     assert done.exit_code == 0
     return json.loads(done.stdout)["effects"]
 
 
-def test_it_lists_all_effects_with_the_parameters_that_make_them(listed: list[dict[str, object]]) -> None:
+def test_it_lists_all_effects_with_the_parameters_that_make_them(listed: list[dict[str, Any]]) -> None:
     assert [one["effect"] for one in listed] == [effect.name for effect in NAMED]
     for one in listed:
         values = {p["name"]: np.inf if p["without"] is None else p["without"] for p in one["parameters"]}

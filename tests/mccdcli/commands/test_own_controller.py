@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,7 @@ from tests.kept import ANALYSED, kept
 from tests.shifted_bench import shifted_bench
 from tests.small_bench import NOISE, bench_model
 
-LATE = {"delay_samples": 1.3, "amplifier_hz": 2000.0}
+LATE: dict[str, Any] = {"delay_samples": 1.3, "amplifier_hz": 2000.0}
 """What a model of the bench as built lacks, and sweeps of this one show: parts of a sample, and an amplifier's pole."""
 
 

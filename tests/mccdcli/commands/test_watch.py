@@ -155,7 +155,7 @@ def test_on_a_terminal_it_draws_in_place_and_without_colour(tmp_path):
             shown += part
     os.close(ours)
     assert process.wait(timeout=30) == 0
-    assert b"the run is complete" in process.stderr.read()
+    assert process.stderr is not None and b"the run is complete" in process.stderr.read()
     process.stderr.close()
     text = shown.decode()
     assert "complete" in text and "theta_x" in text and "█" in text

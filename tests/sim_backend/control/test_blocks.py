@@ -17,7 +17,7 @@ from sim_backend.errors import ConfigError
 RATE_HZ = 10_000.0
 F = np.geomspace(0.1, 4999.0, 300)
 Z = np.exp(2j * np.pi * F / RATE_HZ)
-CASES = {
+CASES: dict[str, tuple[list[complex], list[complex], float]] = {
     "integrator, pair, double": ([-1, 0.96, 0.98 + 0.01j, 0.98 - 0.01j], [1, 0.85, 0.73, 0.73], 172.0),
     "complex pairs": ([0.5], [0.9 + 0.3j, 0.9 - 0.3j, 0.7 + 0.1j, 0.7 - 0.1j], 2.0),
     "one real pole": ([], [0.4], -3.0),

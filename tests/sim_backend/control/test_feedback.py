@@ -125,7 +125,7 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigError, match="low_pass_hz"):
         LoopShape(low_pass_hz=0.0)
     with pytest.raises(ConfigError, match="range is empty"):
-        loop_margins(lambda f: f + 0j, 10.0, 1.0)
+        loop_margins(lambda f: f.astype(complex), 10.0, 1.0)
     with pytest.raises(ConfigError, match="one rate"):
         closed_loop_poles(discretise(theta_y(), 5000.0), theta_controller())
 

@@ -82,7 +82,7 @@ def test_zeros_are_those_of_the_numerator():
     assert zeros.size == 5  # six states, one sample of delay
     assert np.any(np.abs(zeros) > 1.0)  # sampling four more poles than zeros puts one there
     for zero in zeros:
-        size = np.polyval(np.abs(numerator), abs(zero))
+        size = float(np.polyval(np.abs(numerator), abs(zero)))
         # coefficients cancel to eps of the largest, some 20
         assert abs(np.polyval(numerator, zero)) < 1e-9 * max(size, 20.0)
 

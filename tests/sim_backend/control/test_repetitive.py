@@ -41,7 +41,7 @@ def test_learning_shrinks_each_harmonic_as_predicted(closed):
     plant, controller = theta_y(), theta_controller(1.5)
     learning = learning_filter(plant.omega_rad_s[:1], plant.sigma_1_s[:1], GAIN_Y, tuning.cutoff_hz, RATE_HZ)
     # 50 Hz and all its harmonics; the loop from learned input to output as one impulse response, long enough to die out
-    frequency_hz = np.fft.rfftfreq(period, 1 / RATE_HZ)[1:-1]
+    frequency_hz = np.fft.rfftfreq(period, 1 / RATE_HZ)[1:-1].astype(float)
     n = 40_000
     drive = np.zeros(n)
     drive[0] = 1.0

@@ -141,7 +141,6 @@ def test_the_oscillator_of_the_public_benchmark():
     for k, force in enumerate(u):
         expected[k] = y[0]
         y = solve_ivp(slope, (0, 1 / RATE_HZ), y, args=(force,), method="RK45", rtol=1e-8, atol=1e-13).y[:, -1]
-    parameters = {"stiffness": ALPHA_N_M, "reach": 1 / (BETA_1_M * GAMMA), "gamma_over_beta": DELTA / GAMMA}
 
     def bench(effects):
         return Model(
@@ -161,7 +160,11 @@ def test_the_oscillator_of_the_public_benchmark():
             effects=effects,
         )
 
-    effect = EffectEntry(effect="bouc-wen", where="theta_x", parameters=parameters)
+    effect = EffectEntry(
+        effect="bouc-wen",
+        where="theta_x",
+        parameters={"stiffness": ALPHA_N_M, "reach": 1 / (BETA_1_M * GAMMA), "gamma_over_beta": DELTA / GAMMA},
+    )
     errors = []
     for substeps in (8, 16):
         x = play(bench([effect]), u, substeps=substeps)["theta_x"]

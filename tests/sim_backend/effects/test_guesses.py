@@ -42,7 +42,7 @@ def test_a_line_may_be_elsewhere_at_the_start_of_each_run():
     seen = replace(view(3e-7 * np.concatenate(parts)), ends=ends)
     for guess_hz in (f_hz, f_hz + 0.2):
         given = effect_class("vibration-line").given(seen, {"frequency_hz": guess_hz})
-        line = effect_class("vibration-line")("theta_x", frequency_hz=f_hz, **given)
+        line = effect_class("vibration-line")("theta_x", **{"frequency_hz": f_hz, **given})
         ahead = [line.in_run(run).start()[0] for run in range(3)]
         off = (np.array(ahead) - ahead[0] - np.array(begin) + begin[0] + 0.5) % 1.0 - 0.5
         assert np.max(np.abs(off)) < 0.01

@@ -50,7 +50,7 @@ def test_a_sine_stays_a_sine() -> None:
     f_hz = RESONANCE_HZ / 4.0
     slow = _steady(f_hz, 0.3, "slow-softening", softening=SOFTENING, level=LEVEL, memory=0.5)
     # the stiffness of a cubic spring falls by 3/2 r² of its coefficient on the average over a sine
-    prompt = _steady(f_hz, 0.3, "cubic-stiffness", stiffness=-SOFTENING / LEVEL / (1.5 * np.std(slow)))
+    prompt = _steady(f_hz, 0.3, "cubic-stiffness", stiffness=-SOFTENING / LEVEL / (1.5 * float(np.std(slow))))
     assert _line(prompt, 40) == pytest.approx(_line(slow, 40), rel=2e-3)
     assert _line(slow, 120) < 0.05 * _line(prompt, 120)
 

@@ -19,6 +19,7 @@ from sim_backend.control.feedback import theta_controller, z_controller
 from sim_backend.effects import BENCH_ONLY, NAMED, NOISES
 from sim_backend.kernel import machine
 from sim_backend.kernel_cache import VARIABLE
+from sim_backend.machine_code import compiled
 from sim_backend.model import EffectEntry, load_model
 from sim_backend.replay import replay
 from sim_backend.simbench import SimBench
@@ -212,9 +213,14 @@ def test_damaged_code_is_made_again(monkeypatch, tmp_path, damage):
 
 
 def test_threads_that_need_the_same_loop_make_it_once(monkeypatch, tmp_path):
-    made, compiled = [], machine.compiled
+    made = []
+
+    def making(*what, **how):
+        made.append(what)
+        return compiled(*what, **how)
+
     empty(monkeypatch, tmp_path)
-    monkeypatch.setattr(machine, "compiled", lambda *what, **how: (made.append(what), compiled(*what, **how))[1])
+    monkeypatch.setattr(machine, "compiled", making)
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(lambda _: play(one_axis(), held_torque(2000))["theta_x"], range(8)))
     assert len(made) == 1

@@ -3,14 +3,15 @@
 import msgspec
 import numpy as np
 import pytest
+from llvmlite import ir
 
-from sim_backend.bench import Gate, Segment
+from sim_backend import kernel
+from sim_backend.bench import Gate, Record, Segment
 from sim_backend.control.feedback import theta_controller, z_controller
 from sim_backend.effects import BENCH_ONLY, NAMED, NOISES
 from sim_backend.errors import ConfigError
 from sim_backend.kernel import machine, side_by_side
-from sim_backend.kernel.code import ir
-from sim_backend.kernel.structure import LANES
+from sim_backend.kernel.structure import LANES, Structure
 from sim_backend.kernel.tables import AT_ONCE
 from sim_backend.kernel.wide_step import wide_step
 from sim_backend.model import EffectEntry, load_model
@@ -29,7 +30,12 @@ def lanes(monkeypatch):
     """How many benches every loop played that was asked for; those for several are made at once."""
     found = []
     loop_of = machine.loop_of
-    monkeypatch.setattr(machine, "loop_of", lambda structure: (found.append(structure.lanes), loop_of(structure))[1])
+
+    def asking(structure):
+        found.append(structure.lanes)
+        return loop_of(structure)
+
+    monkeypatch.setattr(machine, "loop_of", asking)
     monkeypatch.setattr(side_by_side, "_is_there", lambda *_: True)
     return found
 
@@ -58,7 +64,9 @@ def assert_same(models, segments, lanes, **options):
         bench = SimBench(model, seed, **options)
         for segment, found in zip(segments, records, strict=True):
             alone = bench.play(segment).channels
-            for name, values in found[seed].channels.items():
+            record = found[seed]
+            assert isinstance(record, Record)
+            for name, values in record.channels.items():
                 np.testing.assert_array_equal(values, alone[name], err_msg=f"bench {seed}, {segment.label}: {name}")
     return records
 
@@ -127,6 +135,7 @@ def test_delays_in_whole_samples_must_be_the_same(lanes):
     assert set(lanes) == {1}
     for model, record in zip(other, records, strict=True):
         alone = SimBench(model, 0).play(segment)
+        assert isinstance(record, Record)
         np.testing.assert_array_equal(record.channels["theta_x"], alone.channels["theta_x"])
 
 
@@ -165,8 +174,10 @@ def test_a_bench_that_diverges_takes_no_other_with_it(lanes):
         SimBench(models[2], 1).play(closed())
     assert str(alone.value) == str(records[2])
     for k in (0, 1, 3):
+        record = records[k]
+        assert isinstance(record, Record)
         np.testing.assert_array_equal(
-            records[k].channels["theta_x"], SimBench(models[k], 1).play(closed()).channels["theta_x"]
+            record.channels["theta_x"], SimBench(models[k], 1).play(closed()).channels["theta_x"]
         )
 
 
@@ -180,15 +191,15 @@ def test_the_steps_of_the_bench_as_built_are_all_taken_together():
 
 
 def test_the_loop_for_several_is_made_aside_once_they_have_been_played_for_long(monkeypatch):
-    made = []
+    made: list[Structure] = []
     monkeypatch.setattr(machine, "make_aside", made.append)
     monkeypatch.setattr(machine, "load", lambda structure: structure.lanes == 1)
     monkeypatch.setattr(side_by_side, "LONG_SIDE_BY_SIDE", 10 * N)
-    side_by_side.played.clear()
+    kernel.played.clear()
     benches = [SimBench(drawn(AS_BUILT, k), k) for k in range(LANES)]
     for _ in range(2):
         play_side_by_side(benches, closed())
         assert [s for s in made if s.lanes > 1] == []
     play_side_by_side(benches, closed())
     assert [s.lanes for s in made if s.lanes > 1] == [LANES]
-    side_by_side.played.clear()
+    kernel.played.clear()

@@ -102,6 +102,7 @@ def drawn(canvas, series: str):
 def test_friction_is_seen_over_the_rate_with_its_torque():
     found, *_ = diagnosed("coulomb-friction")
     figure = mechanism_figure(found, axis(), white())
+    assert figure is not None
     for series in ("measured", "extended model"):
         x, y, over, what = drawn(figure.canvas, series)
         assert over == "rate of x (rad/s)" and what == "torque that the linear model lacks (mN m)"
@@ -113,6 +114,7 @@ def test_friction_is_seen_over_the_rate_with_its_torque():
 def test_a_spring_is_seen_over_the_position_with_its_cube():
     found, *_ = diagnosed("cubic-stiffness")
     figure = mechanism_figure(found, axis(), white())
+    assert figure is not None
     x, y, over, _ = drawn(figure.canvas, "measured")
     assert over == "position of x (mrad)"
     cube = float(np.sum(y * x**3) / np.sum(x**6))
@@ -142,8 +144,9 @@ def test_the_response_is_that_of_the_transfer_function():
     y = answer(u) + NOISE_RAD * rng.standard_normal(u.size)
     record = Record("uid", u[:, None], y[:, None], (Window("all", 0, u.size),))
     found = dataclasses.replace(found, data=Dataset(RATE_HZ, (record,)))
-    canvas = bode_figure(found, axis(), 0).canvas
-    f, size, *_ = drawn(canvas, "measured")
+    figure = bode_figure(found, axis(), 0)
+    assert figure is not None
+    f, size, *_ = drawn(figure.canvas, "measured")
     f, size = f[: f.size // 2], size[: size.size // 2]  # magnitude first, then phase
     s = 2j * np.pi * f
     square = (2.0 * np.pi * HZ) ** 2
@@ -164,6 +167,7 @@ def test_an_input_that_never_moves_gives_no_response():
 def test_the_opening_shows_held_out_rows_where_the_nominal_model_misses_most():
     found, *_ = diagnosed("cubic-stiffness")
     figure = opening_figure(found.data, found.before, found.after, np.array([NOISE_RAD]), axis())
+    assert figure is not None
     t, shown, *_ = drawn(figure.canvas, "measured")
     y = found.data.records[0].y[10_000:, 0]
     rows = np.round(t * RATE_HZ).astype(int)
@@ -181,6 +185,7 @@ def test_the_opening_shows_held_out_rows_where_the_nominal_model_misses_most():
 def test_a_consistent_model_is_drawn_once():
     found, *_ = diagnosed("cubic-stiffness")
     figure = opening_figure(found.data, found.after, found.after, np.array([NOISE_RAD]), axis())
+    assert figure is not None
     assert set(figure.canvas.numbers().series) == {"measured", "nominal"}
 
 

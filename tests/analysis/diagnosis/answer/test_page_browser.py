@@ -360,11 +360,12 @@ def test_hours_of_data_make_a_page_that_can_be_sent(tmp_path):
     rng = np.random.default_rng(1)
     rows, segments = 400_000, 50
     noise = 1e-6 * rng.standard_normal((rows, 2))
+    u, y = rng.standard_normal((2, rows, 2))
     cut = np.linspace(0, rows, segments + 1).astype(int)
     windows = tuple(Window(f"part {i}", int(a), int(b)) for i, (a, b) in enumerate(zip(cut[:-1], cut[1:], strict=True)))
     long = dataclasses.replace(
         found("unknown"),
-        data=Dataset(RATE_HZ, (Record("uid-0", *rng.standard_normal((2, rows, 2)), windows),)),
+        data=Dataset(RATE_HZ, (Record("uid-0", u, y, windows),)),
         before=(noise,),
         after=(noise,),
         gain=None,

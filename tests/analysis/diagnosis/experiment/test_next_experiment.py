@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,8 +13,10 @@ import pytest
 
 from analysis.diagnosis.answer.sentence import sentence
 from analysis.diagnosis.experiment.next_experiment import ENOUGH, LEAST, choose
+from analysis.diagnosis.result import Choice, NextExperiment
 from campaigns.plans import make_plan
 from sim_backend.effects import make_effect
+from sim_backend.model import Model
 from sim_backend.simbench import SimBench
 from tests.analysis.diagnosis.experiment.test_separation import hypothesis, one_axis, read, setting_of, sine
 
@@ -31,9 +34,25 @@ def tied():
     return found, SimpleNamespace(verdict="ambiguous", tied=((CUBIC, CONSTANT),), rivals=((CONSTANT, -1.0),))
 
 
+Tied = tuple[Any, Any]
+
+
+def chosen(tied: Tied, model: Model, *more: Any) -> Choice:
+    choice = choose(*tied, model, *more)
+    assert choice is not None
+    return choice
+
+
+def proposed(tied: Tied, *more: Any) -> NextExperiment:
+    plan = chosen(tied, one_axis(), *more).experiment
+    assert plan is not None
+    return plan
+
+
 def test_the_proposal_separates_what_the_old_record_could_not(tied):
-    choice = choose(*tied, one_axis())
+    choice = chosen(tied, one_axis())
     plan = choice.experiment
+    assert plan is not None
     assert plan.separates == (CUBIC, CONSTANT) and plan.expected_sigma >= ENOUGH
     # no limits are stated, so nothing beyond what was recorded: no command above 0.02 N m, as played
     bench = SimBench(one_axis(), 0)
@@ -44,8 +63,8 @@ def test_the_proposal_separates_what_the_old_record_could_not(tied):
 
 
 def test_what_is_done_is_not_proposed_again(tied):
-    first = choose(*tied, one_axis()).experiment
-    second = choose(*tied, one_axis(), None, [make_plan(first.test, first.settings)]).experiment
+    first = proposed(tied)
+    second = proposed(tied, None, [make_plan(first.test, first.settings)])
     assert (second.test, second.settings) != (first.test, first.settings)
 
 
@@ -54,14 +73,16 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     found, judgement = tied
     model, u = one_axis(), found.setting.data.records[0].u
     loud = setting_of(model, u, found.setting.data.records[0].y, noise=1e-3)
-    choice = choose(SimpleNamespace(setting=loud, best=found.best, rivals=found.rivals), judgement, model)
+    whole = SimpleNamespace(setting=loud, best=found.best, rivals=found.rivals)
+    choice = chosen((whole, judgement), model)
     assert choice.experiment is None
-    assert float(re.search(r"by (\S+) sigma", choice.reason)[1]) < LEAST
+    sigma = re.search(r"by (\S+) sigma", choice.reason)
+    assert sigma is not None and float(sigma[1]) < LEAST
     assert f"no plan tells {CUBIC} from {CONSTANT}" in choice.reason
     assert "No plan tells" in sentence("unknown", (), (), None, {}, choice)
 
 
-def consistent_with(tied, gain):
+def consistent_with(tied: Tied, gain: float) -> Tied:
     """What a search leaves when this evidence of a cubic spring stays below a threshold of 22."""
     found, judgement = tied
     candidates, sizes = found.best.held()
@@ -78,17 +99,18 @@ def consistent_with(tied, gain):
 
 
 def test_a_suspect_below_the_threshold_gets_the_experiment_that_would_show_it(tied):
-    plan = choose(*consistent_with(tied, 16.0), one_axis()).experiment
+    plan = proposed(consistent_with(tied, 16.0))
     assert plan.separates == ("no further effect", CUBIC) and plan.expected_sigma >= ENOUGH
     assert choose(*consistent_with(tied, 12.0), one_axis()) is None
 
 
 def test_a_verdict_that_leaves_no_question_gets_no_proposal(tied):
     found, judgement = tied
-    assert choose(found, SimpleNamespace(**{**vars(judgement), "verdict": "named"}), one_axis()) is None
+    named: Any = SimpleNamespace(**{**vars(judgement), "verdict": "named"})
+    assert choose(found, named, one_axis()) is None
 
 
 def test_a_bench_at_another_rate_is_told_apart(tied):
     other = SimBench(msgspec.structs.replace(one_axis(), sample_rate_hz=500.0), 0)
-    choice = choose(*tied, one_axis(), other)
+    choice = chosen(tied, one_axis(), other)
     assert choice.experiment is None and "1000 Hz" in choice.reason and "500" in choice.reason

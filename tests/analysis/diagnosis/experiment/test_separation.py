@@ -177,6 +177,7 @@ def test_standard_deviations_follow_from_what_is_known():
 
 
 def watched(model: Model) -> Model:
+    assert model.hardware is not None
     hardware = msgspec.structs.replace(model.hardware, theodolite_noise_rad=2.5e-6)
     return msgspec.structs.replace(model, hardware=hardware, sample_rate_hz=5000.0)
 

@@ -22,7 +22,8 @@ from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import effect_class, make_effect
 from sim_backend.effects.base import Effect
-from sim_backend.model import Mode, Model, Port
+from sim_backend.effects.cubic_stiffness import CubicStiffness
+from sim_backend.model import Mode, Model, Port, Value
 from sim_backend.replay import replay
 
 RATE_HZ = 1000.0
@@ -38,8 +39,8 @@ def axes(*, seen_by_both: bool = False) -> Model:
     """Three axes, their modes in no order; a sensor may see two of them."""
 
     def mode(label: str, hz: float, axis: str, share: float, **more: float) -> Mode:
-        outputs = {f"theta_{axis}": 1.0, **more}
-        into = {f"torque_{axis}": share / INERTIA}
+        outputs: dict[str, Value] = {f"theta_{axis}": 1.0, **more}
+        into: dict[str, Value] = {f"torque_{axis}": share / INERTIA}
         return Mode(label=label, frequency_hz=hz, decay_rate_1_s=6.0, input=into, output=outputs)
 
     crossed = {"theta_x": 0.02} if seen_by_both else {}
@@ -157,7 +158,7 @@ def test_starts_with_a_mode_that_an_effect_added() -> None:
         there = np.concatenate([np.arange(o * rows, (o + 1) * rows) for o in part.outputs])
         for whole, start in zip(settled.starts, mine.starts, strict=True):
             np.testing.assert_allclose(start.q.T @ start.q, np.eye(start.q.shape[1]), atol=1e-9)
-            white = np.random.default_rng(0).standard_normal(whole.q.shape[0])
+            white = np.random.default_rng(0).standard_normal(len(whole.q))
             np.testing.assert_allclose(start.project(white[there]), whole.project(white)[there], atol=1e-9)
 
 
@@ -221,4 +222,5 @@ def test_a_size_that_cannot_be_is_left_to_the_fit() -> None:
     candidates, _ = hypothesis(setting, HIDDEN[:1])
     fit = refit(setting, candidates, np.array([np.nan]), np.zeros(len(setting.nuisances)))
     assert np.isfinite(fit.misfit)
+    assert isinstance(fit.effects[0], CubicStiffness) and isinstance(HIDDEN[0], CubicStiffness)
     assert abs(fit.effects[0].stiffness - HIDDEN[0].stiffness) < 4.0 * fit.std[0]

@@ -54,7 +54,7 @@ def test_sensitivities_are_those_of_the_exact_model() -> None:
     found = sensitivities(model, nuisances, u, RATE_HZ, np.zeros((3, 2)))
     for k in range(len(nuisances)):
         up, down = (exact(turned(model, [nuisances[k]], np.array([by])), u) for by in (1e-5, -1e-5))
-        np.testing.assert_allclose(found[:, :, k], (up - down) / 2e-5, atol=1e-5 * np.std(found[:, :, k]))
+        np.testing.assert_allclose(found[:, :, k], (up - down) / 2e-5, atol=1e-5 * float(np.std(found[:, :, k])))
 
 
 def test_whole_delays_and_slow_modes_are_played_at_the_rate_of_the_record() -> None:

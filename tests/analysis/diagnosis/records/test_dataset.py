@@ -14,7 +14,7 @@ WAVE = np.random.default_rng(0).standard_normal((PERIOD, 2))
 def periodic(n_periods: int, size: float = 1.0) -> Record:
     u = np.concatenate([size * WAVE] * n_periods)
     y = size * np.arange(u.shape[0], dtype=float)[:, None]
-    warm = 80.0 + np.arange(u.shape[0])
+    warm = 80.0 + np.arange(u.shape[0], dtype=float)
     return Record("run", u, y, (Window("w", 0, u.shape[0], period=PERIOD),), warm)
 
 
@@ -26,6 +26,7 @@ def test_an_even_fit_is_to_the_last_period_after_the_one_before_it(n_periods: in
     np.testing.assert_array_equal(even.fitted(), np.repeat([False, True], PERIOD))
     np.testing.assert_array_equal(even.u, record.u[-2 * PERIOD :])
     np.testing.assert_array_equal(even.y, record.y[-2 * PERIOD :])
+    assert even.temperature_k is not None and record.temperature_k is not None
     np.testing.assert_array_equal(even.temperature_k, record.temperature_k[-2 * PERIOD :])
 
 
@@ -43,6 +44,7 @@ def test_a_record_of_whole_periods_is_led_in_by_one_of_which_no_row_counts() -> 
     np.testing.assert_array_equal(led.fitted(), np.repeat([False, True, True], PERIOD))
     np.testing.assert_array_equal(led.u[PERIOD:], record.u)
     np.testing.assert_array_equal(led.u[:PERIOD], WAVE)
+    assert led.temperature_k is not None and record.temperature_k is not None
     np.testing.assert_array_equal(led.temperature_k[PERIOD:], record.temperature_k)
     broken = Record("r", record.u[:70], record.y[:70], (Window("w", 0, 70, period=PERIOD),))
     assert broken.led_in() is broken
@@ -51,8 +53,9 @@ def test_a_record_of_whole_periods_is_led_in_by_one_of_which_no_row_counts() -> 
 def test_what_precedes_a_record_keeps_its_missing_rows_in_their_places() -> None:
     missing = np.arange(8) == 5
     record = Record("r", np.arange(8.0)[:, None], np.zeros((8, 1)), (Window("p", 0, 8, False, 4),), missing=missing)
-    assert np.flatnonzero(record.led_in().missing).tolist() == [9]
-    commanded = record.after(np.full((3, 1), -1.0))
+    led, commanded = record.led_in(), record.after(np.full((3, 1), -1.0))
+    assert led.missing is not None and commanded.missing is not None
+    assert np.flatnonzero(led.missing).tolist() == [9]
     assert np.flatnonzero(commanded.missing).tolist() == [8]
     assert (
         commanded.u[:4, 0].tolist() == [-1.0, -1.0, -1.0, 0.0]

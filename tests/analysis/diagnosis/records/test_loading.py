@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ def repeating(motion, period):
     return motion | {"command_x": command}
 
 
-HALVES = [("steps", 0, 2000, {}), ("held-out noise", 2000, 4000, {})]
+Segment = tuple[str, int, int, dict[str, Any]]
+HALVES: list[Segment] = [("steps", 0, 2000, {}), ("held-out noise", 2000, 4000, {})]
 RATE_HZ = 1000.0
 
 
@@ -142,7 +144,7 @@ def test_a_number_that_is_not_finite_is_refused_with_its_row(write_log, motion, 
 
 def test_too_few_rows_are_refused(write_log, motion, oscillator):
     few = {k: v[: MIN_ROWS + 10] for k, v in motion.items()}
-    segments = [("a", 0, MIN_ROWS - 1, {}), ("held-out", MIN_ROWS - 1, MIN_ROWS + 10, {})]
+    segments: list[Segment] = [("a", 0, MIN_ROWS - 1, {}), ("held-out", MIN_ROWS - 1, MIN_ROWS + 10, {})]
     with pytest.raises(DataError, match=f"{MIN_ROWS - 1} rows may be fitted, at least {MIN_ROWS}"):
         load_runs([write_log(few, segments)], oscillator)
 

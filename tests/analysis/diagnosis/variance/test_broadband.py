@@ -32,7 +32,7 @@ def _band(rng: np.random.Generator, centre_hz: float, width_hz: float) -> np.nda
     return np.asarray(x * math.sqrt((1.0 - a2) * ((1.0 + a2) ** 2 - a1**2) / (1.0 + a2)))
 
 
-def _case(seed: int, rms: float, centre_hz: float, width_hz: float):  # type: ignore[no-untyped-def]
+def _case(seed: int, rms: float, centre_hz: float, width_hz: float):
     rng = np.random.default_rng(seed)
     force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
     shake = rms * _band(rng, centre_hz, width_hz)

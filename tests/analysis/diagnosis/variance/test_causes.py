@@ -23,7 +23,7 @@ TIED = Chance(ApexNoise("x", linear=0.1), {"linear": 0.01}, 50.0, 1e-20, 0.2, 20
 LOST = Chance(DroppedSamples("x", fraction=0.01), {"fraction": 1e-3}, 90.0, 1e-30, 0.1, 9.0)
 
 
-def _verdict(verdict, tied=()) -> Judgement:  # type: ignore[no-untyped-def]
+def _verdict(verdict, tied=()) -> Judgement:
     return Judgement(verdict, (), tied, 1.0, 1.0, ())
 
 

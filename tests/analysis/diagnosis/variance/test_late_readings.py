@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from analysis.diagnosis.variance.chance import Chance
 from analysis.diagnosis.variance.late_readings import late_readings
 from tests.analysis.diagnosis.residuals import flicker, setting_of
 
@@ -31,7 +32,7 @@ def reading_of(rng: np.random.Generator, share: float, noise: Noise = white) -> 
     return TRUE[kept] + noise(rng, N)
 
 
-def found(reading: np.ndarray) -> list:
+def found(reading: np.ndarray) -> list[Chance]:
     return late_readings(*setting_of(np.zeros(N), reading, reading - TRUE, 1.0))
 
 

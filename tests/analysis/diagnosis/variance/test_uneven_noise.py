@@ -18,7 +18,7 @@ def _force(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(steps + 0.3 * np.sin(2.0 * np.pi * 60.0 * np.arange(N) / RATE_HZ))
 
 
-def _case(seed: int, linear: float, quadratic: float = 0.0, by_rate: float = 0.0):  # type: ignore[no-untyped-def]
+def _case(seed: int, linear: float, quadratic: float = 0.0, by_rate: float = 0.0):
     rng = np.random.default_rng(seed)
     force = _force(rng)
     x = moved(force)

@@ -57,7 +57,8 @@ def test_a_resonance_that_is_hardly_one_stands_for_something_else(damping_ratio:
 @pytest.mark.parametrize(("rms_rates", "verdict"), [(0.01, "named"), (0.4, "named"), (0.49, "unknown")])
 def test_a_friction_that_fades_at_most_rates_stands_for_some_other_damping(rms_rates: float, verdict: str) -> None:
     """Of a swing at 1 rad/s rms, as the limits of the effect have it."""
-    view = RecordView(1000.0, *(np.sqrt(2.0) * np.sin(0.1 * np.arange(4000)) for _ in range(4)), None, 1.0)
+    swing = np.sqrt(2.0) * np.sin(0.1 * np.arange(4000))
+    view = RecordView(1000.0, swing, swing, swing, swing, None, 1.0)
     limits = effect_class("coulomb-friction").limits(view)
     judged = judge(_outcome("coulomb-friction", {"torque": 1.0}, {"breakaway_rate": rms_rates}, limits))
     assert judged.verdict == verdict

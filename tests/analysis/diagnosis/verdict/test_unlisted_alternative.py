@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
-from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.pipeline import Options, diagnose
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
@@ -26,10 +25,10 @@ def _found(change: float = 0.0, discrepancy: float = 0.0, leads: tuple[tuple[str
     """Return an outcome without effects whose first nuisance is `change` tolerances off, of noise of unit size."""
     noise = np.random.default_rng(0).standard_normal(ROWS)
     setting, fit = setting_of(np.zeros(ROWS), noise, noise, 1.0, period=ROWS // 4)
-    setting: Setting = replace(setting, nuisances=nuisances_of(setting.nominal, 0.02))
+    setting = replace(setting, nuisances=nuisances_of(setting.nominal, 0.02))
     turned = np.zeros(len(setting.nuisances))
     turned[0] = change * 0.02
-    fit: Fit = replace(fit, change=turned)
+    fit = replace(fit, change=turned)
     nothing = Screen((), np.zeros(0), np.zeros(0), (), (), np.zeros(0), np.zeros(0))
     return Found(
         setting, fit, fit, (fit,), nothing, nothing, 1e4, Discrepancy(("x",), (discrepancy,)), unlisted_leads=leads
@@ -74,7 +73,7 @@ def test_an_unlisted_torque_that_comes_near_fails_a_check() -> None:
     assert failed_check(_found(leads=(("x", 5.0),)), ()) == ""
 
 
-def _played(law) -> Dataset:  # type: ignore[no-untyped-def]
+def _played(law) -> Dataset:
     """Return one loud record that never repeats, of the oscillator with a force `law(x)`, by the Runge-Kutta rule."""
     rng, omega = np.random.default_rng(4), 2.0 * np.pi * 20.0
     u, x, h, fine = np.zeros(ROWS), np.zeros(2), 1.0 / RATE_HZ / 4, 4
