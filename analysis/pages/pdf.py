@@ -22,14 +22,15 @@ def require_pdf() -> None:
 def write_pdf(page: Path, target: Path) -> Path:
     """Write the PDF of the HTML at `page` to `target` and return this; raises ConfigError as `require_pdf` does.
 
-    What can only be clicked is left out, and what links to files beside the page has no link.
+    What can only be clicked is left out.
     """
     weasyprint = _weasyprint()
     text = page.read_text(encoding="utf-8")
     sheet = resources.files("analysis.pages").joinpath("templates/paper.css").read_text("utf-8")
     text = text.replace("</head>", f"<style>{sheet}</style></head>", 1)
     # drawings inside a page do not see its variables; a base address would put the paths of this computer into links
-    drawn = weasyprint.HTML(string=_with_colours(text)).write_pdf()
+    own = weasyprint.urls.URLFetcher(allowed_protocols={"data"})  # what a page may load is in it
+    drawn = weasyprint.HTML(string=_with_colours(text), url_fetcher=own).write_pdf()
     with whole_file(target) as file:
         file.write(drawn)
     return target
@@ -37,7 +38,7 @@ def write_pdf(page: Path, target: Path) -> Path:
 
 def _weasyprint() -> Any:
     try:
-        import weasyprint
+        import weasyprint.urls
     except ImportError:
         raise ConfigError("a PDF needs WeasyPrint: install it with pip install 'mccd[pdf]'") from None
     except OSError as error:  # it is there, and a library of the system that it loads is not
