@@ -36,7 +36,7 @@ def mode_of(linear: ModalModel, where: str, effect: str) -> int:
 
 
 def reach_of(linear: ModalModel, m: int) -> float:
-    """Return the length of what a unit of mode `m` adds to the outputs; 1 where it is not seen."""
+    """Return the 2-norm of what a unit of mode `m` adds to the outputs; 1 where no output shows it, to divide by."""
     rate = float(linear.omega_rad_s[m] * np.linalg.norm(linear.c_rate[:, m]))
     return float(np.hypot(np.linalg.norm(linear.c[:, m]), rate)) or 1.0
 

@@ -54,7 +54,7 @@ def laws(judged: Sequence[Judged]) -> tuple[Group, ...]:
 
 
 def traits(judged: Sequence[Judged]) -> tuple[Group, ...]:
-    """Return the cases by every trait of theirs; a case is in one group of each trait."""
+    """Return the cases in groups: for each attribute (family, rate, loop, …) by its value, every case once."""
     return _grouped(judged, lambda one: list(one.case.traits.items()))
 
 

@@ -10,7 +10,10 @@ from analysis.challenge.score import FamilyScore, Score
 
 
 def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> str:
-    """Return the score as Markdown: measures, families, and the cases that went wrong (a faint one by a name only)."""
+    """Return the score as Markdown: measures, families, and the cases that went wrong.
+
+    A case with an effect below its naming limit is among these only where it has a wrong name.
+    """
     parts = [
         f"# Blind challenge, {date}",
         f"mccd {version}, {len(score.cases)} cases, truth sealed as `{score.seal}`. Intervals are of 95 %. Made by:",

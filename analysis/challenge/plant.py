@@ -20,7 +20,7 @@ NOMINAL_ERROR = 0.03
 
 @dataclass(frozen=True)
 class Plant:
-    """Modes d²q/dt² + 2 sigma dq/dt + omega² q = b u, position y = c q, and a pure delay of the commands.
+    """Modes d²q/dt² + 2 sigma dq/dt + omega² q = b u(t - delay), positions y = c q.
 
     Shapes: `omega_rad_s` and `sigma_1_s` (m,), `b` (m, n), `c` (n, m), `delay_s` (n,), `n` axes. Mode `i` < n is the
     suspension of axis `i`.

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How the model did on one held-out segment: rms of the error over rms of the output, per output and over all."""
+    """Error of the simulation on one held-out segment: its rms over that of the output, per output and over all."""
 
     run_uid: str
     segment: str

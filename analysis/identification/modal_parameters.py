@@ -160,7 +160,10 @@ def step_limit(layout: Layout) -> Array:
 
 
 def pack(model: ModalModel) -> Array:
-    """Return the parameter vector (p,) of a model; ln of a zero omega or sigma is stored as -inf and never moves."""
+    """Return the parameter vector (p,) of a model.
+
+    A zero omega or sigma is stored as its logarithm, -inf, and no fit changes it.
+    """
     with np.errstate(divide="ignore"):
         logs = np.log(model.omega_rad_s), np.log(model.sigma_1_s)
     rest = (model.b, model.b_direct, model.c, model.c_rate, model.d, model.delay_s)

@@ -29,9 +29,9 @@ _DELAYS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 
 
 def starting_models(target: Target, blocks: int, structure: Structure) -> Iterator[ModalModel]:
-    """Yield models with `blocks` blocks near the best fit: vector fitting, then balanced truncation to that order.
+    """Yield initial models of `blocks` second-order blocks: vector fitting, then balanced truncation to that order.
 
-    Where a delay may be estimated, there is one start for the response advanced by each of several delays.
+    Where a delay may be estimated, there is one for each of several delays, which are taken out of the response first.
     """
     if not structure.delay:
         yield _undelayed_start(target, blocks, structure)

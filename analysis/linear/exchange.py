@@ -55,7 +55,10 @@ def to_scipy(model: ModalModel | DiscreteModel) -> Any:
 
 
 def from_scipy(system: Any) -> ModalModel:
-    """Return a continuous system of scipy.signal (any form) as second-order blocks; raises as `from_control`."""
+    """Return a continuous system of scipy.signal (tf, zpk or ss) as parallel second-order blocks.
+
+    Raises what `from_control` raises.
+    """
     if system.dt is not None:
         raise ConfigError(f"the system is sampled every {system.dt} s; a model is continuous, convert it first")
     found = system.to_ss()

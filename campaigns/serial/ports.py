@@ -29,7 +29,10 @@ class Channel(Protocol):
         """The number to wait on."""
 
     def read(self, count: int) -> bytes | None:
-        """Return up to `count` bytes, None when there are none; raises OSError or EOFError when the line is gone."""
+        """Return up to `count` bytes, None if none has arrived.
+
+        Raises OSError for an error of the port, EOFError when the other end has closed it.
+        """
 
     def write(self, data: bytes) -> int:
         """Write what fits now and return how much that was; raises OSError when the line is gone."""

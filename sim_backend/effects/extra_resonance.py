@@ -49,7 +49,10 @@ class ExtraResonance(Effect):
 
     @classmethod
     def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
-        """Return damping at which there is a peak: what is damped more creeps, leaks or lags, and has other names."""
+        """Return the damping ratios of an extra resonance: up to where there is no peak.
+
+        What is damped more is creep or a lag, which are effects of their own.
+        """
         return {"damping_ratio": (1e-6, _NO_PEAK)}
 
     @classmethod

@@ -151,7 +151,7 @@ def _miscounts(rate, limit):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class FringeJump(Hidden):
-    """The counter loses a fringe of `size` whenever the motion is too fast for it."""
+    """A counter of fringes loses one of `size` whenever the motion is too fast for it; the offset stays."""
 
     limit: float
 

@@ -215,11 +215,13 @@ class _Stretch:
 def opening_figure(
     data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array, model: Model
 ) -> Drawn | None:
-    """Return measured and simulated over each other where the nominal model misses most, held-out rows if there are.
+    """Return measured and simulated over each other where the extended model gains most, held-out rows if there are.
+
+    Where the two models are one it is where that misses most.
 
     `before` and `after` are each record's residuals (n, n_y), `noise_rms` has shape (n_y,). None without a window.
     """
-    place = _worst(data, before, noise_rms)
+    place = _telling(data, before, after, noise_rms)
     if place is None:
         return None
     record, port = data.records[place.record], model.outputs[place.output]
@@ -241,32 +243,39 @@ def opening_figure(
     for i in range(2):
         canvas.legend_above(i, 4)
     unseen = ", which no fit has seen" if place.window.held_out else ""
+    where = "the nominal model misses most" if len(pairs) == 1 else "the extended model gains most on the nominal one"
     caption = (
-        f"{port.dof} in segment “{place.window.label}”{unseen}: the stretch where the nominal model misses most, its "
-        "own numbers adjusted."
+        f"{port.dof} in segment “{place.window.label}”{unseen}: the stretch where {where}. “Nominal” is the given "
+        "model with its own numbers adjusted."
     )
     return Drawn("measured-and-simulated", canvas.title, caption, canvas)
 
 
-def _worst(data: Dataset, before: Sequence[Array], noise_rms: Array) -> _Stretch | None:
-    """Return where the nominal model misses most in units of the noise, a few swings of the output long."""
+def _telling(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> _Stretch | None:
+    """Return where the extended model gains most in units of the noise, a few swings of the output long.
+
+    Where nothing was added it is where the nominal model misses most.
+    """
     windows = data.judged
     if not windows:
         return None
+    gains = [b**2 - a**2 for b, a in zip(before, after, strict=True)]
+    if not any(np.any(gain > 0.0) for gain in gains):
+        gains = [b**2 for b in before]
     size = np.where(noise_rms > 0.0, noise_rms, 1.0)
-    missed = [np.mean((before[i][w.start : w.stop] / size) ** 2, axis=0) for i, w in windows]
-    at = int(np.argmax([float(np.max(one)) for one in missed]))
-    (i, w), o = windows[at], int(np.argmax(missed[at]))
+    gained = [np.mean(gains[i][w.start : w.stop] / size**2, axis=0) for i, w in windows]
+    at = int(np.argmax([float(np.max(one)) for one in gained]))
+    (i, w), o = windows[at], int(np.argmax(gained[at]))
     y = data.records[i].y[w.start : w.stop, o]
     length = min(max(SWINGS * swing_rows(y), LEAST_ROWS), y.size)
-    total = np.concatenate([[0.0], np.cumsum(before[i][w.start : w.stop, o] ** 2)])
+    total = np.concatenate([[0.0], np.cumsum(gains[i][w.start : w.stop, o])])
     begin = w.start + int(np.argmax(total[length:] - total[:-length]))
     return _Stretch(i, w, o, slice(begin, begin + length))
 
 
-def worst_output(data: Dataset, before: Sequence[Array], noise_rms: Array) -> int:
+def opening_output(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> int:
     """Return the number of the output that the opening shows; the first where there is nothing to show."""
-    place = _worst(data, before, noise_rms)
+    place = _telling(data, before, after, noise_rms)
     return 0 if place is None else place.output
 
 

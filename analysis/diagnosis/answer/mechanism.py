@@ -43,13 +43,14 @@ LOOPS, RATES = ("hysteresis", "backlash"), ("friction",)
 
 
 @dataclass(frozen=True)
-class _Quantity:
-    """Something that a force may depend on: what it is, its unit, and its values (n,)."""
+class Quantity:
+    """Something that a force may depend on: what it is, its unit, its values (n,); `own` where the effect acts."""
 
     kind: str
     label: str
     unit: str
     values: Array
+    own: bool = True
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def mechanism_figure(diagnosis: Diagnosis, model: Model, whitener: Whitener) -> 
     """Return the force (or reading) that the linear model lacks over what it depends on; None where nothing shows it.
 
     Hysteresis and backlash are drawn over the position, friction over the rate, anything else over the quantity that
-    explains most of it.
+    explains most of it: one of the effect's own degree of freedom if that explains enough.
     """
     effect = _told(diagnosis)
     if effect is None:
@@ -79,7 +80,7 @@ def mechanism_figure(diagnosis: Diagnosis, model: Model, whitener: Whitener) -> 
     missing = _missing(diagnosis, model, whitener, effect, i, window, o, j)
     if missing is None:
         return None
-    chosen = _chosen(effect, missing.modelled, _quantities(diagnosis, model, i, missing.rows, o, j))
+    chosen = drawn_over(effect, missing.modelled, _quantities(diagnosis, model, i, missing.rows, o, j))
     if chosen is None:
         return None
     return _drawn(missing, *chosen, effect, window)
@@ -163,27 +164,27 @@ def _above_noise(x: Array, whitener: Whitener, o: int, rate_hz: float, energy: f
     return np.asarray(smooth / np.maximum(smooth + noise, np.finfo(float).tiny))
 
 
-def _quantities(diagnosis: Diagnosis, model: Model, i: int, rows: slice, o: int, j: int | None) -> list[_Quantity]:
+def _quantities(diagnosis: Diagnosis, model: Model, i: int, rows: slice, o: int, j: int | None) -> list[Quantity]:
     """Return everything that a force may be drawn over, as the extended model says that it was."""
     record, rate = diagnosis.data.records[i], diagnosis.data.rate_hz
     moved = record.y - diagnosis.after[i]
     out = [
-        _Quantity("position", f"position of {p.dof}", p.unit, moved[rows, k])
+        Quantity("position", f"position of {p.dof}", p.unit, moved[rows, k], own=k == o)
         for k, p in sorted(enumerate(model.outputs), key=lambda one: one[0] != o)
     ]
     own = model.outputs[o]
-    out.append(_Quantity("rate", f"rate of {own.dof}", f"{own.unit}/s", rate_of(moved[:, o], rate)[rows]))
+    out.append(Quantity("rate", f"rate of {own.dof}", f"{own.unit}/s", rate_of(moved[:, o], rate)[rows]))
     out += [
-        _Quantity("command", f"command of {p.dof}", p.unit, record.u[rows, k])
+        Quantity("command", f"command of {p.dof}", p.unit, record.u[rows, k], own=k == j)
         for k, p in sorted(enumerate(model.inputs), key=lambda one: one[0] != j)
     ]
     if record.temperature_k is not None:
-        out.append(_Quantity("temperature", "temperature", "K", record.temperature_k[rows]))
-    out.append(_Quantity("time", "time in the record", "s", np.arange(rows.start, rows.stop) / rate))
+        out.append(Quantity("temperature", "temperature", "K", record.temperature_k[rows]))
+    out.append(Quantity("time", "time in the record", "s", np.arange(rows.start, rows.stop) / rate))
     return out
 
 
-def _chosen(effect: Effect, force: Array, among: Sequence[_Quantity]) -> tuple[_Quantity, float] | None:
+def drawn_over(effect: Effect, force: Array, among: Sequence[Quantity]) -> tuple[Quantity, float] | None:
     """Return over what a force is drawn, and the part of its variance that this explains."""
     if not np.any(force):
         return None
@@ -196,8 +197,12 @@ def _chosen(effect: Effect, force: Array, among: Sequence[_Quantity]) -> tuple[_
     found = [(q, explained(q.values, force)) for q in among if q.kind == wanted or not wanted]
     if wanted:
         return found[0]
-    best = max(found, key=lambda one: one[1])
-    return best if best[1] >= SEEN else None
+    # what moves together with the own degree of freedom may explain a little more by chance
+    for candidates in ([one for one in found if one[0].own], found):
+        best = max(candidates, key=lambda one: one[1])
+        if best[1] >= SEEN:
+            return best
+    return None
 
 
 def explained(x: Array, force: Array) -> float:
@@ -211,7 +216,7 @@ def explained(x: Array, force: Array) -> float:
     return float(1.0 - np.var(force - mean[index]) / np.var(force))
 
 
-def _drawn(missing: _Missing, over: _Quantity, part: float, effect: Effect, window: Window) -> Drawn:
+def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, window: Window) -> Drawn:
     rows = _busiest(over.values, missing.modelled)
     x, size = over.values[rows], float(np.max(np.abs(over.values[rows])))
     factor, x_unit = scaled(size, over.unit)

@@ -16,8 +16,8 @@ from analysis.diagnosis.answer.figures import (
     bode_figure,
     evidence_figures,
     opening_figure,
+    opening_output,
     residual_figures,
-    worst_output,
 )
 from analysis.diagnosis.answer.mechanism import mechanism_figure
 from analysis.diagnosis.answer.output import DOMAINS, Change, changes, extended_model
@@ -131,7 +131,7 @@ def write_drawn(
 def render(
     diagnosis: Diagnosis, model: Model, sources: Sequence[Source], drawn: Drawings, chops: Sequence[ChopGain] = ()
 ) -> str:
-    """Return the page's HTML; everything that comes from files is escaped."""
+    """Return the page's HTML, in which text from files is escaped."""
     domains = [d for d in (*DOMAINS, *(k for k in diagnosis.evidence if k not in DOMAINS)) if diagnosis.evidence.get(d)]
     files = {s.run_uid: Path(s.file).name for s in sources}
     return str(
@@ -180,7 +180,7 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     longest = max(r.n for r in data.records)
     noise_rms = model_rms(whitener, longest)
     after = evidence(data, diagnosis.after, whitener, model)
-    output = worst_output(data, before, noise_rms)
+    output = opening_output(data, before, diagnosis.after, noise_rms)
     figures = Figures(
         opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
         response=_those(bode_figure(diagnosis, model, output)),

@@ -155,7 +155,8 @@ def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
 
 def surety(diagnosis: Diagnosis) -> Surety:
     """Return how sure the answer of a diagnosis is and everything that keeps it from being surer."""
-    why_not = [_rival(diagnosis)]
+    far, rival = _rival(diagnosis)
+    why_not = [] if far else [rival]
     if diagnosis.remainder is not None:
         r = diagnosis.remainder
         why_not.append(
@@ -164,14 +165,21 @@ def surety(diagnosis: Diagnosis) -> Surety:
         )
     if diagnosis.gain is None:
         why_not.append("No segment was held out, so the gain could not be tested on data that no fit has seen.")
-    why_not += diagnosis.notes
-    return Surety(tuple(_how(diagnosis)), tuple(filter(None, why_not)))
+    why_not += map(_begun_large, diagnosis.notes)
+    how = [*_how(diagnosis), *([rival] if far else [])]
+    return Surety(tuple(how), tuple(filter(None, why_not)))
+
+
+def _begun_large(note: str) -> str:
+    """Return a note with a capital at its beginning, unless that is the name of a file or the like."""
+    first = note.split(maxsplit=1)[0] if note.split() else ""
+    return note[0].upper() + note[1:] if first.isalpha() else note
 
 
 def _how(diagnosis: Diagnosis) -> list[str]:
     said = [f"{c.effect} at {c.where}: {100.0 * c.probability:.1f} % probable." for c in diagnosis.causes]
     if said:
-        said.append("That is the share of right answers among answers of equal evidence in blind trials.")
+        said.append("In blind trials on simulated benches that share of the names with evidence as strong was right.")
     if diagnosis.verdict == "ambiguous":
         said.append("That the model is wrong is sure; which of the tied causes it is, these data do not tell.")
     least = least_by_chance(diagnosis.evidence)
@@ -190,14 +198,18 @@ def _how(diagnosis: Diagnosis) -> list[str]:
     return said
 
 
-def _rival(diagnosis: Diagnosis) -> str:
-    """Return the second-best explanation of what was named; nothing where none was weighed."""
+def _rival(diagnosis: Diagnosis) -> tuple[bool, str]:
+    """Return whether the second-best explanation of what was named is far behind, and what to say of it.
+
+    Nothing where none was weighed.
+    """
     if diagnosis.verdict != "named" or not diagnosis.considered:
-        return ""
+        return False, ""
     name, evidence = diagnosis.considered[0]
     power = math.floor(-evidence / math.log(10.0))
-    times = f"10{_superscript(power)}" if power > _FAR_LESS else readable(math.exp(max(-evidence, 0.0)))
-    return f"The next best explanation, {name or 'nothing added'}, makes the data {times} times less likely."
+    far = power > _FAR_LESS
+    times = f"10{_superscript(power)}" if far else readable(math.exp(max(-evidence, 0.0)))
+    return far, f"The next best explanation, {name or 'nothing added'}, makes the data {times} times less likely."
 
 
 def _superscript(n: int) -> str:

@@ -84,7 +84,10 @@ def _prior(setting: Setting, hypothesis: Hypothesis) -> Array:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a hypothesis expects of a planned record: its `reading` (n, n_y) and `columns` (n, n_y, k), its Jacobian."""
+    """What a hypothesis predicts of a planned record: outputs `reading` (n, n_y), and `columns` (n, n_y, k).
+
+    The columns are its derivatives by the k free parameters.
+    """
 
     reading: Array
     columns: Array

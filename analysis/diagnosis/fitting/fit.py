@@ -296,7 +296,7 @@ def steps_of(linear: ModalModel, rate_hz: float) -> int:
 
 
 def steps_for(setting: Setting, fits: Sequence[Fit]) -> int:
-    """Return the steps per sample that the effects of `fits` ask for, at least those of `setting`."""
+    """Return the integration steps per sample: the most that an effect of `fits` needs, at least `setting.substeps`."""
     places, most = setting.places, float(setting.substeps)
     for effect in (e for fit in fits for e in fit.effects):
         braking, where = effect.braking(), effect.where

@@ -12,7 +12,9 @@ MAX_ORDER = 40
 
 
 def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = MAX_ORDER) -> Array:
-    """Return the whitening taps (order + 1,) of the series (n,) in `parts`, using rows whose mask is set.
+    """Return the whitening taps (order + 1,) of one autoregression of several series.
+
+    `parts` are pairs of a series and the mask of its valid samples, (n,) each.
 
     Least squares over all rows at once (covariance method, which also suits near-unit roots), order by BIC; the first
     tap is the inverse of the innovations' standard deviation.

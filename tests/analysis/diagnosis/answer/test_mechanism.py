@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from analysis.diagnosis.answer.figures import bode_figure, opening_figure, swing_rows
-from analysis.diagnosis.answer.mechanism import explained, mechanism_figure
+from analysis.diagnosis.answer.figures import bode_figure, opening_figure, opening_output, swing_rows
+from analysis.diagnosis.answer.mechanism import SEEN, Quantity, drawn_over, explained, mechanism_figure
 from analysis.diagnosis.answer.sentence import surety
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
@@ -164,7 +164,7 @@ def test_an_input_that_never_moves_gives_no_response():
     assert bode_figure(dataclasses.replace(found, data=Dataset(RATE_HZ, (still,))), axis(), 0) is None
 
 
-def test_the_opening_shows_held_out_rows_where_the_nominal_model_misses_most():
+def test_the_opening_shows_held_out_rows_where_the_extended_model_gains_most():
     found, *_ = diagnosed("cubic-stiffness")
     figure = opening_figure(found.data, found.before, found.after, np.array([NOISE_RAD]), axis())
     assert figure is not None
@@ -172,7 +172,7 @@ def test_the_opening_shows_held_out_rows_where_the_nominal_model_misses_most():
     y = found.data.records[0].y[10_000:, 0]
     rows = np.round(t * RATE_HZ).astype(int)
     assert shown == pytest.approx(1e3 * y[rows])
-    left = found.before[0][10_000:, 0] ** 2
+    left = found.before[0][10_000:, 0] ** 2 - found.after[0][10_000:, 0] ** 2
     length = int(rows[-1] - rows[0]) + 1
     sums = np.convolve(left, np.ones(length), "valid")
     assert sums[rows[0]] == pytest.approx(sums.max(), rel=1e-6)
@@ -180,6 +180,30 @@ def test_the_opening_shows_held_out_rows_where_the_nominal_model_misses_most():
     numbers = figure.canvas.numbers()
     above = numbers[(numbers.series == "nominal") & (numbers.panel == "x")]
     assert above.y.to_numpy() == pytest.approx(simulated[np.round(above.x * RATE_HZ).astype(int)])
+
+
+def test_the_opening_shows_the_output_that_gains_whatever_another_misses():
+    n = 2000
+    record = Record("uid", np.zeros((n, 2)), np.zeros((n, 2)), (Window("held-out", 0, n, held_out=True),))
+    data, noise = Dataset(RATE_HZ, (record,)), np.ones(2)
+    before, after = np.full((n, 2), [9.0, 3.0]), np.full((n, 2), [9.0, 1.0])
+    assert opening_output(data, [before], [after], noise) == 1
+    assert opening_output(data, [before], [before], noise) == 0
+
+
+def test_a_cause_is_drawn_over_its_own_motion_where_another_moves_with_it():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(5000)
+    force = np.sign(x) + 0.3 * rng.standard_normal(x.size)
+    own = Quantity("command", "command of y", "N", x + 0.2 * rng.standard_normal(x.size))
+    other = Quantity("command", "command of x", "N", x, own=False)
+    effect = make_effect("dead-zone", "y", {"width": 1.0})
+    assert explained(other.values, force) > explained(own.values, force) > SEEN
+    chosen = drawn_over(effect, force, [other, own])
+    assert chosen is not None and chosen[0] is own
+    unlike = dataclasses.replace(own, values=rng.standard_normal(x.size))
+    chosen = drawn_over(effect, force, [other, unlike])
+    assert chosen is not None and chosen[0] is other
 
 
 def test_a_consistent_model_is_drawn_once():
@@ -213,8 +237,8 @@ def test_why_an_answer_is_not_surer_is_told_beside_it():
     assert told.why_not[0] == "The next best explanation, backlash, makes the data 50 times less likely."
     assert "6.00 % of the squared error" in told.why_not[1] and "p = 1·10⁻⁹" in told.why_not[1]
     assert told.why_not[2].startswith("No segment was held out")
-    assert told.why_not[3] == "the noise is taken from the residual"
+    assert told.why_not[3] == "The noise is taken from the residual"
     far = dataclasses.replace(more, considered=(("b", -200.0 * np.log(10.0) - 0.1),))
-    assert "10²⁰⁰ times" in surety(far).why_not[0]
+    assert "10²⁰⁰ times" in surety(far).how[-1] and not any("10²⁰⁰" in text for text in surety(far).why_not)
     unknown = dataclasses.replace(more, verdict="unknown", causes=())
     assert surety(unknown).how == ("That the model is wrong: by rate, x at 3 mrad (p < 10⁻¹²).",)

@@ -57,7 +57,7 @@ def diagnosis(oscillator):
         before=(5.0 * residual,),
         after=(residual,),
         considered=(("cubic-stiffness", 0.0), ("backlash", -40.0)),
-        notes=("mind the gap",),
+        notes=("Mind the gap",),
         linear_std=linear.with_(omega_rad_s=linear.omega_rad_s * 0.001),
     )
 
@@ -181,7 +181,7 @@ def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnos
         "delay or amplifier-lag",
         "6.5 standard deviations",
         SHA,
-        "mind the gap",
+        "Mind the gap",
     ):
         assert text in page
 
