@@ -260,7 +260,7 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
 def _thinning(rows: int, most: int) -> str:
     if rows <= most:
         return f"All {rows} samples are drawn."
-    return f"Of {rows} samples the least and the greatest of every {-(-2 * rows // most)} are drawn."
+    return f"Of {rows} samples the smallest and the largest of every {-(-2 * rows // most)} are drawn."
 
 
 def _remark(shown: int, of: int) -> str:

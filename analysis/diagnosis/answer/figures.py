@@ -109,7 +109,7 @@ def residual_figures(
         canvas.legend_above(0)
         held = ", which no fit has seen" if w.held_out else ""
         step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1
-        drawn_of = f" Of every {step} samples the least and the greatest are drawn." if step > 1 else ""
+        drawn_of = f" Of every {step} samples the smallest and the largest are drawn." if step > 1 else ""
         caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most.{drawn_of}"
         drawn.append(Drawn(f"residual-{names[o]}", f"Residual of {port.dof}", caption, canvas))
     return drawn
