@@ -9,10 +9,22 @@ from typing import Any, TypeVar
 
 import click
 
-from campaigns.strategies import STRATEGIES
 from mccdcli.options import Real
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+STRATEGIES = (
+    "hybrid",
+    "mbff",
+    "repetitive",
+    "learned-hybrid",
+    "learned-mbff",
+    "designed-linear",
+    "designed-modes",
+    "designed-hysteresis",
+    "designed",
+)
+"""The names of `campaigns.strategies.STRATEGIES`, which --help shows without importing what plays them."""
 
 
 class Form(click.ParamType[tuple[float, float]]):
@@ -52,7 +64,7 @@ _OPTIONS = (
         "--strategy",
         default="hybrid",
         show_default=True,
-        help=f"Control strategy: {', '.join(STRATEGIES)}, or one of a plug-in.",
+        help=f"Control strategy: {', '.join(STRATEGIES)}, or a plug-in's.",
     ),
     click.option(
         "--model", default="design-4th-order", show_default=True, help="Design model: a bundled one or a file."

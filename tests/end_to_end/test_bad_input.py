@@ -95,11 +95,14 @@ def test_an_existing_log_is_never_overwritten(tmp_path, mccd):
     ("arguments", "said"),
     [
         (
-            ("settle", "--strategy", "repetitive", "--set", "tuning={feedback_factor=40.0}"),
+            ("settle", "--alpha", "90", "--strategy", "repetitive", "--set", "tuning={feedback_factor=40.0}"),
             ("theta_y", "design-4th-order", "unstable", "the limit is 1", "lower the gain"),
         ),
         (("chop", "--form", "0:+12"), ("reference of axis 1", "0.012", "0.01", "stay below")),
-        (("settle", "--set", "tuning={move_s=0.001}"), ("feed-forward", "55.4 A", "9 A", "smaller or slower")),
+        (
+            ("settle", "--alpha", "90", "--set", "tuning={move_s=0.001}"),
+            ("feed-forward", "55.4 A", "9 A", "smaller or slower"),
+        ),
         (("endstops", "--set", "current_a=10"), ("10 A", "9 A", "smaller or slower")),
         (("chop", "--set", "colour=red"), ("plan chop", "`colour`", "its settings are alpha_deg")),
     ],

@@ -159,8 +159,8 @@ def test_everything_that_they_need_in_turn_is_pinned() -> None:
 
 @pytest.mark.parametrize("folder", sorted(OURS))
 def test_the_sources_import_only_what_is_declared(folder: str) -> None:
-    # distributed runs a study on a cluster, xarray is one of many forms; whoever asks for one installs the extra
-    allowed = set(declared("cluster", "exchange"))
+    # a study on a cluster, an xarray, a PDF: whoever asks for one installs the extra
+    allowed = set(declared("cluster", "exchange", "pdf"))
     check_imports(folder, allowed)
 
 

@@ -17,6 +17,8 @@ import pytest
 
 from campaigns.playing.campaign import load_campaign
 from campaigns.playing.counting import estimate_campaign
+from campaigns.strategies import STRATEGIES
+from mccdcli import chop_options
 from mccdcli.commands.report import OWN_LOGS
 from mccdcli.main import main
 
@@ -40,6 +42,13 @@ def run(here, capsys):
         return code, said.out, said.err
 
     return call
+
+
+@pytest.mark.parametrize("command", ["chop", "settle"])
+def test_the_help_lists_every_strategy(run, command):
+    assert chop_options.STRATEGIES == tuple(STRATEGIES)
+    _, out, _ = run(command, "--help")
+    assert ", ".join(STRATEGIES) in re.sub(r"\s+", " ", re.sub(r"-\n\s+", "-", out))
 
 
 @pytest.mark.parametrize("command", TESTS)

@@ -373,4 +373,6 @@ def test_hours_of_data_make_a_page_that_can_be_sent(tmp_path):
     page = write_page(long, two_axes(), (), tmp_path)["index.html"]
     text = page.read_text(encoding="utf-8")
     assert page.stat().st_size < 3_000_000
-    assert "The 24 of 50 segments are listed" in text and "Of 8000 samples the smallest and the largest of every" in text
+    assert (
+        "The 24 of 50 segments are listed" in text and "Of 8000 samples the smallest and the largest of every" in text
+    )
