@@ -48,7 +48,7 @@ def moved(u, y):
 
 
 def write_log(folder: Path) -> None:
-    rng = np.random.default_rng(55)
+    rng = np.random.default_rng(54)
     lines = np.arange(int(5 * ROWS / RATE_HZ), int(150 * ROWS / RATE_HZ))
     force = []
     for level in LEVELS_N.values():
