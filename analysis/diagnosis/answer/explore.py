@@ -16,6 +16,7 @@ from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categorie
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
+from analysis.pages.axes import axis_text, with_axes
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.pages.formats import without_exponents
 from analysis.pages.quantities import LEAST_P, chance, scaled
@@ -65,7 +66,7 @@ def residual_explorer(
     if not segments:
         return None
     worst = np.argsort(-np.max([s.outputs for s in everything], axis=0), kind="stable")
-    names = distinct([port.dof for port in model.outputs])
+    names = distinct([axis_text(port.dof) for port in model.outputs])
     most = int(np.clip(TIME_POINTS // (3 * len(segments) * len(names)), LEAST_POINTS, MOST_POINTS))
     views: dict[tuple[str, ...], View] = {}
     for s in segments:
@@ -117,7 +118,7 @@ def evidence_explorer(
         if left < 0 and views:
             break
         for name, d in mine:
-            chosen = titles[run], d.output, f"by {name}"
+            chosen = titles[run], axis_text(d.output), f"by {name}"
             views[chosen] = _by_domain(name, d, extended.get((name, d.record, d.output)), model)
     shown = list(dict.fromkeys(chosen[0] for chosen in views))
     rest = (
@@ -212,7 +213,7 @@ def _in_time(
     measured = Series.of("measured", time_s, y * size, most=most)
     return (
         Panel(x, f"measured − simulated ({unit})", series, band=band),
-        Panel(x, f"{port.dof}, measured ({output_unit})", (measured,)),
+        Panel(x, f"{axis_text(port.dof)}, measured ({output_unit})", (measured,)),
     )
 
 
@@ -253,7 +254,7 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
         log_y=log_y,
         names=categories(name, first, model) if bars else None,
     )
-    where = without_exponents(f"{first.where} ({chance(first.p_value)}).")
+    where = with_axes(without_exponents(f"{first.where} ({chance(first.p_value)})."))
     return View((panel,), Facts(("model", "highest ÷ noise", "p-value"), tuple(rows)), where)
 
 

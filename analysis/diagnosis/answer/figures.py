@@ -15,6 +15,7 @@ from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.frequency.averaged_spectra import averaged_spectra
 from analysis.frequency.frf import FrequencyResponse
+from analysis.pages.axes import axis_text
 from analysis.pages.bode import bode_canvas, per, scale_axes
 from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
@@ -99,8 +100,9 @@ def residual_figures(
         )
         old, new = (x[i][w.start : w.stop, o] for x in (before, after))
         factor, unit = scaled(float(np.max(np.abs(old))), port.unit)
-        canvas = Canvas(f"Residual of {port.dof}", "", size=SIZE)
-        canvas.panel(0, port.dof, "time in the segment (s)", f"measured − simulated ({unit})")
+        name = axis_text(port.dof)
+        canvas = Canvas(f"Residual of {name}", "", size=SIZE)
+        canvas.panel(0, name, "time in the segment (s)", f"measured − simulated ({unit})")
         time_s = np.arange(w.stop - w.start) / data.rate_hz
         canvas.line(0, "nominal", *thinned(time_s, old * factor, MOST_POINTS), color=BEFORE, linewidth=0.9)
         canvas.line(0, "extended", *thinned(time_s, new * factor, MOST_POINTS), color=AFTER, linewidth=0.9)
@@ -110,8 +112,8 @@ def residual_figures(
         held = ", which no fit has seen" if w.held_out else ""
         step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1
         drawn_of = f" Of every {step} samples the smallest and the largest are drawn." if step > 1 else ""
-        caption = f"{port.dof} in segment “{w.label}”{held}: where the nominal model misses most.{drawn_of}"
-        drawn.append(Drawn(f"residual-{names[o]}", f"Residual of {port.dof}", caption, canvas))
+        caption = f"{name} in segment “{w.label}”{held}: where the nominal model misses most.{drawn_of}"
+        drawn.append(Drawn(f"residual-{names[o]}", f"Residual of {name}", caption, canvas))
     return drawn
 
 
@@ -144,7 +146,7 @@ def by_category(name: str) -> bool:
 
 def categories(name: str, domain: Domain, model: Model) -> tuple[str, ...]:
     """Return the names along the axis of a domain by category."""
-    return ("down", "up") if name == "direction" else tuple(model.outputs[int(k)].dof for k in domain.axis)
+    return ("down", "up") if name == "direction" else tuple(axis_text(model.outputs[int(k)].dof) for k in domain.axis)
 
 
 def level_label(name: str) -> str:
@@ -160,7 +162,7 @@ def is_steep(domain: Domain) -> bool:
 def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Canvas:
     factor, unit = (1.0, "") if by_category(name) else scaled(float(np.max(np.abs(first.axis))), first.unit)
     canvas = Canvas(name, "", size=SIZE)
-    canvas.panel(0, f"{first.output}", f"{QUANTITIES[name]}{f' ({unit})' if unit else ''}", level_label(name))
+    canvas.panel(0, axis_text(first.output), f"{QUANTITIES[name]}{f' ({unit})' if unit else ''}", level_label(name))
     if by_category(name):
         _as_bars(canvas, first, second, categories(name, first, model))
     else:
@@ -229,15 +231,16 @@ def opening_figure(
     old, new = (x[place.record][place.rows, place.output] for x in (before, after))
     pairs = [("nominal", old, BEFORE)] + ([] if np.array_equal(old, new) else [("extended", new, AFTER)])
     time_s = (np.arange(place.rows.start, place.rows.stop) - place.window.start) / data.rate_hz
-    canvas = Canvas(f"Measured and simulated, {port.dof}", "", rows=2, size=TALL, share_x=True)
+    name = axis_text(port.dof)
+    canvas = Canvas(f"Measured and simulated, {name}", "", rows=2, size=TALL, share_x=True)
     size, unit = scaled(float(np.max(np.abs(y))), port.unit)
-    canvas.panel(0, port.dof, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
+    canvas.panel(0, name, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
     canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=QUIET, linewidth=3.0, alpha=0.55)
     factor, small = scaled(float(np.max(np.abs(old))), port.unit)
     canvas.panel(1, "", "time in the segment (s)", f"measured − simulated ({small})")
-    for name, left, colour in pairs:
-        canvas.line(0, name, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
-        canvas.line(1, name, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
+    for label, left, colour in pairs:
+        canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
+        canvas.line(1, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
     reach = 2.0 * float(noise_rms[place.output]) * factor
     canvas.band(1, -reach, reach, "noise, ±2σ")
     for i in range(2):
@@ -245,7 +248,7 @@ def opening_figure(
     unseen = ", which no fit has seen" if place.window.held_out else ""
     where = "the nominal model misses most" if len(pairs) == 1 else "the extended model gains most on the nominal one"
     caption = (
-        f"{port.dof} in segment “{place.window.label}”{unseen}: the stretch where {where}. “Nominal” is the given "
+        f"{name} in segment “{place.window.label}”{unseen}: the stretch where {where}. “Nominal” is the given "
         "model with its own numbers adjusted."
     )
     return Drawn("measured-and-simulated", canvas.title, caption, canvas)
@@ -305,7 +308,8 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     if good.size < LEAST_POINTS:
         return None
     source, target = model.inputs[j], model.outputs[output]
-    title = target.dof if source.dof == target.dof else f"{source.dof} → {target.dof}"
+    one, other = axis_text(source.dof), axis_text(target.dof)
+    title = other if one == other else f"{one} → {other}"
     canvas = bode_canvas(f"Frequency response {title}", title, per(target.unit, source.unit), TALL)
     curve_f = np.geomspace(f[good[0]], f[good[-1]], CURVE_POINTS)
     models = _models(diagnosis, model, curve_f, output, j)
@@ -322,7 +326,7 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     canvas.axes[1].yaxis.set_major_locator(MultipleLocator(90.0))
     canvas.legend_above(0)
     caption = (
-        f"Response of {target.dof} to {source.dof}: measured (averaged spectra of all records; frequencies where it is "
+        f"Response of {other} to {one}: measured (averaged spectra of all records; frequencies where it is "
         f"known to {100.0 * KNOWN:.0f} % or better), the nominal model as given, and the linear part of the extended "
         "one. What depends on amplitude shows here as a mean over what was played."
     )

@@ -20,6 +20,7 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.result import Diagnosis
+from analysis.pages.axes import axis_text, with_axes
 from analysis.pages.canvas import INK, Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.effects.base import Effect, Site
@@ -169,13 +170,13 @@ def _quantities(diagnosis: Diagnosis, model: Model, i: int, rows: slice, o: int,
     record, rate = diagnosis.data.records[i], diagnosis.data.rate_hz
     moved = record.y - diagnosis.after[i]
     out = [
-        Quantity("position", f"position of {p.dof}", p.unit, moved[rows, k], own=k == o)
+        Quantity("position", f"position of {axis_text(p.dof)}", p.unit, moved[rows, k], own=k == o)
         for k, p in sorted(enumerate(model.outputs), key=lambda one: one[0] != o)
     ]
     own = model.outputs[o]
-    out.append(Quantity("rate", f"rate of {own.dof}", f"{own.unit}/s", rate_of(moved[:, o], rate)[rows]))
+    out.append(Quantity("rate", f"rate of {axis_text(own.dof)}", f"{own.unit}/s", rate_of(moved[:, o], rate)[rows]))
     out += [
-        Quantity("command", f"command of {p.dof}", p.unit, record.u[rows, k], own=k == j)
+        Quantity("command", f"command of {axis_text(p.dof)}", p.unit, record.u[rows, k], own=k == j)
         for k, p in sorted(enumerate(model.inputs), key=lambda one: one[0] != j)
     ]
     if record.temperature_k is not None:
@@ -223,7 +224,7 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
     measured, modelled = missing.measured[rows], missing.modelled[rows]
     scale, unit = scaled(float(np.max(np.abs(modelled))), missing.unit)
     every = -(-x.size // SHOWN_POINTS)
-    canvas = Canvas(f"{effect.reported()} at {effect.where}", "", size=SIZE)
+    canvas = Canvas(with_axes(f"{effect.reported()} at {effect.where}"), "", size=SIZE)
     canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{missing.label} ({unit})")
     at = x[::every] * factor
     if over.kind in ("position", "command") and _looped(effect):

@@ -1,0 +1,23 @@
+"""The names of axes as a page prints them."""
+
+from __future__ import annotations
+
+import pytest
+
+from analysis.pages.axes import with_axes
+
+
+@pytest.mark.parametrize(
+    ("text", "printed"),
+    [
+        ("coulomb-friction at theta_x (probability 99 %)", "coulomb-friction at θx (probability 99 %)"),
+        ("cross-coupling at theta_x->theta_y.", "cross-coupling at θx→θy."),
+        ("it was theta_y, and theta_z", "it was θy, and theta_z"),
+        (
+            "in sweep-theta_x.h5, theta_x_slow and runs/theta_y/a.h5",
+            "in sweep-theta_x.h5, theta_x_slow and runs/theta_y/a.h5",
+        ),
+    ],
+)
+def test_axes_are_printed_in_greek_but_not_in_names_of_files(text: str, printed: str) -> None:
+    assert with_axes(text) == printed
