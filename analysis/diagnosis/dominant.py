@@ -27,8 +27,9 @@ from analysis.diagnosis.nominal.tuning import bounds_of
 from analysis.diagnosis.result import Remainder
 from analysis.diagnosis.search.adequacy import chance_of, uncertainty
 from analysis.diagnosis.search.gram import Gram
-from analysis.diagnosis.search.rounds import Found, Progress
+from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, evidence_of, gram_beside
+from analysis.diagnosis.search.stage import Progress
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
 from sim_backend.linear import Array

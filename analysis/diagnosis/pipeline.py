@@ -27,12 +27,14 @@ from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
-from analysis.diagnosis.search.rounds import Found, Progress, search, silent
+from analysis.diagnosis.search.rounds import Found, search
 from analysis.diagnosis.search.shortlist import Rules
+from analysis.diagnosis.search.stage import Progress, silent
 from analysis.diagnosis.variance.causes import VarianceEffects, variance_effects
 from analysis.diagnosis.variance.lines import without_lines, without_lines_of
 from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.verdict.causes import causes_of
+from analysis.diagnosis.verdict.confirmed import confirmed
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.generic_alternative import generic_alternatives
 from analysis.diagnosis.verdict.held_out import beside_doubts, follows_play, loses, validated
@@ -235,6 +237,7 @@ def diagnose(
     """
     options = options or Options()
     found, variance = found_with_variance_effects(data.for_fitting(), model, options, progress)
+    found = confirmed(found, data)
     progress("weighing the evidence", 0.9)
     judgement, short = _judged(found, variance)
     found, judgement, remark = weigh_references(found, judgement, references, model, bench)

@@ -52,9 +52,8 @@ def gain_of(
     # model gets wrong after a change of what is played, which the better of both models leaves less of
     left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
     noise = np.minimum(*(_noise_rms(clean, data.n_outputs, whitener, windows) for clean in left))
-    size = _output_size(data, windows)
     moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
-    size = np.where(moved | ~np.any(moved), size, np.inf)
+    size = np.where(moved | ~np.any(moved), _output_size(data, windows), np.inf)
     one, other = (_squares(clean, windows, size) for clean in left)
     rms_before, rms_after = _rms(one), _rms(other)
     draws, mean_squares = _bootstrap(one, other, _block(data, first), np.random.default_rng(seed))
@@ -85,6 +84,24 @@ def gain_of(
         times=times,
         times_std=times_std,
     )
+
+
+def size_on_held_out(
+    data: Dataset,
+    before: Sequence[Array],
+    after: Sequence[Array],
+    whitener: Whitener,
+    first: ModalModel,
+    extended: ModalModel,
+) -> tuple[float, float]:
+    """Return how many times as large, for held-out rows, what was added should be, and the standard deviation of that.
+
+    Arguments as of `gain_of`; every output counts in units of its noise.
+    """
+    windows = [(i, w) for i, w in data.windows if w.held_out]
+    left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
+    every = np.ones(data.n_outputs, dtype=bool)
+    return _times(*(_in_noise(clean, data, windows, whitener, every) for clean in left))
 
 
 def _output_size(data: Dataset, windows: Sequence[tuple[int, Window]]) -> Array:

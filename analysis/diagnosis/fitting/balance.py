@@ -20,7 +20,7 @@ from sim_backend.linear import Array, ModalModel
 _ROUNDS, _IN_LINE = 6, 10.0
 """Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
 
-_PASSES = 4
+_PASSES, _LONG = 4, 25
 
 
 def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
@@ -60,22 +60,34 @@ def tune(setting: Setting) -> tuple[Setting, Fit]:
     """
     best = _tuned(setting, np.zeros(len(setting.nuisances)))
     for m in narrow_modes(setting):
-        change = moved_mode(*best, m)
-        if change is not None:
+        for change in moved_mode(*best, m):
             best = min(best, _tuned(*_afresh(best[0], change)), key=lambda pair: _cost(*pair))
     change = numbered(setting.nominal, setting.nuisances, best[1].change)
     if change is not best[1].change:
         best = min(best, _tuned(best[0], change), key=lambda pair: _cost(*pair))
-    return best
+    if setting.whitener.repeats or setting.whitener.even:
+        return best
+    return min(best, iterated_gls(*best), from_white_noise(*best), key=lambda pair: _cost(*pair))
+
+
+def from_white_noise(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
+    """Return setting and fit where noise and fit come to rest from white noise.
+
+    A coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own. White
+    noise cannot.
+    """
+    plain = reestimated(setting, fit, order=0)
+    return iterated_gls(plain, again(plain, fit, steps=_LONG))
 
 
 def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit] | None:
     """Return setting and fit of the nominal model tuned from the numbers of `best`, None where that is no better.
 
     Where nothing repeats, the noise follows what a fit leaves, and a descent may end where both have made their peace.
-    An effect moves the numbers on from there; what these gain by themselves is no merit of the effect.
+    An effect moves the numbers on from there; what these gain by themselves is no merit of the effect, which may have
+    been dropped for that.
     """
-    if setting.whitener.repeats or setting.whitener.even or not best.candidates:
+    if setting.whitener.repeats or setting.whitener.even or np.array_equal(best.change, tuned.change):
         return None
     found = _tuned(setting, best.change)
     return found if score(found[1], False) < score(tuned, False) - _IN_LINE else None

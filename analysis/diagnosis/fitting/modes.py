@@ -39,6 +39,9 @@ _WORTH = 20.0
 """Squares, in units of what is usual around, by which a mode elsewhere has to leave less. Of hundreds of places chance
 finds one a few times in a hundred; it costs a fit, which decides."""
 
+_TRIED = 3
+"""Places of one mode that are fitted at most: where few lines show it, chance may make a wrong one the best."""
+
 _SAME = 1e-9
 """Numbers that differ by less, relatively, are the same."""
 
@@ -48,8 +51,8 @@ def narrow_modes(setting: Setting) -> list[int]:
     return [nuisance.mode for nuisance in setting.nuisances if _narrow(setting.nominal, nuisance)]
 
 
-def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
-    """Return the change (n_nuisances,) of a fit with mode `m` where it leaves least, None where it is there unbent.
+def moved_mode(setting: Setting, fit: Fit, m: int) -> list[Array]:
+    """Return the changes (n_nuisances,) of a fit with mode `m` where it leaves least, none where it is there unbent.
 
     The mode's own numbers are the nominal ones again but for its frequency, as a mode in the wrong place is bent; all
     others are as they are. One that is bent by more than its numbers may be off may have come to the right place, and
@@ -60,12 +63,11 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> Array | None:
     numbers = np.array([nuisance.mode for nuisance in setting.nuisances])
     (i,) = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode == m and nuisance.field == "omega_rad_s")
     change = np.where(numbers == m, 0.0, fit.change)
-    place = _place(setting, fit, i, change, weights)
+    places = _places(setting, fit, i, change, weights)
     own = np.array([abs(fit.change[k]) > _REACH * setting.nuisances[k].sd for k in np.flatnonzero(numbers == m)])
-    if place is None and not own.any():
-        return None
-    change[i] = fit.change[i] if place is None else place
-    return np.asarray(change)
+    if not places and own.any():
+        places = [float(fit.change[i])]
+    return [np.where(np.arange(change.size) == i, place, change) for place in places]
 
 
 def _spectrum(left: Array) -> Array:
@@ -116,10 +118,11 @@ def _damping(linear: ModalModel, m: int) -> float:
     return float(linear.sigma_1_s[m] / linear.omega_rad_s[m])
 
 
-def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Array]) -> float | None:
-    """Return the change of the frequency of nuisance `i` beside `change` that leaves least; None where it is there.
+def _places(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Array]) -> list[float]:
+    """Return the changes of the frequency of nuisance `i` beside `change` that leave least, best first.
 
-    A place within half a width of where the mode is, is where it is.
+    None where it is there. A place within half a width of where the mode is, is where it is, and one beside the skirt
+    of a better one is part of it. How far off a place is counts as it does in a fit.
     """
     nuisance = setting.nuisances[i]
     reach, whole = _REACH * nuisance.sd, played(setting.nominal, setting.data.rate_hz)
@@ -138,7 +141,7 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
         there[i] = place
         return mode_of(there)
 
-    here = mode_of(fit.change)
+    now = mode_of(fit.change)
     forces = [np.asfortranarray(driven_by(whole, r.u).forces) for r in setting.data.records]
     starts = [states[nuisance.mode] for states in fit.states]
     rows = [r.fitted() for r in setting.data.records]
@@ -148,14 +151,24 @@ def _place(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arra
         for e, f, x, used, w in zip(fit.residuals, forces, starts, rows, weights, strict=True):
             lines = np.arange(w.shape[0]) / max(int(used.sum()), 1)
             near, loud = (lines > band[0]) & (lines < band[1]), np.sqrt(w)
-            left, swing = e - contrast(model, here, f, x), free_responses(model, e.shape[0])
+            left, swing = e - contrast(model, now, f, x), free_responses(model, e.shape[0])
             total += _beside(*((_lines(part[used]).T * loud.T).T[near] for part in (left, swing)))
         return total
 
-    left = [squares(at(place)) for place in places]
-    best = int(np.argmin(left))
-    near = abs(places[best] - fit.change[i]) < 0.5 * width
-    return None if near or left[best] > squares(here) - _WORTH else float(places[best])
+    def unlikely(place: float | Array) -> float | Array:
+        """Return half the squared distance in deviations: lines of noise have a mean of one, half that of a χ² of 2."""
+        return 0.5 * (place / nuisance.sd) ** 2
+
+    left = np.array([squares(at(place)) for place in places]) + unlikely(places)
+    enough = squares(now) + unlikely(fit.change[i]) - _WORTH
+    found: list[float] = []
+    for k in np.argsort(left):
+        here = abs(places[k] - fit.change[i]) < 0.5 * width
+        if left[k] > enough or len(found) == _TRIED or (here and not found):
+            break
+        if not here and all(abs(places[k] - other) > _SKIRT * width for other in found):
+            found.append(float(places[k]))
+    return found
 
 
 def numbered(nominal: ModalModel, nuisances: Sequence[Nuisance], change: Array) -> Array:

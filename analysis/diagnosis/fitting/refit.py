@@ -30,6 +30,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.parts import Part, parts_of, setting_of, whole_of
 from analysis.diagnosis.fitting.problem import Problem
 from analysis.diagnosis.fitting.slopes import Slopes
+from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.nominal.responses import stacked
 from analysis.diagnosis.nominal.tuning import change_to, mahalanobis2_of, turned, turning
 from sim_backend.assembly import retuned
@@ -73,6 +74,7 @@ def refit(
     before this one are not tried again.
     """
     manner = _Manner(steps, exact, strong, sharp, misled)
+    setting = _with_own_starts(setting, candidates, sizes, change)
     parts = in_parts(setting, candidates, sizes)
     if len(parts) == 1:
         return _whole(setting, candidates, sizes, change, manner)
@@ -86,6 +88,24 @@ def refit(
         else:
             fits.append(_quiet(setting, part, own, exact))
     return _joined(setting, candidates, [part for part, _ in parts], fits)
+
+
+def _with_own_starts(setting: Setting, candidates: Sequence[Candidate], sizes: Array, change: Array) -> Setting:
+    """Return the setting with the starts of modes that a hypothesis has, without those that another one adds.
+
+    Such a mode may begin to ring at any size, whatever drives it: a hypothesis without it would have that for nothing.
+    """
+    known = setting.starts[0].back.shape[0] // 2
+    if known == setting.nominal.n_blocks:
+        return setting
+    problem, start = Problem.of(setting, candidates, sizes)
+    linear = turned(setting.nominal, setting.nuisances, change)
+    with suppress(ConfigError):  # an effect that cannot be keeps all starts: it has no fit
+        linear = retuned(linear, problem.effects(np.concatenate([change, start])), setting.places)
+        if known > linear.n_blocks:
+            states = tuple(state[: setting.nominal.n_blocks] for state in setting.states)
+            return replace(setting, starts=starts_of(setting.data, linear, setting.whitener), states=states)
+    return setting
 
 
 def in_parts(setting: Setting, candidates: Sequence[Candidate], sizes: Array) -> list[tuple[Part, Setting]]:

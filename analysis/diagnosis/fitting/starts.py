@@ -22,6 +22,10 @@ from sim_backend.linear import Array, ModalModel
 _NEGLIGIBLE = 1e-9
 """A direction this much weaker than the strongest cannot be told from rounding and is left alone."""
 
+_UNPLAYED = 1e-5
+"""A direction this much weaker asks for commands before a record that are far beyond those in it, which nearly take
+each other away. A simulation does so less exactly than the columns that the directions are taken from."""
+
 _FORGOTTEN = 1e-6
 """A start of which less is left when the fitted rows begin is not found from them: it would have to be enormous."""
 
@@ -168,7 +172,7 @@ class _StartFit:
     def linear(self, residual: Array) -> Array:
         """Return the start (k,) that leaves least of a `residual` (n, n_y) where nothing acts."""
         own = self.weighed(self.columns) * self.inverse
-        return np.asarray(self.inverse * np.linalg.lstsq(own, self.weighed(residual), rcond=_NEGLIGIBLE)[0])
+        return np.asarray(self.inverse * np.linalg.lstsq(own, self.weighed(residual), rcond=_UNPLAYED)[0])
 
     def grown(self, start: Array) -> Array:
         """Return a start that was fitted to the first rows, then to twice as many, up to half of them."""

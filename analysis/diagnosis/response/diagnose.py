@@ -19,8 +19,8 @@ from analysis.diagnosis.response.lines import EVERY, Lines, Noise, noise_of
 from analysis.diagnosis.response.predicted import Predictor, changes_the_response
 from analysis.diagnosis.response.search import Found, judged, of_levels, searched
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
-from analysis.diagnosis.search.rounds import Progress, silent
 from analysis.diagnosis.search.shortlist import SURE_LEAD
+from analysis.diagnosis.search.stage import Progress, silent
 from analysis.diagnosis.verdict.causes import causes_of
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.pages.quantities import span

@@ -13,8 +13,9 @@ from dataclasses import replace
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import again, iterated_gls, score
 from analysis.diagnosis.search.pruning import alone
-from analysis.diagnosis.search.rounds import Found, Progress, search, silent
+from analysis.diagnosis.search.rounds import Found, search
 from analysis.diagnosis.search.shortlist import SURE_LEAD, Rules
+from analysis.diagnosis.search.stage import Progress, silent
 
 _MOST = 3
 """Effects that are looked for again at most: more are mostly modes, which imitate what is no listed cause."""

@@ -11,7 +11,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.problem import Problem, halved
-from analysis.diagnosis.fitting.refit import part_to_take, refit, taken_over
+from analysis.diagnosis.fitting.refit import part_to_take, refit, sizes_of_each, taken_over
 from analysis.diagnosis.nominal.tuning import bounds_of, spreads_of
 from sim_backend.effects.base import Site
 from sim_backend.errors import ConfigError
@@ -39,10 +39,28 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, nui
     candidates = (*before, candidate)
     found = refit(setting, candidates, np.concatenate([held, sizes]), start)
     near = _nearer(setting, fit, candidates, start, held, sizes)
-    if near is None:
+    if near is not None:
+        other = refit(setting, candidates, np.concatenate([held, near[start.size :]]), near[: start.size])
+        found = min(found, other, key=lambda f: f.objective)
+    return _brought_back(setting, fit, found)
+
+
+def _brought_back(setting: Setting, before: Fit, found: Fit) -> Fit:
+    """Return the fit `found` with the effects of the one `before` it where they were, if that is better.
+
+    The first steps go by what is wrong of the new effect. They may take another one off its place, from where no slope
+    leads back: a wave's period is found from within a part of it.
+    """
+    if not before.candidates:
         return found
-    other = refit(setting, candidates, np.concatenate([held, near[start.size :]]), near[: start.size])
-    return min(found, other, key=lambda f: f.objective)
+    (*_, candidate), sizes = found.held()
+    own = sizes_of_each([*before.candidates, candidate], sizes)[-1]
+    earlier, held = before.held()
+    there = (setting, (*earlier, candidate), np.concatenate([held, own]))
+    problem, start = Problem.of(*there)
+    if not problem.evaluate(np.concatenate([found.change, start])).objective < found.objective:
+        return found
+    return min(found, refit(*there, found.change), key=lambda f: f.objective)
 
 
 def _nearer(

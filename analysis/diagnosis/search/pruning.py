@@ -65,6 +65,8 @@ def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, 
             best = smaller[unsure[0]]
             continue
         least = min(smaller, key=lambda f: score(f, known))
+        if not known:  # what the noise gained on the way is no merit of the effect
+            tried.append(least := iterated_gls(setting, least)[1])
         if lead_of(setting, best, least) > price:
             break
         best = least
@@ -83,6 +85,11 @@ def is_seen(fit: Fit, i: int) -> bool:
         if effect == i and name in sizes
     ]
     return any(own) or not own
+
+
+def has_seen_model(fit: Fit) -> bool:
+    """Tell whether every effect of a fit that changes the linear model itself is seen; see `is_seen`."""
+    return all(effect.site is not Site.MODEL or is_seen(fit, i) for i, effect in enumerate(fit.effects))
 
 
 def _seen_together(fit: Fit, without: Fit, i: int) -> bool:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,29 +10,29 @@ import numpy as np
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.balance import (
     again,
+    from_white_noise,
     guessed_squares,
     in_noise,
     iterated_gls,
     reestimated,
     score,
     sharpened,
-    squares_of,
     stepped,
 )
-from analysis.diagnosis.fitting.discrepancy import Discrepancy, beyond_form, discrepancy_of, explained_by
+from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
-from analysis.diagnosis.nominal.tuning import mahalanobis2_of
-from analysis.diagnosis.search.extension import extended
-from analysis.diagnosis.search.pruning import lead_of, needed, pruned
+from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
 from analysis.diagnosis.search.rubbing import rubbing
-from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
-from sim_backend.effects.base import Effect
-
-Progress = Callable[[str, float], None]
-
-
-def silent(what: str, part: float) -> None:
-    """Take no notice of progress."""
+from analysis.diagnosis.search.shortlist import (
+    MOST,
+    SURE_LEAD,
+    Rules,
+    Screen,
+    screen,
+    screen_both,
+    shortlist,
+)
+from analysis.diagnosis.search.stage import Progress, Stage, keys_of
 
 
 def as_it_is(setting: Setting, fit: Fit) -> Fit:
@@ -53,8 +52,6 @@ first round by less than this natural logarithm."""
 
 _FINER = 2
 """A fit that asks for so many times the steps is done again in them."""
-
-_LONG = 25
 
 _OVERRATED, _QUIETER = 0.8, 4
 """A fit that leaves less than this part of the noise, as a mean square, shows that it was overrated: while a cause is
@@ -118,11 +115,13 @@ def search(
         if shortlist(last, allowed) and (less := without_noise(setting, best)) is not best:
             best = less
             break
-        stage = _Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
+        stage = Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
         trials = stage.trials(setting, last)
         if not known and _colour(setting, best) > _DRIFTING:
             trials += _against_white_noise(setting, stage, trials, rules, scales)
         ahead = [(lead_of(setting, f, best), f) for f in trials]
+        if not known and _top(ahead) <= last.price:
+            ahead += [(lead_of(setting, f, best), f) for f in stage.overlooked(setting, last, trials)]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
             if upheld and not best.candidates:  # causes are compared where they stand out
@@ -151,18 +150,18 @@ def search(
 
 
 def _beneath(
-    flat: Setting, stage: _Stage, beneath: Screen, price: float, ahead: Sequence[tuple[float, Fit]]
+    flat: Setting, stage: Stage, beneath: Screen, price: float, ahead: Sequence[tuple[float, Fit]]
 ) -> tuple[list[tuple[float, Fit]], list[Fit]]:
     """Return leads and fits with those that stand out against `flat` noise in place of their like, and these alone."""
     found = _unmasked(flat, stage.best, beneath, price)
     # what the slow noise has taken for its own may have stood out there as well, by too little
     upheld = _upheld(flat, stage.trials(flat, found), stage.best, price)
-    kept = [(lead, f) for lead, f in ahead if not _keys([f]) & _keys(upheld)]
+    kept = [(lead, f) for lead, f in ahead if not keys_of([f]) & keys_of(upheld)]
     return kept + [(score(stage.best, True) - score(f, True), f) for f in upheld], upheld
 
 
 def _against_white_noise(
-    setting: Setting, stage: _Stage, trials: Sequence[Fit], rules: Rules, scales: Scales
+    setting: Setting, stage: Stage, trials: Sequence[Fit], rules: Rules, scales: Scales
 ) -> list[Fit]:
     """Return the fits beside `trials` with shapes that stand out against white noise.
 
@@ -172,7 +171,7 @@ def _against_white_noise(
     plain = reestimated(setting, stage.best, order=0)
     found = screen(plain, stage.best, rules, scales)
     before = score(stage.best, False)
-    seen = _keys([f for f in trials if score(f, False) + found.price < before])
+    seen = keys_of([f for f in trials if score(f, False) + found.price < before])
     lowest = min((score(f, False) for f in trials), default=np.inf)
     starts = [[fit] for fit in stage.trials(plain, found, seen)] + rubbing(plain, stage.best, found)
     return [_best_start(plain, some, lowest) for some in starts]
@@ -222,12 +221,17 @@ def _top(ahead: Sequence[tuple[float, Fit]]) -> float:
 
 
 def _best_of(setting: Setting, trials: Sequence[Fit], before: Fit) -> Fit:
-    """Return the trial that leads most over the fit `before` them all."""
-    return max(trials, key=lambda f: lead_of(setting, f, before))
+    """Return the trial that leads most over the fit `before` them all; see `_leading`."""
+    return max(trials, key=lambda f: (has_seen_model(f), lead_of(setting, f, before)))
 
 
-def _keys(fits: Sequence[Fit]) -> set[tuple[str, str]]:
-    return {c.key for f in fits for c in f.candidates}
+def _leading(trials: Sequence[Fit], *, known: bool) -> Fit:
+    """Return the trial of the best score, where some have what they add to the model: among these.
+
+    What adds nothing to it explains by numbers that were tuned beside it, and is dropped in the end; another trial
+    that explains about as much by itself would be lost behind it.
+    """
+    return min(trials, key=lambda f: (not has_seen_model(f), score(f, known)))
 
 
 def _flat(setting: Setting, fit: Fit) -> Setting | None:
@@ -282,70 +286,6 @@ def _colour(setting: Setting, fit: Fit) -> float:
     return max(ratios, default=0.0)
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """One more of the `allowed` effects beside those of `best`, and where in the whole search that is."""
-
-    best: Fit
-    least: Discrepancy
-    allowed: Collection[type[Effect]]
-    done: float
-    share: float
-    progress: Progress
-
-    def trials(self, setting: Setting, found: Screen, seen: Collection[tuple[str, str]] = ()) -> list[Fit]:
-        """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial.
-
-        Where none of those that stand out most is any better than no effect (an awkward shape may stand out by chance
-        and then fit nowhere), the next ones are tried as well.
-        """
-        fits = self._fitted(setting, found, shortlist(found, self.allowed, seen))
-        known = setting.whitener.repeats
-        if fits and min(score(f, known) for f in fits) + found.price >= score(_under(setting, self.best), known):
-            fits += self._fitted(setting, found, shortlist(found, self.allowed, {*seen, *_keys(fits)}))
-        return fits
-
-    def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
-        telling = any(self._telling(setting, found, i) for i in picks)
-        if not telling:
-            if not any(self.least.linear):
-                return []
-            # a linear effect's wrong form follows the drive: what does not may be told from it by a fit
-            least = self.least.along(np.zeros(setting.data.n_outputs))
-            picks = [i for i in picks if found.drops[i] >= least.of(found.shares[i])]
-
-        def trial(k: int) -> Fit:
-            candidate = found.candidates[picks[k]]
-            return extended(setting, self.best, candidate, found.sizes[picks[k]], found.nuisances[picks[k]])
-
-        fits: list[Fit] = []
-        with ThreadPoolExecutor(setting.workers) as pool:
-            trials = pool.map(trial, range(len(picks)))
-            for k, i in enumerate(picks):
-                candidate = found.candidates[i]
-                part = self.done + self.share * k / len(picks)
-                self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
-                fits.append(next(trials))
-        self.progress("refitting the best", self.done + self.share)
-        return fits if telling else [f for f in fits if beyond_form(setting, self.best, f, self.least)]
-
-    def _telling(self, setting: Setting, found: Screen, i: int) -> bool:
-        """Tell whether a candidate explains more than the form of other effects may be wrong by.
-
-        Or spares the nuisances most of it: they are known too well for a wrong form to move them so far.
-        """
-        now = self.best.change
-        spared = mahalanobis2_of(setting.nuisances, now) - mahalanobis2_of(
-            setting.nuisances, now + found.nuisances[i][: now.size]
-        )
-        return bool(found.drops[i] >= self.least.of(found.shares[i]) or 2.0 * spared >= found.drops[i])
-
-
-def _under(setting: Setting, fit: Fit) -> Fit:
-    """Return `fit` judged by another noise, its parameters as they are."""
-    return replace(fit, misfit=float(np.sum(squares_of(setting, fit.residuals))), log_variance=setting.log_variance)
-
-
 def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
@@ -353,7 +293,7 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting,
     """
     setting = replace(setting, substeps=steps_for(setting, trials))
     setting, trials, before = _iterated_gls(setting, trials, before)
-    best = min(trials, key=lambda f: score(f, setting.whitener.repeats))
+    best = _leading(trials, known=setting.whitener.repeats)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
         return setting, _begun_at_the_best(setting, trials), before
@@ -368,23 +308,18 @@ def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Set
     """
     if setting.whitener.repeats:
         for _ in range(_QUIETER):
-            setting = reestimated(setting, min(trials, key=lambda f: score(f, True)))
+            setting = reestimated(setting, _leading(trials, known=True))
             trials = [again(setting, f) for f in trials]
-            best = min(trials, key=lambda f: score(f, True))
+            best = _leading(trials, known=True)
             if best.misfit > _OVERRATED * best.rows:
                 break
         return setting, trials, again(setting, before)
     own = [iterated_gls(setting, trials[0])]
     own += [iterated_gls(setting, f, score(own[0][1], False)) for f in trials[1:]]
-    own.sort(key=lambda pair: score(pair[1], False))
+    own.sort(key=lambda pair: (not has_seen_model(pair[1]), score(pair[1], False)))
     own[0] = iterated_gls(
         *own[0]
     )  # where noise and fit come to rest slowly, the rounds that decide are too few to answer
     if _colour(*own[0]) > _DRIFTING:
-        # a coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own.
-        # White noise cannot, so the best is tried from there as well
-        plain = reestimated(setting, own[0][1], order=0)
-        other = iterated_gls(plain, again(plain, own[0][1], steps=_LONG))
-        if score(other[1], False) < score(own[0][1], False):
-            own[0] = other
+        own[0] = min(own[0], from_white_noise(setting, own[0][1]), key=lambda pair: score(pair[1], False))
     return own[0][0], [fit for _, fit in own], before

@@ -34,7 +34,7 @@ _RARE = 0.01
 
 _SHORTLIST = 5
 _ALIKE = 3
-"""So many of those that the nuisances imitate are refitted at most."""
+"""So many of those that the nuisances imitate, or that do not stand out, are refitted at most."""
 
 _NEAR = 0.3
 """Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
@@ -246,3 +246,21 @@ def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[t
     imitated = [i for i in significant if i not in fresh]
     imitated = [i for i in imitated if found.gains[i] >= _NEAR * found.gains[imitated[0]]][:_ALIKE]
     return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
+
+
+def promising(found: Screen, allowed: Container[type[Effect]], seen: Container[tuple[str, str]]) -> list[int]:
+    """Return the numbers of the few candidates that lower the squares most, of `allowed` effects and not `seen`.
+
+    Half the price at least: a fit pays for its shapes by itself, and chooses them better than the screening.
+    """
+    best: dict[tuple[str, str], int] = {}
+    for i in np.argsort(-found.drops):
+        best.setdefault(found.candidates[i].key, int(i))
+    return [
+        i
+        for key, i in best.items()
+        if key not in seen
+        and found.candidates[i].effect in allowed
+        and found.tolerance[i] > COLLINEAR
+        and found.drops[i] > 0.5 * found.price
+    ][:_ALIKE]

@@ -16,7 +16,7 @@ from analysis.diagnosis.nominal.tuning import mahalanobis2_of
 from analysis.diagnosis.result import Remainder, Verdict
 from analysis.diagnosis.search.adequacy import explained_part, uncertainty
 from analysis.diagnosis.search.gram import COLLINEAR
-from analysis.diagnosis.search.pruning import SEEN
+from analysis.diagnosis.search.pruning import SEEN, has_seen_model
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.verdict.generic_alternative import GenericAlternative
@@ -339,13 +339,13 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
     """Return rival names with the logarithm of the evidence by which the best one leads, closest first.
 
     Fits count with their score; candidates that were screened but not refitted count with their screened evidence, as
-    rivals of the first effect found.
+    rivals of the first effect found. What adds nothing to the model is no rival: it could not be named.
     """
     known = found.setting.whitener.repeats
     own, reference = names_of([found.best.effects[i] for i in named]), score(found.best, known)
     gaps: dict[tuple[str, ...], float] = {}
     for rival in found.rivals:
-        if len(rival.candidates) < len(named) or not rival.candidates:
+        if len(rival.candidates) < len(named) or not rival.candidates or not has_seen_model(rival):
             continue
         label = names_of(rival.effects)
         if set(own) <= set(label):

@@ -19,9 +19,10 @@ from analysis.diagnosis.fitting.discrepancy import form_error
 from analysis.diagnosis.fitting.fit import Fit
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.forward import other_than, taken_from
-from analysis.diagnosis.search.rounds import Found, Progress
+from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.screening import gram_of
 from analysis.diagnosis.search.shortlist import beside, views_of
+from analysis.diagnosis.search.stage import Progress
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.unlisted_torque import UnlistedTorque
 

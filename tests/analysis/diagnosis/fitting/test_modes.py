@@ -64,10 +64,10 @@ def test_a_mode_that_was_bent_on_its_way_is_tried_unbent_where_it_has_come_to() 
     setting = setting_of(u, y)
     own = {n.field: k for k, n in enumerate(setting.nuisances) if n.mode == 1}
     _, unbent = tune(setting)
-    assert moved_mode(setting, unbent, 1) is None
+    assert moved_mode(setting, unbent, 1) == []
     change = unbent.change.copy()
     change[own["sigma_1_s"]] = 2.0
     bent = refit(replace(setting, begin=change), (), np.zeros(0), change, steps=0)
-    moved = moved_mode(setting, bent, 1)
-    assert moved is not None and moved[own["sigma_1_s"]] == 0.0
+    (moved,) = moved_mode(setting, bent, 1)
+    assert moved[own["sigma_1_s"]] == 0.0
     assert moved[own["omega_rad_s"]] == pytest.approx(bent.change[own["omega_rad_s"]], abs=2e-4)

@@ -59,8 +59,14 @@ def test_numbers_that_are_no_better_without_it_are_not(trapped: tuple[Setting, F
     assert tuned_beside(setting, tuned, replace(trapped[2], change=tuned.change)) is None
 
 
-def test_where_periods_repeat_or_nothing_was_added_the_tuned_model_stays(trapped: tuple[Setting, Fit, Fit]) -> None:
+def test_where_periods_repeat_or_no_number_has_moved_the_tuned_model_stays(trapped: tuple[Setting, Fit, Fit]) -> None:
     setting, tuned, beside = trapped
     known = replace(setting, whitener=replace(setting.whitener, repeats=True))
     assert tuned_beside(known, tuned, beside) is None
-    assert tuned_beside(setting, tuned, replace(beside, candidates=())) is None
+    assert tuned_beside(setting, tuned, replace(beside, change=tuned.change)) is None
+
+
+def test_numbers_stay_where_an_effect_led_that_was_dropped(trapped: tuple[Setting, Fit, Fit]) -> None:
+    setting, tuned, beside = trapped
+    found = tuned_beside(setting, tuned, replace(beside, candidates=()))
+    assert found is not None and score(found[1], False) < score(tuned, False)
