@@ -259,7 +259,9 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     changed = [e for e in effects if e.site is Site.MODEL]
     exact = not setting.known and len(changed) == len(effects)
     columns = np.concatenate([free, late], axis=2)
-    return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, exact=exact)
+    played_rms = np.sqrt(np.mean(record.u**2, axis=0))
+    spread = np.append(np.full(states, np.inf), [max(played_rms[j], np.finfo(float).tiny) for _, j in on_their_way])
+    return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, spread, exact=exact)
 
 
 def _weights(setting: Setting, fit: Fit, record: Record) -> Array:

@@ -161,12 +161,14 @@ def _places(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arr
 
     left = np.array([squares(at(place)) for place in places]) + unlikely(places)
     enough = squares(now) + unlikely(fit.change[i]) - _WORTH
+    # a resonance is seen as wide as it is, or as a record of that length shows any line
+    apart = _SKIRT * max(width, min(1.0 / (middle * max(int(used.sum()), 1)) for used in rows))
     found: list[float] = []
     for k in np.argsort(left):
         here = abs(places[k] - fit.change[i]) < 0.5 * width
         if left[k] > enough or len(found) == _TRIED or (here and not found):
             break
-        if not here and all(abs(places[k] - other) > _SKIRT * width for other in found):
+        if not here and all(abs(places[k] - other) > apart for other in found):
             found.append(float(places[k]))
     return found
 

@@ -22,10 +22,6 @@ from sim_backend.linear import Array, ModalModel
 _NEGLIGIBLE = 1e-9
 """A direction this much weaker than the strongest cannot be told from rounding and is left alone."""
 
-_UNPLAYED = 1e-5
-"""A direction this much weaker asks for commands before a record that are far beyond those in it, which nearly take
-each other away. A simulation does so less exactly than the columns that the directions are taken from."""
-
 _FORGOTTEN = 1e-6
 """A start of which less is left when the fitted rows begin is not found from them: it would have to be enormous."""
 
@@ -117,18 +113,20 @@ def left_by_best_start(
     bare: Callable[[Array, int], Array],
     columns: Array,
     weight: Array,
+    spread: Array,
     *,
     exact: bool,
 ) -> Array:
     """Return what a simulation leaves, (n, n_y), from the start (k,) from which its rows of some `weight` leave least.
 
-    `left` gives that of any start and so many first rows, `bare` without what acts on the motion, `columns` (n, n_y, k)
+    `spread` (k,) is how large each number of the start is likely to be, without bound where nothing is known of it.
+    `left` gives what is left from any start and so many first rows, `bare` without what acts on the motion, `columns` (n, n_y, k)
     what starts add then; where nothing acts, that is `exact`. A torque that hangs on the motion makes another motion of
     a start, and beside a stop or in slack steps along `columns` lead away from it; so slopes are those of the
     simulation where it is, and the start is also sought on the first rows, then on ever more of them: what a start
     does at once hangs least on what acts later.
     """
-    fit = _StartFit(left, columns, weight)
+    fit = _StartFit(left, columns, weight, spread)
     rest = np.zeros(columns.shape[2])
     alone = fit.linear(bare(rest, fit.rows))
     if exact:
@@ -146,6 +144,7 @@ class _StartFit:
     left: Callable[[Array, int], Array]
     columns: Array
     weight: Array
+    spread: Array
 
     @property
     def rows(self) -> int:
@@ -170,9 +169,17 @@ class _StartFit:
         return np.asarray((values * weight[(...,) + (None,) * (values.ndim - 2)]).reshape(-1, *values.shape[2:]))
 
     def linear(self, residual: Array) -> Array:
-        """Return the start (k,) that leaves least of a `residual` (n, n_y) where nothing acts."""
-        own = self.weighed(self.columns) * self.inverse
-        return np.asarray(self.inverse * np.linalg.lstsq(own, self.weighed(residual), rcond=_UNPLAYED)[0])
+        """Return the likeliest start (k,) beside a `residual` (n, n_y) where nothing acts.
+
+        Commands that are on their way nearly take each other away: what leaves least of the noise in the first rows may
+        be hundreds of times what was ever played, and no simulation in steps follows that.
+        """
+        own, left = self.weighed(self.columns) * self.inverse, self.weighed(residual)
+        start = np.linalg.lstsq(own, left, rcond=_NEGLIGIBLE)[0]
+        noise = np.linalg.norm(left - own @ start) / np.sqrt(max(np.count_nonzero(self.weight) - start.size, 1))
+        likely = np.diag(noise * self.inverse / self.spread)
+        start = np.linalg.lstsq(np.vstack([own, likely]), np.append(left, np.zeros(start.size)), rcond=_NEGLIGIBLE)[0]
+        return np.asarray(self.inverse * start)
 
     def grown(self, start: Array) -> Array:
         """Return a start that was fitted to the first rows, then to twice as many, up to half of them."""

@@ -22,6 +22,8 @@ from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one
 ROWS, NOISE = 1600, 2e-6
 STIFFNESS = 11.5  # of the low mode, N m/rad
 
+UNKNOWN = np.full(4, np.inf)
+
 START = np.array([5e-3, -0.6, 2e-4, 0.15])
 """A swing of 6 mrad by itself, three times what the drive does."""
 
@@ -50,11 +52,11 @@ def test_a_start_is_found_beside_a_torque_that_makes_another_motion_of_it(name: 
     def left(acting: list[Effect], start: np.ndarray, rows: int) -> np.ndarray:
         return y[:rows] - reading(acting, start)[:rows]
 
-    found = left_by_best_start(partial(left, effects), partial(left, []), free, weight, exact=False)
+    found = left_by_best_start(partial(left, effects), partial(left, []), free, weight, UNKNOWN, exact=False)
     # four numbers were fitted: what is left is the noise and no more
     assert np.sum(found**2) < np.sum(noise**2) * (1.0 + 4.0 / ROWS)
     # a linear model's start alone leaves an error far above it
-    alone = left_by_best_start(partial(left, effects), partial(left, []), free, weight, exact=True)
+    alone = left_by_best_start(partial(left, effects), partial(left, []), free, weight, UNKNOWN, exact=True)
     assert np.sum(alone**2) > 100.0 * np.sum(noise**2)
 
 
@@ -69,7 +71,7 @@ def test_rows_without_weight_say_nothing_of_a_start() -> None:
         return y[:rows] - reading([], start)[:rows]
 
     for exact in (True, False):
-        found = left_by_best_start(left, left, free, weight, exact=exact)
+        found = left_by_best_start(left, left, free, weight, UNKNOWN, exact=exact)
         assert np.max(np.abs(found[:900])) < 1e-6 * np.max(np.abs(y[:900]))
 
 
@@ -89,3 +91,20 @@ def test_what_is_rounded_sees_the_motion_by_commands_on_their_way(late: float) -
     left = residuals_on(data, setting, fit)[1][:, 0]
     # only a reading near the middle of two steps may fall on the other side: one in a hundred, by a start a little off
     assert np.mean(np.abs(left) > 0.5 * step) < 0.01
+
+
+@pytest.mark.parametrize("late", [0.48, 1.0, 2.3])
+def test_an_unseen_record_of_a_late_drive_leaves_noise_from_its_first_row(late: float) -> None:
+    """Commands on their way nearly take each other away: as large as may be, no simulation follows them."""
+    cut, rows, noise = 200, 700, 1e-3
+    rng = np.random.default_rng(8)
+    force = np.repeat(rng.standard_normal((cut + rows) // 5), 5)
+    setting, fit = residuals.setting_of(force, residuals.moved(force), np.zeros(force.size), noise)
+    nominal = setting.nominal.with_(delay_s=np.array([late / residuals.RATE_HZ]))
+    setting = replace(setting, nominal=nominal, starts=starts_of(setting.data, nominal, setting.whitener))
+    fit = replace(fit, states=(np.zeros((1, 2)),))
+    y = simulate(played(nominal, residuals.RATE_HZ), force[:, None])[cut:] + noise * rng.standard_normal((rows, 1))
+    unseen = Record("unseen", force[cut:, None], y, (Window("unseen", 0, rows, True),))
+    left = residuals_on(replace(setting.data, records=(*setting.data.records, unseen)), setting, fit)[1][:, 0]
+    assert np.max(np.abs(left[:20])) < 4.0 * noise
+    assert np.sum(left**2) < noise**2 * (rows + 3.0 * np.sqrt(2.0 * rows))

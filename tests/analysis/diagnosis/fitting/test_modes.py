@@ -71,3 +71,17 @@ def test_a_mode_that_was_bent_on_its_way_is_tried_unbent_where_it_has_come_to() 
     (moved,) = moved_mode(setting, bent, 1)
     assert moved[own["sigma_1_s"]] == 0.0
     assert moved[own["omega_rad_s"]] == pytest.approx(bent.change[own["omega_rad_s"]], abs=2e-4)
+
+
+def test_a_mode_is_where_a_whole_fit_has_it_although_something_louder_rings_elsewhere() -> None:
+    """What rings by itself leaves least of a mode that may begin anywhere; what the drive does tells them apart."""
+    u, t = drive(N, 2), np.arange(N) / RATE_HZ
+    there, louder = NOMINAL.omega_rad_s * np.array([[1.0, 1.03], [1.0, 1.06]])
+    ring = 1e-4 * np.exp(-NOMINAL.sigma_1_s[1] * t) * np.sin(louder[1] * t)
+    noise = NOISE * np.random.default_rng(3).standard_normal((N, 1))
+    setting = setting_of(u, simulate(played(NOMINAL.with_(omega_rad_s=there), RATE_HZ), u) + ring[:, None] + noise)
+    (place,) = (k for k, n in enumerate(setting.nuisances) if n.mode == 1 and n.field == "omega_rad_s")
+    fit = refit(setting, (), np.zeros(0), np.zeros(len(setting.nuisances)), steps=0)
+    tried = [float(change[place]) for change in moved_mode(setting, fit, 1)]
+    assert tried[:2] == pytest.approx(np.log([1.06, 1.03]), abs=1e-3)
+    assert np.expm1(tune(setting)[1].change[place]) == pytest.approx(0.03, abs=1e-4)
