@@ -9,6 +9,7 @@ from typing import Any
 import jsonschema
 import pytest
 
+from analysis.pages.axes import with_axes
 from analysis.pages.formats import fit_percent
 from mccdcli.schema import schema_of
 from tests import headless
@@ -47,7 +48,7 @@ def check_page(path: Path, found: dict[str, Any]) -> None:
             tab.open(path, width=width)
             assert tab.complaints() == [] and tab.requests() == [path.resolve().as_uri()]
             assert tab.run("document.documentElement.scrollWidth") <= width
-        assert tab.run("document.querySelector('.lead').textContent") == found["sentence"]
+        assert tab.run("document.querySelector('.lead').textContent") == with_axes(found["sentence"])
         assert tab.run("document.querySelector('.verdict').textContent") == found["verdict"]
         tiles = tab.run("[...document.querySelectorAll('.tiles data')].map(e => [Number(e.value), e.textContent])")
         gain = found["gain"]

@@ -120,11 +120,11 @@ def left_by_best_start(
     """Return what a simulation leaves, (n, n_y), from the start (k,) from which its rows of some `weight` leave least.
 
     `spread` (k,) is how large each number of the start is likely to be, without bound where nothing is known of it.
-    `left` gives what is left from any start and so many first rows, `bare` without what acts on the motion, `columns` (n, n_y, k)
-    what starts add then; where nothing acts, that is `exact`. A torque that hangs on the motion makes another motion of
-    a start, and beside a stop or in slack steps along `columns` lead away from it; so slopes are those of the
-    simulation where it is, and the start is also sought on the first rows, then on ever more of them: what a start
-    does at once hangs least on what acts later.
+    `left` gives what is left from any start and so many first rows, `bare` without what acts on the motion, `columns`
+    (n, n_y, k) what starts add then; where nothing acts, that is `exact`. A torque that hangs on the motion makes
+    another motion of a start, and beside a stop or in slack steps along `columns` lead away from it; so slopes are
+    those of the simulation where it is, and the start is also sought on the first rows, then on ever more of them: what
+    a start does at once hangs least on what acts later.
     """
     fit = _StartFit(left, columns, weight, spread)
     rest = np.zeros(columns.shape[2])
@@ -176,7 +176,8 @@ class _StartFit:
         """
         own, left = self.weighed(self.columns) * self.inverse, self.weighed(residual)
         start = np.linalg.lstsq(own, left, rcond=_NEGLIGIBLE)[0]
-        noise = np.linalg.norm(left - own @ start) / np.sqrt(max(np.count_nonzero(self.weight) - start.size, 1))
+        rows = max(int(np.count_nonzero(self.weight)) - start.size, 1)
+        noise = float(np.linalg.norm(left - own @ start)) / rows**0.5
         likely = np.diag(noise * self.inverse / self.spread)
         start = np.linalg.lstsq(np.vstack([own, likely]), np.append(left, np.zeros(start.size)), rcond=_NEGLIGIBLE)[0]
         return np.asarray(self.inverse * start)

@@ -117,11 +117,9 @@ def search(
             break
         stage = Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
         trials = stage.trials(setting, last)
-        if not known and _colour(setting, best) > _DRIFTING:
-            trials += _against_white_noise(setting, stage, trials, rules, scales)
+        if not known:
+            trials += _in_own_noise(setting, stage, trials, last, rules, scales)
         ahead = [(lead_of(setting, f, best), f) for f in trials]
-        if not known and _top(ahead) <= last.price:
-            ahead += [(lead_of(setting, f, best), f) for f in stage.overlooked(setting, last, trials)]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
             if upheld and not best.candidates:  # causes are compared where they stand out
@@ -158,6 +156,19 @@ def _beneath(
     upheld = _upheld(flat, stage.trials(flat, found), stage.best, price)
     kept = [(lead, f) for lead, f in ahead if not keys_of([f]) & keys_of(upheld)]
     return kept + [(score(stage.best, True) - score(f, True), f) for f in upheld], upheld
+
+
+def _in_own_noise(
+    setting: Setting, stage: Stage, trials: Sequence[Fit], last: Screen, rules: Rules, scales: Scales
+) -> list[Fit]:
+    """Return the fits beside `trials` that the noise of a fit without them has hidden."""
+    more = list[Fit]()
+    if _colour(setting, stage.best) > _DRIFTING:
+        more += _against_white_noise(setting, stage, trials, rules, scales)
+    leads = [lead_of(setting, f, stage.best) for f in (*trials, *more)]
+    if max(leads, default=-np.inf) <= last.price:
+        more += stage.overlooked(setting, last, [*trials, *more])
+    return more
 
 
 def _against_white_noise(

@@ -35,7 +35,7 @@ def test_of_what_does_not_stand_out_the_few_that_lower_the_squares_most_are_fitt
     places = [(e, "x") for e in effects] + [(effects[0], "x"), (effects[1], "y")]
     candidates = tuple(Candidate(effect, where, {}, {}, {}) for effect, where in places)
     n = len(candidates)
-    price = Screen(candidates, *np.zeros((2, n)), (), (), np.ones(n), np.zeros(n)).price
+    price = Screen(candidates, np.zeros(n), np.zeros(n), (), (), np.ones(n), np.zeros(n)).price
     drops = price * np.array([0.9, 0.8, 0.7, 0.6, 0.4, 0.95, 0.91, 0.55])
     tolerance = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-9, 1.0, 1.0])
     found = Screen(candidates, np.zeros(n), drops, (), (), tolerance, np.full(n, 20.0))
