@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
+from analysis.pages.axes import with_axes
 from analysis.pages.formats import exact, shown
 
 if TYPE_CHECKING:
@@ -19,7 +20,10 @@ NOTHING: Final = "'none'"
 
 
 def page_environment(package: str) -> jinja2.Environment:
-    """Return the environment of the templates in `package`; every value is escaped, and a missing one is an error."""
+    """Return the environment of the templates in `package`.
+
+    Every value is escaped, text prints axes as a reader knows them, and a missing value is an error.
+    """
     import jinja2  # with the first page, not with the first option that is read
 
     environment = jinja2.Environment(
@@ -28,6 +32,7 @@ def page_environment(package: str) -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=lambda value: with_axes(value) if type(value) is str else value,
     )
     environment.filters["shown"] = shown
     environment.filters["exact"] = exact

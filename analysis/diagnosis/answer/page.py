@@ -28,7 +28,6 @@ from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Diagnosis, Domain, Visible
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
-from analysis.pages.axes import with_axes
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
 from analysis.pages.formats import fit_percent, readable, shown, unit_text, without_exponents
@@ -163,7 +162,6 @@ def render(
 
 def _environment() -> jinja2.Environment:
     environment = page_environment("analysis.diagnosis.answer")
-    environment.finalize = lambda value: with_axes(value) if type(value) is str else value
     environment.filters["quantity"] = quantity
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["unit"] = unit_text
