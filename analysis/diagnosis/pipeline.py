@@ -190,6 +190,17 @@ def found_with_variance_effects(
     return found, replace(again, causes=(*again.causes, *more))
 
 
+def _confirmed(
+    data: Dataset, options: Options, progress: Progress, found: Found, variance: VarianceEffects
+) -> tuple[Found, VarianceEffects]:
+    """Return what held-out rows leave of what was found, and of the causes that show only in the noise beside that."""
+    kept = confirmed(found, data)
+    if kept is found:
+        return found, variance
+    kept = against_unlisted_alternatives(kept, scales_of(data, kept.setting.nominal), progress)
+    return kept, variance_effects(kept.setting, kept.best, searched_effects(options), kept.discrepancy)
+
+
 def fitted_to(model: Model, data: Sequence[str]) -> bool:
     """Tell whether a number of the model was fitted to runs or tables of these names, one of which its source has."""
     numbers = [
@@ -236,8 +247,8 @@ def diagnose(
     cannot tell apart. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
-    found, variance = found_with_variance_effects(data.for_fitting(), model, options, progress)
-    found = confirmed(found, data)
+    searched = found_with_variance_effects(data.for_fitting(), model, options, progress)
+    found, variance = _confirmed(data, options, progress, *searched)
     progress("weighing the evidence", 0.9)
     judgement, short = _judged(found, variance)
     found, judgement, remark = weigh_references(found, judgement, references, model, bench)

@@ -15,9 +15,13 @@ def axis_text(name: str) -> str:
     return AXES.get(name, name)
 
 
-_IN_TEXT = re.compile(rf"(?<![\w./-])({'|'.join(AXES)})(?![\w/]|\.\w|-[^>])")
+_NAME = "|".join(AXES)
+_IN_TEXT = re.compile(rf"(?<![\w./-])(?<!--axis )({_NAME})(?:->({_NAME}))?(?![\w/]|\.\w|-)")
 
 
 def with_axes(text: str) -> str:
-    """Return `text` with axes, and arrows between them, as they are printed; what is part of a file's name stays."""
-    return _IN_TEXT.sub(lambda found: AXES[found[1]], text).replace("->", "→")
+    """Return `text` with axes, and arrows between them, as they are printed.
+
+    What is part of the name of a file without spaces, or given to `--axis`, stays as it is typed.
+    """
+    return _IN_TEXT.sub(lambda found: "→".join(AXES[name] for name in found.groups() if name), text)

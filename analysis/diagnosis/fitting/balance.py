@@ -20,7 +20,10 @@ from sim_backend.linear import Array, ModalModel
 _ROUNDS, _IN_LINE = 6, 10.0
 """Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
 
-_PASSES, _LONG = 4, 25
+_PASSES = 4
+
+_LONG = 25
+"""Steps of a fit that begins far from where it ends."""
 
 
 def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting:

@@ -260,7 +260,7 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     exact = not setting.known and len(changed) == len(effects)
     columns = np.concatenate([free, late], axis=2)
     played_rms = np.sqrt(np.mean(record.u**2, axis=0))
-    spread = np.append(np.full(states, np.inf), [max(played_rms[j], np.finfo(float).tiny) for _, j in on_their_way])
+    spread = np.append(np.full(states, np.inf), [played_rms[j] for _, j in on_their_way])
     return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, spread, exact=exact)
 
 

@@ -156,8 +156,11 @@ def _places(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arr
         return total
 
     def unlikely(place: float | Array) -> float | Array:
-        """Return half the squared distance in deviations: lines of noise have a mean of one, half that of a χ² of 2."""
-        return 0.5 * (place / nuisance.sd) ** 2
+        """Return the squared distance in deviations, in units of the squares of lines.
+
+        The squares of lines of noise, in units of their median, count ln 2 in the logarithm of the likelihood.
+        """
+        return 0.5 / np.log(2.0) * (place / nuisance.sd) ** 2
 
     left = np.array([squares(at(place)) for place in places]) + unlikely(places)
     enough = squares(now) + unlikely(fit.change[i]) - _WORTH

@@ -119,7 +119,8 @@ def left_by_best_start(
 ) -> Array:
     """Return what a simulation leaves, (n, n_y), from the start (k,) from which its rows of some `weight` leave least.
 
-    `spread` (k,) is how large each number of the start is likely to be, without bound where nothing is known of it.
+    `spread` (k,) is how large each number of the start is likely to be: zero where it is known to be none, without
+    bound where nothing is known of it.
     `left` gives what is left from any start and so many first rows, `bare` without what acts on the motion, `columns`
     (n, n_y, k) what starts add then; where nothing acts, that is `exact`. A torque that hangs on the motion makes
     another motion of a start, and beside a stop or in slack steps along `columns` lead away from it; so slopes are
@@ -174,13 +175,16 @@ class _StartFit:
         Commands that are on their way nearly take each other away: what leaves least of the noise in the first rows may
         be hundreds of times what was ever played, and no simulation in steps follows that.
         """
-        own, left = self.weighed(self.columns) * self.inverse, self.weighed(residual)
+        known = np.isfinite(self.spread)
+        # in units of what is likely, so that what is known to be nothing has no column instead of a boundless weight
+        unit = np.where(known, self.spread, self.inverse)
+        own, left = self.weighed(self.columns) * unit, self.weighed(residual)
         start = np.linalg.lstsq(own, left, rcond=_NEGLIGIBLE)[0]
         rows = max(int(np.count_nonzero(self.weight)) - start.size, 1)
         noise = float(np.linalg.norm(left - own @ start)) / rows**0.5
-        likely = np.diag(noise * self.inverse / self.spread)
+        likely = np.diag(np.where(known, noise, 0.0))
         start = np.linalg.lstsq(np.vstack([own, likely]), np.append(left, np.zeros(start.size)), rcond=_NEGLIGIBLE)[0]
-        return np.asarray(self.inverse * start)
+        return np.asarray(unit * start)
 
     def grown(self, start: Array) -> Array:
         """Return a start that was fitted to the first rows, then to twice as many, up to half of them."""

@@ -32,7 +32,7 @@ from analysis.diagnosis.search.shortlist import (
     screen_both,
     shortlist,
 )
-from analysis.diagnosis.search.stage import Progress, Stage, keys_of
+from analysis.diagnosis.search.stage import Progress, Stage, added_by, in_units_of
 
 
 def as_it_is(setting: Setting, fit: Fit) -> Fit:
@@ -133,8 +133,8 @@ def search(
         # what was passed over is only ever a rival of the first cause
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
-        setting, trials, before = _settled(careful, some, rivals[0])
-        best = sharpened(setting, _best_of(setting, trials, before))
+        setting, trials, before = _settled(careful, some, best, last.price)
+        best = sharpened(setting, _best_of(setting, trials, before, last.price))
         rivals = [*trials, before]
         flat = _flat(setting, best)
         last, beneath = screen_both(setting, flat, best, rules, scales)
@@ -154,7 +154,7 @@ def _beneath(
     found = _unmasked(flat, stage.best, beneath, price)
     # what the slow noise has taken for its own may have stood out there as well, by too little
     upheld = _upheld(flat, stage.trials(flat, found), stage.best, price)
-    kept = [(lead, f) for lead, f in ahead if not keys_of([f]) & keys_of(upheld)]
+    kept = [(lead, f) for lead, f in ahead if not added_by([f]) & added_by(upheld)]
     return kept + [(score(stage.best, True) - score(f, True), f) for f in upheld], upheld
 
 
@@ -182,7 +182,7 @@ def _against_white_noise(
     plain = reestimated(setting, stage.best, order=0)
     found = screen(plain, stage.best, rules, scales)
     before = score(stage.best, False)
-    seen = keys_of([f for f in trials if score(f, False) + found.price < before])
+    seen = added_by([f for f in trials if score(f, False) + found.price < before])
     lowest = min((score(f, False) for f in trials), default=np.inf)
     starts = [[fit] for fit in stage.trials(plain, found, seen)] + rubbing(plain, stage.best, found)
     return [_best_start(plain, some, lowest) for some in starts]
@@ -231,18 +231,21 @@ def _top(ahead: Sequence[tuple[float, Fit]]) -> float:
     return max((lead for lead, _ in ahead), default=-np.inf)
 
 
-def _best_of(setting: Setting, trials: Sequence[Fit], before: Fit) -> Fit:
-    """Return the trial that leads most over the fit `before` them all; see `_leading`."""
-    return max(trials, key=lambda f: (has_seen_model(f), lead_of(setting, f, before)))
+def _best_of(setting: Setting, trials: Sequence[Fit], before: Fit, price: float) -> Fit:
+    """Return the trial that leads most over the fit `before` them all; see `leading`."""
+    leads = [lead_of(setting, f, before) for f in trials]
+    return leading(trials, [-lead for lead in leads], -price)
 
 
-def _leading(trials: Sequence[Fit], *, known: bool) -> Fit:
-    """Return the trial of the best score, where some have what they add to the model: among these.
+def leading(trials: Sequence[Fit], scores: Sequence[float], enough: float) -> Fit:
+    """Return the trial of the lowest score; of those that are lower than `enough`, one that is seen in the model.
 
-    What adds nothing to it explains by numbers that were tuned beside it, and is dropped in the end; another trial
-    that explains about as much by itself would be lost behind it.
+    What adds nothing to the model explains by numbers that were tuned beside it, and is dropped in the end; another
+    trial that explains enough by itself would be lost behind it.
     """
-    return min(trials, key=lambda f: (not has_seen_model(f), score(f, known)))
+    pairs = list(zip(scores, trials, strict=True))
+    seen = [(value, f) for value, f in pairs if value < enough and has_seen_model(f)]
+    return min(seen or pairs, key=lambda pair: pair[0])[1]
 
 
 def _flat(setting: Setting, fit: Fit) -> Setting | None:
@@ -297,21 +300,21 @@ def _colour(setting: Setting, fit: Fit) -> float:
     return max(ratios, default=0.0)
 
 
-def _settled(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
     In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
     """
     setting = replace(setting, substeps=steps_for(setting, trials))
-    setting, trials, before = _iterated_gls(setting, trials, before)
-    best = _leading(trials, known=setting.whitener.repeats)
+    setting, trials, before = _iterated_gls(setting, trials, before, price)
+    best = _best_of(setting, trials, before, price)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
         return setting, _begun_at_the_best(setting, trials), before
-    return _settled(replace(setting, substeps=finer), trials, before)
+    return _settled(replace(setting, substeps=finer), trials, before, price)
 
 
-def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them under the noise that they are compared in, and the best one's setting.
 
     Where periods repeat, all are compared under one noise, that of the best. Without repetition the noise is what a fit
@@ -319,18 +322,22 @@ def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit) -> tuple[Set
     """
     if setting.whitener.repeats:
         for _ in range(_QUIETER):
-            setting = reestimated(setting, _leading(trials, known=True))
+            enough = score(in_units_of(setting, before), True) - price
+            best = leading(trials, [score(f, True) for f in trials], enough)
+            setting = reestimated(setting, best)
             trials = [again(setting, f) for f in trials]
-            best = _leading(trials, known=True)
+            best = min(trials, key=lambda f: score(f, True))
             if best.misfit > _OVERRATED * best.rows:
                 break
         return setting, trials, again(setting, before)
     own = [iterated_gls(setting, trials[0])]
     own += [iterated_gls(setting, f, score(own[0][1], False)) for f in trials[1:]]
-    own.sort(key=lambda pair: (not has_seen_model(pair[1]), score(pair[1], False)))
-    own[0] = iterated_gls(
-        *own[0]
-    )  # where noise and fit come to rest slowly, the rounds that decide are too few to answer
+    own.sort(key=lambda pair: score(pair[1], False))
+    scores, enough = [score(f, False) for _, f in own], score(before, False) - price
+    best = leading([f for _, f in own], scores, enough)
+    own.sort(key=lambda pair: pair[1] is not best)
+    # where noise and fit come to rest slowly, the rounds that decide are too few to answer
+    own[0] = iterated_gls(*own[0])
     if _colour(*own[0]) > _DRIFTING:
         own[0] = min(own[0], from_white_noise(setting, own[0][1]), key=lambda pair: score(pair[1], False))
     return own[0][0], [fit for _, fit in own], before

@@ -42,8 +42,8 @@ class Stage:
         """
         fits = self._fitted(setting, found, shortlist(found, self.allowed, seen))
         known = setting.whitener.repeats
-        if fits and min(score(f, known) for f in fits) + found.price >= score(_under(setting, self.best), known):
-            fits += self._fitted(setting, found, shortlist(found, self.allowed, {*seen, *keys_of(fits)}))
+        if fits and min(score(f, known) for f in fits) + found.price >= score(in_units_of(setting, self.best), known):
+            fits += self._fitted(setting, found, shortlist(found, self.allowed, {*seen, *added_by(fits)}))
         return fits
 
     def overlooked(self, setting: Setting, found: Screen, tried: Sequence[Fit]) -> list[Fit]:
@@ -53,7 +53,7 @@ class Stage:
         cannot stand out by more than a few times what there is of it in a band. Once it is in, the noise is what it is.
         """
         rival = score(self.best, False) - found.price
-        fits = self._fitted(setting, found, promising(found, self.allowed, keys_of(tried)))
+        fits = self._fitted(setting, found, promising(found, self.allowed, added_by(tried)))
         return [iterated_gls(setting, fit, rival)[1] for fit in fits]
 
     def _fitted(self, setting: Setting, found: Screen, picks: Sequence[int]) -> list[Fit]:
@@ -92,11 +92,11 @@ class Stage:
         return bool(found.drops[i] >= self.least.of(found.shares[i]) or 2.0 * spared >= found.drops[i])
 
 
-def _under(setting: Setting, fit: Fit) -> Fit:
+def in_units_of(setting: Setting, fit: Fit) -> Fit:
     """Return `fit` judged by another noise, its parameters as they are."""
     return replace(fit, misfit=float(np.sum(squares_of(setting, fit.residuals))), log_variance=setting.log_variance)
 
 
-def keys_of(fits: Sequence[Fit]) -> set[tuple[str, str]]:
-    """Return the effects of fits, each by name and place."""
-    return {c.key for f in fits for c in f.candidates}
+def added_by(fits: Sequence[Fit]) -> set[tuple[str, str]]:
+    """Return the last effect of each of some fits, by name and place."""
+    return {f.candidates[-1].key for f in fits}

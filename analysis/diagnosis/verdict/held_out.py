@@ -66,15 +66,14 @@ def loses(gain: Gain | None) -> bool:
 def of_another_size(gain: Gain | None, *, tied: bool = False) -> str:
     """Return of what other size what was added would have to be for held-out rows, in words, where that forbids it.
 
-    Of less than half its size there, and surely not of its size, what was added misses more than it explains (decisions
-    42 and 48): a confounder has its size where it was fitted. A right cause beside others that the model lacks is of
-    some size above that; a tie says that it is one of its causes and nothing else, and that one is of its own size
-    everywhere.
+    Of less than half its size there, what was added misses more than it explains (decision 42): a confounder has its
+    size where it was fitted. A right cause beside others that the model lacks is of some size above that; a tie says
+    that it is one of its causes and nothing else, and that one is of its own size everywhere.
     """
     if gain is None:
         return ""
     differs = abs(gain.times - 1.0) > max(ABOVE_NOISE - 1.0, _SURELY * gain.times_std)
-    if not (differs if tied else disproved(gain.times, gain.times_std)):
+    if not (differs if tied else surely_misses(gain.times, gain.times_std)):
         return ""
     return (
         "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "
@@ -82,12 +81,12 @@ def of_another_size(gain: Gain | None, *, tied: bool = False) -> str:
     )
 
 
-def disproved(times: float, std: float) -> bool:
-    """Tell whether held-out rows want a change nearer to nothing than to its size, and surely not of its size.
+def surely_misses(times: float, std: float) -> bool:
+    """Tell whether a change misses more of held-out rows than it explains: they surely want less than half of it.
 
-    `times` its size they want, with that standard deviation. Nearer to nothing, it misses more than it explains.
+    `times` its size they want, with that standard deviation.
     """
-    return times < _HALF and 1.0 - times > _SURELY * std
+    return times + _SURELY * std < _HALF
 
 
 def beyond_noise(gain: Gain | None) -> bool:

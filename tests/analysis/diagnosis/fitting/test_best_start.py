@@ -108,3 +108,19 @@ def test_an_unseen_record_of_a_late_drive_leaves_noise_from_its_first_row(late: 
     left = residuals_on(replace(setting.data, records=(*setting.data.records, unseen)), setting, fit)[1][:, 0]
     assert np.max(np.abs(left[:20])) < 4.0 * noise
     assert np.sum(left**2) < noise**2 * (rows + 3.0 * np.sqrt(2.0 * rows))
+
+
+def test_an_input_that_is_late_and_still_has_no_commands_before_a_record() -> None:
+    """What is known to be nothing says nothing of the rest of the start: it is found as without it."""
+    rng = np.random.default_rng(4)
+    free = free_responses(played(linear_model(), RATE_HZ), ROWS)
+    late = rng.standard_normal((ROWS, 1, 2)) * np.exp(-np.arange(ROWS) / 3.0)[:, None, None]
+    columns, weight = np.concatenate([free, late], axis=2), np.ones((ROWS, 1))
+    y = reading([], START) + NOISE * rng.standard_normal((ROWS, 1))
+
+    def left(start: np.ndarray, rows: int) -> np.ndarray:
+        return (y - reading([], np.zeros(4)) - np.einsum("nyk,k->ny", columns, start))[:rows]
+
+    spread = np.append(UNKNOWN, [0.0, 0.0])
+    found = left_by_best_start(left, left, columns, weight, spread, exact=True)
+    assert np.sum(found**2) < NOISE**2 * (ROWS + 3.0 * np.sqrt(2.0 * ROWS))

@@ -9,7 +9,6 @@ from analysis.diagnosis.pipeline import Options, diagnose, found_with_variance_e
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.search.stage import silent
 from analysis.diagnosis.verdict.confirmed import confirmed
-from analysis.diagnosis.verdict.held_out import disproved
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, moved
 
 N, NOISE_M, ZONE_N, ERROR_M, PERIOD_M = 8000, 1e-6, 1e-4, 2e-5, 0.02
@@ -44,19 +43,4 @@ def test_the_name_of_a_lone_cause_falls_by_the_gain_as_a_whole() -> None:
     held_out = record_of("held out", -ERROR_M, held_out=True, seed=4, zone_n=0.0)
     diagnosis = diagnose(Dataset(RATE_HZ, (fitted, held_out)), MODEL, Options(workers=1))
     assert diagnosis.verdict == "unknown" and diagnosis.causes == ()
-
-
-@pytest.mark.parametrize(
-    ("times", "std", "said"),
-    [
-        (0.18, 0.23, True),  # three and a half deviations from its size, and nearer to nothing
-        (0.01, 0.02, True),
-        (0.4, 0.25, False),  # it may be its size
-        (0.6, 0.01, False),  # surely smaller, and still more right than wrong
-        (1.0, 0.1, False),
-    ],
-)
-def test_a_size_is_disproved_where_it_is_surely_wrong_and_nearer_to_nothing(
-    times: float, std: float, said: bool
-) -> None:
-    assert disproved(times, std) is said
+    assert any("times as large" in note or "worse than the model without it" in note for note in diagnosis.notes)
