@@ -11,6 +11,7 @@ import numpy as np
 from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.dominant import dominant_cause, judge_dominant, large_discrepancy, remainder, still_large
+from analysis.diagnosis.evidence.confirmed import confirmed
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.experiment.next_experiment import choose
@@ -34,7 +35,6 @@ from analysis.diagnosis.variance.causes import VarianceEffects, variance_effects
 from analysis.diagnosis.variance.lines import without_lines, without_lines_of
 from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.verdict.causes import causes_of
-from analysis.diagnosis.verdict.confirmed import confirmed
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.generic_alternative import generic_alternatives
 from analysis.diagnosis.verdict.held_out import beside_doubts, follows_play, loses, validated

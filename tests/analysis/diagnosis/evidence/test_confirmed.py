@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.diagnosis.evidence.confirmed import confirmed
 from analysis.diagnosis.pipeline import Options, diagnose, found_with_variance_effects
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.search.stage import silent
-from analysis.diagnosis.verdict.confirmed import confirmed
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, moved
 
 N, NOISE_M, ZONE_N, ERROR_M, PERIOD_M = 8000, 1e-6, 1e-4, 2e-5, 0.02
