@@ -51,6 +51,13 @@ def narrow_modes(setting: Setting) -> list[int]:
     return [nuisance.mode for nuisance in setting.nuisances if _narrow(setting.nominal, nuisance)]
 
 
+def is_bent(setting: Setting, change: Array) -> bool:
+    """Tell whether any number of a light mode is farther off than it may be."""
+    narrow = narrow_modes(setting)
+    own = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode in narrow)
+    return any(abs(change[k]) > _REACH * setting.nuisances[k].sd for k in own)
+
+
 def moved_mode(setting: Setting, fit: Fit, m: int) -> list[Array]:
     """Return the changes (n_nuisances,) of a fit with mode `m` where it leaves least, none where it is there unbent.
 
