@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, begun, left_by, linear_of, residuals_on
 from analysis.diagnosis.fitting.modes import is_bent, moved_mode, narrow_modes, numbered
-from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.fitting.refit import LONG, refit
 from analysis.diagnosis.fitting.starts import Start, stack_white, starts_of, without_starts
 from analysis.diagnosis.noise.estimate import even_weights, whitener_from
 from analysis.diagnosis.noise.whitener import Whitener, louder
@@ -24,9 +24,6 @@ _PASSES = 4
 
 _SWEEPS = 2
 """How often each light mode is placed beside the others, where a descent from the nominal numbers has bent them."""
-
-_LONG = 25
-"""Steps of a fit that begins far from where it ends."""
 
 
 def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
@@ -85,7 +82,7 @@ def from_white_noise(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
     noise cannot.
     """
     plain = reestimated(setting, fit, order=0)
-    return iterated_gls(plain, again(plain, fit, steps=_LONG))
+    return iterated_gls(plain, again(plain, fit, steps=LONG))
 
 
 def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit] | None:
@@ -104,10 +101,8 @@ def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit]
 def _placed(setting: Setting, bent: Fit) -> Array:
     """Return the change of the nuisances (n_nuisances,) with light modes where the data have them, all else nominal.
 
-    `bent` is the fit that a descent from the nominal numbers ended in.
-
     Two light modes in the wrong places bend each other in a descent, and neither is then better anywhere else by
-    itself.
+    itself. `bent` is the fit that such a descent ended in.
     """
     change = np.zeros(len(setting.nuisances))
     for m in narrow_modes(setting) * _SWEEPS:

@@ -53,9 +53,12 @@ def narrow_modes(setting: Setting) -> list[int]:
 
 def is_bent(setting: Setting, change: Array) -> bool:
     """Tell whether any number of a light mode is farther off than it may be."""
-    narrow = narrow_modes(setting)
-    own = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode in narrow)
-    return any(abs(change[k]) > _REACH * setting.nuisances[k].sd for k in own)
+    return _bent(setting, change, narrow_modes(setting))
+
+
+def _bent(setting: Setting, change: Array, modes: Sequence[int]) -> bool:
+    own = (pair for pair in zip(change, setting.nuisances, strict=True) if pair[1].mode in modes)
+    return any(abs(moved) > _REACH * nuisance.sd for moved, nuisance in own)
 
 
 def moved_mode(setting: Setting, fit: Fit, m: int) -> list[Array]:
@@ -71,8 +74,7 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> list[Array]:
     (i,) = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode == m and nuisance.field == "omega_rad_s")
     change = np.where(numbers == m, 0.0, fit.change)
     places = _places(setting, fit, i, change, weights)
-    own = np.array([abs(fit.change[k]) > _REACH * setting.nuisances[k].sd for k in np.flatnonzero(numbers == m)])
-    if not places and own.any():
+    if not places and _bent(setting, fit.change, [m]):
         places = [float(fit.change[i])]
     return [np.where(np.arange(change.size) == i, place, change) for place in places]
 

@@ -38,7 +38,8 @@ from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 
-_LONG = 25
+LONG = 25
+"""Steps of a fit that begins far from where it ends."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def refit(
     sizes: Array,
     change: Array,
     *,
-    steps: int = _LONG,
+    steps: int = LONG,
     exact: bool = False,
     strong: bool = False,
     sharp: bool = False,
@@ -135,7 +136,7 @@ def sizes_of_each(candidates: Sequence[Candidate], sizes: Array) -> list[Array]:
 
 def _quiet(setting: Setting, part: Part, own: Setting, exact: bool) -> Fit:
     """Return the fit of a part to which nothing is added, which is the same in every hypothesis."""
-    manner = _Manner(_LONG, exact)
+    manner = _Manner(LONG, exact)
     # from where every hypothesis would have it begin: the first to ask must not decide on the last digits
     key = ("fit", tuple(part.outputs), tuple(part.modes), exact)
     begin = np.zeros(len(own.nuisances)) if own.begin is None else own.begin

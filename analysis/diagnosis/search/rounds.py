@@ -23,15 +23,7 @@ from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, 
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
 from analysis.diagnosis.search.rubbing import rubbing
-from analysis.diagnosis.search.shortlist import (
-    MOST,
-    SURE_LEAD,
-    Rules,
-    Screen,
-    screen,
-    screen_both,
-    shortlist,
-)
+from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from analysis.diagnosis.search.stage import Progress, Stage, added_by, in_units_of
 
 

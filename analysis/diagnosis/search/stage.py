@@ -61,7 +61,7 @@ class Stage:
         if not telling:
             if not any(self.least.linear):
                 return []
-            # a linear effect's wrong form follows the drive: what does not may be told from it by a fit
+            # a linear effect's wrong form follows the drive: a fit can distinguish what does not
             least = self.least.along(np.zeros(setting.data.n_outputs))
             picks = [i for i in picks if found.drops[i] >= least.of(found.shares[i])]
 
