@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,9 @@ from sim_backend.linear import Array
 from sim_backend.model import Model
 
 Mask = NDArray[np.bool_]
+
+FINEST = 1e-10
+"""Part of an output's swing that no instrument resolves: 33 bits."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Record:
     """One unbroken stretch of measurement: `u` (n, n_u), `y` (n, n_y), `temperature_k` (n,) or None.
 
     A fit counts its rows `weight` times as far from the model as they are. In `missing` rows (n,) the readings are no
-    measurement, as at the end of a sensor's range.
+    measurement, as at the end of a sensor's range. Differences of readings below `finest` (n_y,) are of arithmetic.
 
     Raises DataError when lengths differ or a number is not finite.
     """
@@ -59,6 +64,7 @@ class Record:
     temperature_k: Array | None = None
     weight: float = 1.0
     missing: Mask | None = None
+    finest: Array | None = None
 
     def __post_init__(self) -> None:
         if self.u.shape[0] != self.y.shape[0]:
@@ -84,14 +90,26 @@ class Record:
     def left_by(self, reading: Array) -> Array:
         """Return what a simulated reading (n, n_y) leaves of the measured one, drawn straight over missing rows.
 
-        There nothing is known; a residual of its own would pass through every filter into the rows around.
+        There nothing is known; a residual of its own would pass through every filter into the rows around. White noise
+        that no instrument resolves is added: what a simulation leaves of another without noise is the rounding of
+        numbers, which grows with them and with the motion, and would pass for an error or a cause.
         """
-        left = self.y - reading
+        left = self.y - reading + self._dither
         if self.missing is not None and not self.missing.all():
             rows, known = np.flatnonzero(self.missing), np.flatnonzero(~self.missing)
             for column in left.T:
                 column[rows] = np.interp(rows, known, column[known])
         return left
+
+    @cached_property
+    def _dither(self) -> Array:
+        """Noise (n, n_y) that hides the rounding of numbers, and no more."""
+        if self.finest is None:
+            return np.zeros_like(self.y)
+        # each output by its own numbers: it has the same noise in a record without the others
+        seeds = [zlib.crc32(column.tobytes()) for column in self.y.T]
+        own = [np.random.default_rng(seed).standard_normal(self.n) for seed in seeds]
+        return np.asarray(self.finest * np.stack(own, axis=1))
 
     def led_in(self) -> Record:
         """Return a record of whole periods with one more before it, of which no row is fitted; any other as it is."""
@@ -158,6 +176,12 @@ class Dataset:
     records: tuple[Record, ...]
     doubts: tuple[str, ...] = ()
     integrating: bool = False
+
+    def __post_init__(self) -> None:
+        # one size for all: noise that is larger where a bench moves more is a cause
+        finest = FINEST * self.y_scale() if any(r.finest is None for r in self.records) else None
+        if finest is not None:
+            object.__setattr__(self, "records", tuple(replace(r, finest=finest) for r in self.records))
 
     @property
     def n_outputs(self) -> int:
