@@ -19,6 +19,7 @@ from socketserver import TCPServer
 from typing import Any, Final
 
 from analysis.live.state import State, look
+from analysis.pages.axes import axes_in
 from analysis.pages.environment import page_environment
 from analysis.recorded.watching import Snapshot, Watch, patiently
 from campaigns.version import tool_commit, tool_version
@@ -68,7 +69,7 @@ class Server(ThreadingHTTPServer):
             text = self.page.render(state=self.state, period_s=self.period_s, version=version)
             return "text/html; charset=utf-8", text.encode()
         if path == "/state.json":
-            return "application/json", json.dumps(self.state.as_json(), allow_nan=False).encode()
+            return "application/json", json.dumps(axes_in(self.state.as_json()), allow_nan=False).encode()
         return None
 
 

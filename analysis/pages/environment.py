@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
-from analysis.pages.axes import with_axes
+from analysis.pages.axes import axes_in, with_axes
 from analysis.pages.formats import exact, shown
 
 if TYPE_CHECKING:
@@ -80,7 +80,10 @@ def _kind(name: str) -> str:
 
 
 def embedded(value: object) -> Markup:
-    """Return `value` as JSON that may stand in a script element: without `<`, `>` and `&`, finite numbers only."""
+    """Return `value` as JSON that may stand in a script element: without `<`, `>` and `&`, finite numbers only.
+
+    Its texts are printed by the script, and have axes as a reader knows them.
+    """
     from jinja2.utils import htmlsafe_json_dumps
 
-    return htmlsafe_json_dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    return htmlsafe_json_dumps(axes_in(value), allow_nan=False, ensure_ascii=False, separators=(",", ":"))

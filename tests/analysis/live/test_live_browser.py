@@ -121,10 +121,10 @@ def test_it_follows_a_growing_log_with_the_numbers_of_the_log(tmp_path, watch, b
         page = watch(path, "--model", str(model))
         browser.open(page.address)
         assert said(browser, "status") == "running" and said(browser, "recorded") == "1.0 s"
-        with log.segment("second", {}):
+        with log.segment("second at theta_x", {}):
             append(log, tuple(part[10_000:] for part in rows))
         until(lambda: said(browser, "recorded") == "3.0 s")  # without loading again
-        until(lambda: said(browser, "segment") == "second")
+        until(lambda: said(browser, "segment") == "second at θx")
     until(lambda: said(browser, "status") == "complete")
     assert said(browser, "rows") == "30000 of 40000 (75%)"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.pages.axes import with_axes
+from analysis.pages.axes import axes_in, with_axes
 
 
 @pytest.mark.parametrize(
@@ -22,3 +22,8 @@ from analysis.pages.axes import with_axes
 )
 def test_axes_are_printed_in_greek_but_not_in_names_of_files(text: str, printed: str) -> None:
     assert with_axes(text) == printed
+
+
+def test_what_a_script_prints_has_them_too_and_keys_stay() -> None:
+    told = {"theta_x": ["friction at theta_x", ("theta_y (mrad)", 1.0, None)], "note": "in run-theta_x.h5"}
+    assert axes_in(told) == {"theta_x": ["friction at θx", ["θy (mrad)", 1.0, None]], "note": "in run-theta_x.h5"}
