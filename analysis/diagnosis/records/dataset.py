@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.records.lattice import last_place
 from sim_backend.errors import DataError
 from sim_backend.intersample import steps_for
 from sim_backend.linear import Array
@@ -19,6 +20,10 @@ Mask = NDArray[np.bool_]
 
 FINEST = 1e-10
 """Part of an output's swing that no instrument resolves: 33 bits."""
+
+_HIDES = 2.0
+"""Steps of the largest numbers, as the rms of a noise beside which it is not seen that small numbers have finer ones:
+their rounding adds 1/12 of a step squared, 2 % of it."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +184,9 @@ class Dataset:
 
     def __post_init__(self) -> None:
         # one size for all: noise that is larger where a bench moves more is a cause
-        finest = FINEST * self.y_scale() if any(r.finest is None for r in self.records) else None
-        if finest is not None:
+        if any(r.finest is None for r in self.records):
+            steps = [last_place(np.concatenate([r.y[:, o] for r in self.records])) for o in range(self.n_outputs)]
+            finest = np.maximum(FINEST * self.y_scale(), _HIDES * np.array(steps))
             object.__setattr__(self, "records", tuple(replace(r, finest=finest) for r in self.records))
 
     @property

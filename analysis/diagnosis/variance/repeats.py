@@ -15,8 +15,8 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.records.lattice import lattice_of
 from analysis.diagnosis.variance.chance import Chance
-from analysis.diagnosis.variance.quantisation import lattice_of
 from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.linear import Array
 

@@ -1,8 +1,9 @@
-"""What a simulation without noise leaves is the rounding of its numbers: no noise, and no cause of any."""
+"""What a simulation without noise leaves is the rounding of its numbers, to whatever digits: no noise, and no cause."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +39,23 @@ def test_no_cause_is_named_in_what_rounding_leaves(repeats: bool) -> None:
         found = diagnose(_record(repeats=repeats), one_axis(), Options(tolerance=0.01, workers=1))
     assert found.verdict == "consistent", found.sentence
     assert not found.causes
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+@pytest.mark.parametrize(
+    "written",
+    [
+        pytest.param(lambda y: np.float32(y).astype(float), id="32 bits"),
+        pytest.param(lambda y: np.deg2rad(np.float32(np.rad2deg(y)).astype(float)), id="32 bits in degrees"),
+        pytest.param(lambda y: np.char.mod("%.5g", y).astype(float), id="5 digits"),
+    ],
+)
+def test_no_cause_is_named_in_what_few_digits_leave(written: Callable[[np.ndarray], np.ndarray], repeats: bool) -> None:
+    """Small numbers have finer steps than large ones: their noise grows with the distance from the centre."""
+    (record,) = _record(repeats=repeats).records
+    data = Dataset(RATE_HZ, (Record("r", record.u, written(record.y), record.windows),))
+    found = diagnose(data, one_axis(), Options(tolerance=0.01, workers=1))
+    assert found.verdict == "consistent", found.sentence
 
 
 @pytest.mark.parametrize("repeats", [True, False])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.records.lattice import lattice_of
 from analysis.diagnosis.search.shortlist import Rules
-from analysis.diagnosis.variance.quantisation import lattice_of, rounded_readings
+from analysis.diagnosis.variance.quantisation import rounded_readings
 from sim_backend.effects.cubic_stiffness import CubicStiffness
 from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
 from tests.analysis.diagnosis.residuals import setting_of
