@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from threading import Thread
 
 import msgspec
 import numpy as np
@@ -40,6 +41,8 @@ def writing(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
         stdout=subprocess.PIPE,
         text=True,
     )
+    # whoever waits for the log of a writer that has failed would wait for ever
+    Thread(target=lambda: (process.wait(), log.touch()), daemon=True).start()
     yield log, process
     process.kill()
     process.communicate()
