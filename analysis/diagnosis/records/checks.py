@@ -132,6 +132,8 @@ def without_copies(records: Sequence[Record], names: Sequence[str]) -> tuple[tup
     """Return the records, their periods forgotten where those of an output are copies of each other, and a note.
 
     Averaged periods that were tiled, and readings coarser than any noise, differ by nothing: the noise would be zero.
+    Where those of all outputs are copies the last one is used alone: four copies of one noise would be four times the
+    evidence for whatever it looks like.
     """
     largest = np.zeros(len(names))
     seen = False
@@ -144,11 +146,30 @@ def without_copies(records: Sequence[Record], names: Sequence[str]) -> tuple[tup
     copied = [name for name, difference in zip(names, largest, strict=True) if difference == 0.0]
     if not seen or not copied:
         return tuple(records), []
-    plain = tuple(replace(r, windows=tuple(replace(w, period=0) for w in r.windows)) for r in records)
-    return plain, [
-        f"the periods of {', '.join(copied)} are copies of each other, which tell nothing of the noise; periods are "
-        "taken as not repeating: give the record as it was measured, not averaged"
+    once = len(copied) == len(names)
+    if once:
+        plain = [_piece(r, w) for r in records for w in r.windows]
+    else:
+        plain = [replace(r, windows=tuple(replace(w, period=0) for w in r.windows)) for r in records]
+    taken = "one of them is used" if once else "periods are taken as not repeating"
+    return tuple(plain), [
+        f"the periods of {', '.join(copied)} are copies of each other, which tell nothing of the noise; {taken}: give "
+        "the record as it was measured, not averaged"
     ]
+
+
+def _piece(record: Record, w: Window) -> Record:
+    """Return a record of the last period of a window, of the whole window where that has no two."""
+    several = w.period and w.stop - w.start >= 2 * w.period
+    rows = slice(w.stop - w.period if several else w.start, w.stop)
+    return replace(
+        record,
+        u=np.ascontiguousarray(record.u[rows]),
+        y=np.ascontiguousarray(record.y[rows]),
+        windows=(replace(w, start=0, stop=rows.stop - rows.start, period=0),),
+        temperature_k=None if record.temperature_k is None else record.temperature_k[rows],
+        missing=None if record.missing is None else record.missing[rows],
+    )
 
 
 def check_same_bench(loaded: Loaded, model: Model) -> None:

@@ -29,13 +29,26 @@ def test_periods_that_are_copies_are_taken_as_not_repeating() -> None:
     assert without_copies([noisy], ["x", "y"]) == ((noisy,), [])
 
 
-def test_averaged_and_tiled_data_end_in_a_verdict_with_a_remark(oscillator: Model) -> None:
-    rng = np.random.default_rng(5)
+def test_of_copies_of_all_outputs_one_is_left() -> None:
+    rng = np.random.default_rng(4)
+    u, y = (np.tile(rng.standard_normal((100, width)), (4, 1)) for width in (1, 2))
+    windows = (Window("a", 0, 200, period=100), Window("b", 200, 400, held_out=True, period=100))
+    (first, second), (note,) = without_copies([Record("r", u, y, windows, temperature_k=np.arange(400.0))], ["x", "y"])
+    assert first.windows == (Window("a", 0, 100),) and second.windows == (Window("b", 0, 100, held_out=True),)
+    assert np.array_equal(first.y, y[:100]) and np.array_equal(first.u, u[:100])
+    assert np.array_equal(second.temperature_k, np.arange(300.0, 400.0)) and "one of them is used" in note
+
+
+@pytest.mark.parametrize("seed", [5, 7, 100, 101, 107])
+def test_a_right_model_of_averaged_and_tiled_data_is_consistent_with_a_remark(oscillator: Model, seed: int) -> None:
+    """Four copies of one noise are no more evidence than one: half of such records were given a cause."""
+    rng = np.random.default_rng(seed)
     u = np.tile(rng.standard_normal((1000, 1)), (4, 1))
     y = simulate(discretise(oscillator.linear(), RATE_HZ), u)[3000:]
     tiled = np.tile(y + 0.01 * float(np.std(y)) * rng.standard_normal(y.shape), (4, 1))
     found = diagnose(u, tiled, RATE_HZ, oscillator, period=1000)
     assert any("copies of each other" in note for note in found.notes)
+    assert found.verdict == "consistent", found.sentence
     assert all(np.isfinite(estimate.std) for cause in found.causes for estimate in cause.parameters.values())
     assert found.gain is not None and np.isfinite(found.gain.noise_floor) and found.gain.noise_floor > 1e-3
 
