@@ -41,8 +41,13 @@ def writing(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    # whoever waits for the log of a writer that has failed would wait for ever
-    Thread(target=lambda: (process.wait(), log.touch()), daemon=True).start()
+
+    def ended() -> None:
+        # whoever waits for the log of a writer that has failed would wait for ever
+        process.wait()
+        log.touch()
+
+    Thread(target=ended, daemon=True).start()
     yield log, process
     process.kill()
     process.communicate()

@@ -80,6 +80,7 @@ def test_an_output_has_the_same_noise_in_a_record_without_the_others() -> None:
     rng = np.random.default_rng(1)
     y = np.cumsum(rng.standard_normal((500, 2)), axis=0)
     (both,) = Dataset(RATE_HZ, (Record("r", y, y, (Window("a", 0, 500),)),)).records
+    assert both.finest is not None
     alone = replace(both, y=y[:, 1:], finest=both.finest[1:])
     left = both.left_by(np.zeros_like(y))
     assert np.array_equal(left[:, 1:], alone.left_by(np.zeros((500, 1))))

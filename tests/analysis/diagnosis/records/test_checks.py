@@ -36,6 +36,7 @@ def test_of_copies_of_all_outputs_one_is_left() -> None:
     (first, second), (note,) = without_copies([Record("r", u, y, windows, temperature_k=np.arange(400.0))], ["x", "y"])
     assert first.windows == (Window("a", 0, 100),) and second.windows == (Window("b", 0, 100, held_out=True),)
     assert np.array_equal(first.y, y[:100]) and np.array_equal(first.u, u[:100])
+    assert second.temperature_k is not None
     assert np.array_equal(second.temperature_k, np.arange(300.0, 400.0)) and "one of them is used" in note
 
 
