@@ -7,7 +7,6 @@ name is 127.0.0.1), and no answer allows another origin.
 from __future__ import annotations
 
 import errno
-import json
 import os
 import threading
 import time
@@ -19,8 +18,7 @@ from socketserver import TCPServer
 from typing import Any, Final
 
 from analysis.live.state import State, look
-from analysis.pages.axes import axes_in
-from analysis.pages.environment import page_environment
+from analysis.pages.environment import embedded, page_environment
 from analysis.recorded.watching import Snapshot, Watch, patiently
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError, MccdError
@@ -69,7 +67,7 @@ class Server(ThreadingHTTPServer):
             text = self.page.render(state=self.state, period_s=self.period_s, version=version)
             return "text/html; charset=utf-8", text.encode()
         if path == "/state.json":
-            return "application/json", json.dumps(axes_in(self.state.as_json()), allow_nan=False).encode()
+            return "application/json", embedded(self.state.as_json()).encode()
         return None
 
 

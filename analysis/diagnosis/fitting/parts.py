@@ -155,10 +155,7 @@ def setting_of(setting: Setting, part: Part) -> Setting | None:
     linear = setting.nominal
     own = linear.only(np.isin(np.arange(linear.n_blocks), part.modes))
     own = own.with_(c=own.c[at], c_rate=own.c_rate[at], d=own.d[at])
-    records = tuple(
-        replace(r, y=np.ascontiguousarray(r.y[:, at]), finest=None if r.finest is None else r.finest[at])
-        for r in setting.data.records
-    )
+    records = tuple(r.only(at) for r in setting.data.records)
     starts = [_start_of(start, linear.n_outputs, part) for start in setting.starts]
     if any(start is None for start in starts):
         return None

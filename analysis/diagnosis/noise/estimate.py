@@ -23,7 +23,7 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
     Otherwise the colour and size of the residuals themselves are used. `order` is the longest memory of the filter.
     """
     taps: list[Array] = []
-    repeats = any(w.period and w.stop - w.start >= 2 * w.period for r in data.records for w in r.windows)
+    repeats = any(w.repeats for r in data.records for w in r.windows)
     for o in range(data.n_outputs):
         parts = []
         for record, residual in zip(data.records, residuals, strict=True):

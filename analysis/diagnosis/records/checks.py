@@ -139,7 +139,7 @@ def without_copies(records: Sequence[Record], names: Sequence[str]) -> tuple[tup
     seen = False
     for record in records:
         for w in record.windows:
-            if w.period and w.stop - w.start >= 2 * w.period:
+            if w.repeats:
                 y = record.y[w.start : w.stop]
                 largest = np.maximum(largest, np.max(np.abs(y[w.period :] - y[: -w.period]), axis=0))
                 seen = True
@@ -148,7 +148,7 @@ def without_copies(records: Sequence[Record], names: Sequence[str]) -> tuple[tup
         return tuple(records), []
     once = len(copied) == len(names)
     if once:
-        plain = [_piece(r, w) for r in records for w in r.windows]
+        plain = [_last_copy(r, w) for r in records for w in r.windows]
     else:
         plain = [replace(r, windows=tuple(replace(w, period=0) for w in r.windows)) for r in records]
     taken = "one of them is used" if once else "periods are taken as not repeating"
@@ -158,18 +158,10 @@ def without_copies(records: Sequence[Record], names: Sequence[str]) -> tuple[tup
     ]
 
 
-def _piece(record: Record, w: Window) -> Record:
+def _last_copy(record: Record, w: Window) -> Record:
     """Return a record of the last period of a window, of the whole window where that has no two."""
-    several = w.period and w.stop - w.start >= 2 * w.period
-    rows = slice(w.stop - w.period if several else w.start, w.stop)
-    return replace(
-        record,
-        u=np.ascontiguousarray(record.u[rows]),
-        y=np.ascontiguousarray(record.y[rows]),
-        windows=(replace(w, start=0, stop=rows.stop - rows.start, period=0),),
-        temperature_k=None if record.temperature_k is None else record.temperature_k[rows],
-        missing=None if record.missing is None else record.missing[rows],
-    )
+    start = w.stop - w.period if w.repeats else w.start
+    return record.cut(start, w.stop, (replace(w, start=0, stop=w.stop - start, period=0),))
 
 
 def check_same_bench(loaded: Loaded, model: Model) -> None:

@@ -37,6 +37,11 @@ class Window:
     period: int = 0
 
     @property
+    def repeats(self) -> bool:
+        """Whether it holds two whole periods or more."""
+        return bool(self.period) and self.stop - self.start >= 2 * self.period
+
+    @property
     def repeated(self) -> tuple[int, int]:
         """Row in which the first of the whole periods begins that differ by noise alone, and how many they are.
 
@@ -97,7 +102,7 @@ class Record:
 
         There nothing is known; a residual of its own would pass through every filter into the rows around. White noise
         that no instrument resolves is added: what a simulation leaves of another without noise is the rounding of
-        numbers, which grows with them and with the motion, and would pass for an error or a cause.
+        numbers, which grows with them and with the motion, and would be taken for an error or a cause.
         """
         left = self.y - reading + self._dither
         if self.missing is not None and not self.missing.all():
@@ -145,14 +150,25 @@ class Record:
 
     def first(self, rows: int) -> Record:
         """Return a record of so many first rows."""
+        windows = tuple(replace(w, stop=min(w.stop, rows)) for w in self.windows if w.start < rows)
+        return self.cut(0, rows, windows)
+
+    def cut(self, start: int, stop: int, windows: tuple[Window, ...]) -> Record:
+        """Return a record of the rows from `start` to before `stop`, with these `windows` of its own rows."""
+        rows = slice(start, stop)
         return replace(
             self,
-            u=self.u[:rows],
-            y=self.y[:rows],
-            windows=tuple(replace(w, stop=min(w.stop, rows)) for w in self.windows if w.start < rows),
-            temperature_k=None if self.temperature_k is None else self.temperature_k[:rows],
-            missing=None if self.missing is None else self.missing[:rows],
+            u=np.ascontiguousarray(self.u[rows]),
+            y=np.ascontiguousarray(self.y[rows]),
+            windows=windows,
+            temperature_k=None if self.temperature_k is None else self.temperature_k[rows],
+            missing=None if self.missing is None else self.missing[rows],
         )
+
+    def only(self, outputs: NDArray[np.intp]) -> Record:
+        """Return a record of these of its outputs (k,)."""
+        finest = None if self.finest is None else self.finest[outputs]
+        return replace(self, y=np.ascontiguousarray(self.y[:, outputs]), finest=finest)
 
     def fitted(self) -> Mask:
         """Return which rows may be used for fitting, shape (n,): inside a window that is not held out."""
@@ -185,7 +201,7 @@ class Dataset:
     def __post_init__(self) -> None:
         # one size for all: noise that is larger where a bench moves more is a cause
         if any(r.finest is None for r in self.records):
-            steps = [last_place(np.concatenate([r.y[:, o] for r in self.records])) for o in range(self.n_outputs)]
+            steps = [last_place(column) for column in np.concatenate([r.y for r in self.records]).T]
             finest = np.maximum(FINEST * self.y_scale(), _HIDES * np.array(steps))
             object.__setattr__(self, "records", tuple(replace(r, finest=finest) for r in self.records))
 
@@ -257,12 +273,5 @@ def _end(record: Record, weight: float) -> Record:
         return replace(record, weight=weight)
     first = max(record.n - 2 * period, 0)
     stop = record.n - first
-    warm = record.temperature_k
-    return replace(
-        record,
-        u=np.ascontiguousarray(record.u[first:]),
-        y=np.ascontiguousarray(record.y[first:]),
-        windows=(replace(record.windows[0], start=stop - period, stop=stop),),
-        temperature_k=None if warm is None else warm[first:],
-        weight=weight,
-    )
+    windows = (replace(record.windows[0], start=stop - period, stop=stop),)
+    return replace(record.cut(first, record.n, windows), weight=weight)

@@ -66,7 +66,7 @@ def _with_step(seen: Array, step: float, rounding: float) -> Lattice | None:
 
 
 _MOST_DIGITS = 10
-"""Numbers with more digits are told from others by nothing that a diagnosis sees."""
+"""Numbers with more digits show nothing of it that a diagnosis could see."""
 
 _ANGLES = (1.0, math.pi / 180.0, math.pi / 648_000.0)
 """Units in which numbers may have been written: their own, degrees and seconds of arc."""
@@ -77,7 +77,6 @@ _POWERS = 10.0 ** np.arange(-9, 10)
 _SMALL, _FINER = 0.05, 0.5
 """Part of the largest number below which decimal steps are a tenth at most, and the part of such numbers that may lie
 on the lattice of the largest: a tenth of them does by chance."""
-
 
 _PROBED = 1000
 """About so many of the numbers tell at once that they have all digits, as most do."""
@@ -91,8 +90,10 @@ def last_place(values: Array) -> float:
     few = values[:: values.size // _PROBED + 1]
     if not np.any(values) or (few.size < values.size and not last_place(few)):
         return 0.0
-    decimal = max(_of_few_digits(values / unit) * unit for unit in _ANGLES)
-    binary = max(_of_single_precision(values / unit) * unit for unit in np.outer(_ANGLES, _POWERS).ravel())
+    # numbers near the ends of the range of floats are no whole multiples of anything, and need no warning
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        decimal = max(_of_few_digits(values / unit) * unit for unit in _ANGLES)
+        binary = max(_of_single_precision(values / unit) * unit for unit in np.outer(_ANGLES, _POWERS).ravel())
     return float(max(decimal, binary))
 
 
@@ -112,8 +113,7 @@ def _of_few_digits(written: Array) -> float:
 
 
 def _of_single_precision(written: Array) -> float:
-    with np.errstate(over="ignore"):
-        short = written.astype(np.float32)
+    short = written.astype(np.float32)
     return float(np.spacing(np.max(np.abs(short)))) if _same(written, short.astype(float)) else 0.0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,10 @@ def test_the_step_of_32_bit_numbers_is_found_in_any_unit(unit: float) -> None:
 def test_numbers_that_come_in_no_steps_or_in_one_have_none(values: np.ndarray) -> None:
     """32-bit numbers come in steps of a ten-millionth: what is on a lattice of whole multiples may be such numbers."""
     assert last_place(values) <= 1e-6 * np.max(np.abs(values), initial=0.0)
+
+
+@pytest.mark.parametrize("size", [1e-310, 1e-300, 1e300])
+def test_numbers_at_the_ends_of_the_range_of_floats_are_taken_without_a_warning(size: float) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        assert np.isfinite(last_place(size * MOTION))
