@@ -6,6 +6,7 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.running import MCCD, PYTHON, REAL, mccd
+from tests.running.client import SOCKET, connected
 
 TOLD = "import json, os, sys; print(json.dumps([sys.argv, os.getcwd(), os.environ['TOLD'], sys.stdin.read()]))"
 
@@ -68,3 +70,15 @@ def test_signals_reach_a_fork_and_a_client_that_is_killed_takes_it_along() -> No
         assert gone.wait(timeout=20) == -signal.SIGKILL
         assert select.select([fork], [], [], 20.0)[0], "the fork has outlived its client"
         os.close(fork)
+
+
+def test_clients_that_go_away_at_any_moment_leave_the_server_to_the_others() -> None:
+    words = json.dumps({"arguments": ["-c", ""], "cwd": os.getcwd(), "environ": dict(os.environ)}).encode()
+    head, streams = len(words).to_bytes(8, "big"), [0, 1, 2]
+    for sent in (b"", head, head + words[:9], *[head + words] * 40):  # so many that several are gone before their turn
+        with connected(os.environ[SOCKET]) as connection:
+            if sent:
+                socket.send_fds(connection, [sent[:8]], streams)
+                connection.sendall(sent[8:])
+    done = subprocess.run([*PYTHON, "-c", "print('here')"], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "here\n", done.stderr

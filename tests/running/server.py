@@ -7,6 +7,7 @@ is told to end with; a command is killed when its client goes away.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import gc
 import importlib
 import io
@@ -27,6 +28,7 @@ from typing import Any, NoReturn
 PACKAGES = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
 LIBRARIES = ("control", "h5py", "jinja2", "matplotlib.pyplot", "numba", "pandas", "rich.progress", "serial")
 PARTS_OF_SCIPY = ("fft", "interpolate", "io", "linalg", "ndimage", "optimize", "signal", "sparse", "stats")
+TAKES_S = 20.0  # a client that is stopped while it hands its words over holds the others up no longer
 
 
 def main(path: str, owner: int) -> None:
@@ -44,8 +46,8 @@ def main(path: str, owner: int) -> None:
         print("ready", flush=True)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         while True:
-            for key, _ in watched.select():
-                key.data()
+            key, _ = watched.select()[0]  # one at a time: its answer may end what the next one is about
+            key.data()
 
 
 def load() -> None:
@@ -60,21 +62,22 @@ def load() -> None:
 
 
 def accept(listening: socket.socket, watched: selectors.BaseSelector) -> None:
-    """Take a command from a client and start it."""
+    """Take a command from a client and start it; a client that has gone meanwhile is forgotten."""
     connection, _ = listening.accept()
-    head, streams, _, _ = socket.recv_fds(connection, 8, 3)
-    size, words = int.from_bytes(head, "big"), b""
-    while len(words) < size:
-        part = connection.recv(size - len(words))
-        if not part:
-            connection.close()
-            return
-        words += part
-    pid = os.fork()
-    if pid == 0:
-        run(json.loads(words), streams)
-    for stream in streams:
-        os.close(stream)
+    connection.settimeout(TAKES_S)
+    streams: list[int] = []
+    try:
+        head, streams, _, _ = socket.recv_fds(connection, 8, 3)
+        words = received(connection, int.from_bytes(head, "big"))
+        pid = os.fork()
+        if pid == 0:
+            run(json.loads(words), streams)
+    except OSError:
+        connection.close()
+        return
+    finally:
+        for stream in streams:
+            os.close(stream)
     ended = os.pidfd_open(pid)
 
     def forget() -> None:
@@ -85,10 +88,7 @@ def accept(listening: socket.socket, watched: selectors.BaseSelector) -> None:
 
     def tell_its_end() -> None:
         _, status = os.waitpid(pid, 0)
-        try:
-            connection.sendall(b"%d\n" % os.waitstatus_to_exitcode(status))
-        except OSError:
-            pass  # the client went away in the same moment
+        tell(connection, os.waitstatus_to_exitcode(status))
         forget()
 
     def end_it() -> None:
@@ -96,9 +96,26 @@ def accept(listening: socket.socket, watched: selectors.BaseSelector) -> None:
         os.waitpid(pid, 0)
         forget()
 
-    connection.sendall(b"%d\n" % pid)
+    tell(connection, pid)
     watched.register(ended, selectors.EVENT_READ, tell_its_end)
     watched.register(connection, selectors.EVENT_READ, end_it)  # a client sends nothing more: its end is all we hear
+
+
+def received(connection: socket.socket, size: int) -> bytes:
+    """Return so many bytes of a client's; ConnectionError where it has gone before."""
+    words = b""
+    while len(words) < size or not size:
+        part = connection.recv(size - len(words))
+        if not part:
+            raise ConnectionError("the client has gone")
+        words += part
+    return words
+
+
+def tell(connection: socket.socket, number: int) -> None:
+    """Send a client a number; one that has gone is heard of as its connection's end."""
+    with contextlib.suppress(OSError):
+        connection.sendall(b"%d\n" % number)
 
 
 def run(words: dict[str, Any], streams: list[int]) -> NoReturn:
