@@ -13,8 +13,10 @@ the block in each input and output.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,32 +251,49 @@ _TERMS = 18
 """Terms of the exponential's series: 0.5^18 / 18! is below 1e-20 of the first."""
 
 
-def _exponentials(generators: Array) -> Array:
-    """Return the exponentials (m, n, n) of `generators` (m, n, n) whose rows from the third on are zero.
+def _held(omega_rad_s: Array, sigma_1_s: Array, time_s: float) -> tuple[Array, Array]:
+    """Return what every block does in a time: e^(M t) and its integral over t, (m, 2, 2) each; M is the block's matrix.
 
-    By scaling and squaring (Moler and Van Loan, SIAM Review 45 (2003), method 3). Position, rate and inputs are first
-    put in units in which no entry exceeds the angle a sample, or the halvings would cost digits. scipy's own asks for
-    all of scipy.linalg, whose import takes longer than a command that only counts what a plan needs.
+    Both are a number and a number of times M.
     """
-    n = generators.shape[1]
-    units = np.ones((generators.shape[0], n))
-    # the position's rate is the rate itself, so that this entry is a sample's time and never zero
-    units[:, 1] = np.sqrt(np.maximum(np.abs(generators[:, 1, 0] / generators[:, 0, 1]), 1.0))
-    scaled = generators * units[:, None, :] / units[:, :, None]
-    units[:, 2:] = 1.0 / nonzero(np.abs(scaled[:, :2, 2:]).max(axis=1))
-    scaled = generators * units[:, None, :] / units[:, :, None]
-    # each by its own, or what one block is would depend on the others, in its last digits
-    size = np.abs(scaled).sum(axis=2).max(axis=1, initial=0.5)
-    halvings = np.ceil(np.log2(size / 0.5)).astype(int)[:, None, None]
-    scaled = scaled / 2.0**halvings
-    term = np.broadcast_to(np.eye(n), scaled.shape)
-    total = term
+    numbers = [_held_block(o, s, time_s) for o, s in zip(omega_rad_s.tolist(), sigma_1_s.tolist(), strict=True)]
+    whole, along, held, held_along = np.array(numbers).reshape(-1, 4).T
+    return _block(omega_rad_s, sigma_1_s, whole, along), _block(omega_rad_s, sigma_1_s, held, held_along)
+
+
+@lru_cache(maxsize=4096)
+def _held_block(omega_rad_s: float, sigma_1_s: float, time_s: float) -> tuple[float, float, float, float]:
+    """Return e^(M t) of one block's matrix M, as a number and a number of times M, and its integral over t likewise.
+
+    By scaling and squaring (Moler and Van Loan, SIAM Review 45 (2003), method 3). M² = -ω² - 2σ M, so that each power
+    of M is a number and a number of times M (Cayley and Hamilton). As plain numbers that takes some microseconds, a
+    tenth of what arrays of so few do, and a fit turns one block of many at a time: the others are remembered.
+    """
+    fastest = max(omega_rad_s, 2.0 * sigma_1_s) * time_s
+    halvings = max(math.ceil(math.log2(fastest / 0.5)), 0) if fastest > 0.0 else 0
+    part = time_s / 2.0**halvings
+    square, twice = (omega_rad_s * part) ** 2, 2.0 * sigma_1_s * part
+    one, times = 1.0, 0.0  # of (M t)^k / k!, in units of M t, and the sums of these
+    whole, along, held, held_along = 1.0, 0.0, 1.0, 0.0
     for k in range(1, _TERMS + 1):
-        term = term @ scaled / k
-        total = total + term
-    for k in range(int(halvings.max(initial=0))):
-        total = np.where(k < halvings, total @ total, total)
-    return np.asarray(total * units[:, :, None] / units[:, None, :])
+        one, times = -square * times / k, (one - twice * times) / k
+        whole, along = whole + one, along + times
+        held, held_along = held + one / (k + 1), held_along + times / (k + 1)
+    for _ in range(halvings):
+        held, held_along = (
+            (1.0 + whole) * held - square * along * held_along,
+            (1.0 + whole - twice * along) * held_along + along * held,
+        )
+        whole, along = whole**2 - square * along**2, (2.0 * whole - twice * along) * along
+    return whole, along * part, held * part, held_along * part**2
+
+
+def _block(omega_rad_s: Array, sigma_1_s: Array, one: Array, times: Array) -> Array:
+    """Return `one` + `times` M for every block, shape (m, 2, 2)."""
+    out = np.empty((omega_rad_s.size, 2, 2))
+    out[:, 0, 0], out[:, 0, 1] = one, times
+    out[:, 1, 0], out[:, 1, 1] = -(omega_rad_s**2) * times, one - 2.0 * sigma_1_s * times
+    return out
 
 
 def nonzero(lengths: Array) -> Array:
@@ -285,32 +304,31 @@ def nonzero(lengths: Array) -> Array:
 def discretise(model: ModalModel, rate_hz: float, *, split: bool = False) -> DiscreteModel:
     """Return the exact zero-order-hold equivalent of `model` at `rate_hz`, block by block.
 
-    Each block's [A B; 0 0] is exponentiated together, which is exact also for rigid bodies, where A is singular. With
-    `split`, delays that are no whole number of samples are exact as well (see `finer_for_delays`).
+    Also for rigid bodies, whose matrix is singular. With `split`, delays that are no whole number of samples are exact
+    as well (see `finer_for_delays`).
     Raises ConfigError when the rate is not positive.
     """
     if not rate_hz > 0.0:
         raise ConfigError(f"sample rate is {rate_hz} Hz; it must be above zero")
-    m, n_u = model.n_blocks, model.n_inputs
-    joint = np.zeros((m, 2 + n_u, 2 + n_u))
-    joint[:, 0, 1] = 1.0
-    joint[:, 1, 0], joint[:, 1, 1] = -(model.omega_rad_s**2), -2.0 * model.sigma_1_s
-    joint[:, 0, 2:], joint[:, 1, 2:] = model.b_direct, model.b
-    step = _exponentials(joint / rate_hz)
-    a, b = np.ascontiguousarray(step[:, :2, :2]), np.ascontiguousarray(step[:, :2, 2:])
+    omega, sigma = model.omega_rad_s, model.sigma_1_s
+    into = np.stack([model.b_direct, model.b], axis=1)
+    a, held = _held(omega, sigma, 1.0 / rate_hz)
+    b = held @ into
     c = np.stack([model.c, model.c_rate], axis=2)
-    rate_c = np.einsum("ymk,mkl->yml", c, joint[:, :2, :2])
-    rate_d = np.einsum("ymk,mku->yu", c, joint[:, :2, 2:])
-    late = _late(joint, b, model.delay_s * rate_hz, rate_hz) if split else None
+    rates = _block(omega, sigma, np.zeros_like(omega), np.ones_like(omega))
+    rate_c = (c[:, :, None, :] @ rates)[:, :, 0]
+    rate_d = np.einsum("ymk,mku->yu", c, into)
+    late = _late(model, into, b, rate_hz) if split else None
     return DiscreteModel(a, b, c, rate_c, rate_d, model.d, model.delay_s * rate_hz, float(rate_hz), late)
 
 
-def _late(joint: Array, b: Array, delay_samples: Array, rate_hz: float) -> Array:
+def _late(model: ModalModel, into: Array, b: Array, rate_hz: float) -> Array:
     """Return the part (m, 2, n_u) of `b` that the older of the two samples drives which act within one.
 
     The newer drives what is left of the sample after the delay's part of one, the older all the rest.
     """
     late = np.empty_like(b)
-    for j, part in enumerate(delay_samples % 1.0):
-        late[:, :, j] = b[:, :, j] - _exponentials(joint * ((1.0 - part) / rate_hz))[:, :2, 2 + j]
+    for j, part in enumerate(model.delay_s * rate_hz % 1.0):
+        _, held = _held(model.omega_rad_s, model.sigma_1_s, (1.0 - float(part)) / rate_hz)
+        late[:, :, j] = b[:, :, j] - (held @ into[:, :, j, None])[:, :, 0]
     return late

@@ -66,7 +66,7 @@ def _start_of(s: Stretch, values: Array, tests: int) -> _Start:
         means = later[:, : count // k * k].reshape(-1, k).mean(axis=1)
         scatter = float(means.var(ddof=1))
         free = float(np.clip(2.0 * noise**2 / scatter, 1.0, k * width)) if scatter > 0.0 else 1.0
-        limit = float(scipy.stats.f.isf(chance, free, means.size * free))
+        limit = float(scipy.special.fdtri(free, means.size * free, 1.0 - chance))
         differs |= bool(energy[0, :k].mean() / floor > limit)
     if not differs:
         return _Start(s.label, 0, n, p, False)

@@ -209,7 +209,7 @@ class RecordView:
 
         coarse, ratios = scores(steps)
         # of steps that have nothing to do with the residual half explain less than the median of one squared deviation
-        louder = max(float(np.median(ratios)) / float(scipy.stats.chi2.ppf(0.5, 1)), 1.0)
+        louder = max(float(np.median(ratios)) / float(scipy.special.chdtri(1, 0.5)), 1.0)
         sums = _squares_of_answers(self.answer, self.u.size)
         found: list[tuple[float, float]] = []
         # between two steps of the grid a large command is shifted by half of one, and errors of levels that a slow

@@ -13,7 +13,6 @@ a sensor's gain, of which the nuisances can imitate everything but that residual
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,6 +22,7 @@ import scipy
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import coasting, played, response, simulate, stacked
 from analysis.diagnosis.records.dataset import Record
+from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend import kernel, layout
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site
@@ -124,8 +124,7 @@ def enumerate_candidates(
         ]
 
     searched = [(e, where) for e in effects if e.aux is not Aux.EXOGENOUS for where in places_for(e, places)]
-    with ThreadPoolExecutor(workers) as pool:
-        return [candidate for found in pool.map(tried, searched) for candidate in found]
+    return [candidate for found in side_by_side(tried, searched, workers=workers) for candidate in found]
 
 
 def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str, float]:

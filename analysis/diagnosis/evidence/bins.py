@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from analysis.diagnosis.tails import f_tail
 from sim_backend.jit import njit
 from sim_backend.linear import Array
 
@@ -111,10 +112,10 @@ def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: in
     if rank < 1 or dof < 1:
         return 1.0
     noise = 1.0 if noise_rows else rest / dof
-    return float(scipy.stats.f.sf(max(explained, 0.0) / rank / noise, rank, noise_rows or dof))
+    return float(f_tail(max(explained, 0.0) / rank / noise, rank, noise_rows or dof))
 
 
 def largest_test(ratio: Array, dof: Array, other_dof: Array) -> float:
     """Return the p-value of the largest of several independent variance ratios, F with `dof` over `other_dof` (n,)."""
-    least = float(np.min(scipy.stats.f.sf(ratio, dof, other_dof)))
+    least = float(np.min(f_tail(ratio, dof, other_dof)))
     return float(-np.expm1(ratio.size * np.log1p(-min(least, 1.0 - 1e-16))))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +32,8 @@ from analysis.diagnosis.noise.whitener import Whitener, filtered
 from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.result import Domain
+from analysis.diagnosis.side_by_side import side_by_side
+from analysis.diagnosis.tails import f_tail
 from analysis.pages.quantities import span
 from sim_backend.linear import Array, DiscreteModel, discretise
 from sim_backend.model import Model, Port
@@ -111,8 +112,7 @@ def evidence(
             for o, port in enumerate(model.outputs)
         ]
         shown += [(o, joined) for o in range(len(joined))]
-    with ThreadPoolExecutor(workers) as pool:
-        curves = [curve for found in pool.map(lambda at: _curves(*at), shown) for curve in found]
+    curves = [curve for found in side_by_side(lambda at: _curves(*at), shown, workers=workers) for curve in found]
     return {name: tuple(curve for domain, curve in curves if domain == name) for name in _DOMAINS}
 
 
@@ -321,7 +321,7 @@ def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:
         dof = s.w.size - 6
         noise = 1.0 if s.noise_rows else (float(left @ left) - shifted[0]) / dof
         explained[i] = np.sqrt(shifted[0] / s.w.size)
-        against_noise = float(scipy.stats.f.sf(shifted[0] / 3.0 / noise, 3, s.noise_rows or dof))
+        against_noise = float(f_tail(shifted[0] / 3.0 / noise, 3, s.noise_rows or dof))
         p_values[i] = max(against_noise, float(np.mean(shifted >= shifted[0])))
     i = int(np.argmin(p_values))
     floor = np.full(len(others), np.sqrt(3.0 / s.w.size))

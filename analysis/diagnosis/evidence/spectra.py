@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.identification.loop_at_once import echo_of
 from sim_backend.linear import Array
 
@@ -93,9 +93,9 @@ def repeat_test(w: Array, repeats: Sequence[Repeat], rate_hz: float) -> float:
 
 def _over_bands(ratio: Array, dof: Array, other_dof: Array) -> float:
     """Return one p-value of independent variance ratios: twice the smaller of Šidák's (one) and Fisher's (many)."""
-    p = np.maximum(scipy.stats.f.sf(ratio, dof, other_dof), np.finfo(float).tiny)
+    p = np.maximum(f_tail(ratio, dof, other_dof), np.finfo(float).tiny)
     one = float(-np.expm1(p.size * np.log1p(-min(float(p.min()), 1.0 - 1e-16))))
-    many = float(scipy.stats.chi2.sf(-2.0 * np.sum(np.log(p)), 2 * p.size))
+    many = float(chi2_tail(-2.0 * np.sum(np.log(p)), 2 * p.size))
     return min(1.0, 2.0 * min(one, many))
 
 
@@ -108,7 +108,7 @@ def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> 
     cuts = np.cumsum(parts)[:-1]
     echo = echo_of(np.split(w, cuts), np.split(u, cuts))
     if echo.comes_back:
-        return float(scipy.stats.chi2.sf(echo.before, echo.tests))
+        return float(chi2_tail(echo.before, echo.tests))
     edges = _edges(max(parts), rate_hz)
     pieces: list[list[Array]] = [[] for _ in range(edges.size - 1)]
     at = 0

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import RLock
@@ -18,6 +16,7 @@ from analysis.diagnosis.noise.whitener import Bands, Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played, waiting_at
 from analysis.diagnosis.nominal.tuning import Nuisance, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
@@ -79,12 +78,7 @@ class Setting:
 
     def each(self, work: Callable[..., T], *of: Sequence[Any]) -> list[T]:
         """Return `work` done for each record (or whatever `of` lists), side by side where compiled code lets go."""
-        if self.workers < 2 or len(of[0]) < 2:
-            return [work(*one) for one in zip(*of, strict=True)]
-        # how numpy treats an overflow belongs to a context, which a thread does not take over by itself
-        tasks = [(copy_context(), one) for one in zip(*of, strict=True)]
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(lambda task: task[0].run(work, *task[1]), tasks))
+        return list(side_by_side(work, *of, workers=min(self.workers, len(of[0]))))
 
     @property
     def rows(self) -> int:

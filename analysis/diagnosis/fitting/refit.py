@@ -16,7 +16,6 @@ An effect on the model takes over what the nuisances did in its place.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -33,6 +32,7 @@ from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.nominal.responses import stacked
 from analysis.diagnosis.nominal.tuning import change_to, mahalanobis2_of, turned, turning
+from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
@@ -234,8 +234,7 @@ def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Ar
         found = None if fixed else problem.slope(x, i, here)
         return [np.zeros_like(r) for r in here] if found is None else [-slope for slope in found]
 
-    with ThreadPoolExecutor(setting.workers) as pool:
-        columns = list(pool.map(column, range(x.size)))
+    columns = list(side_by_side(column, range(x.size), workers=setting.workers))
     empty = [np.zeros((*r.shape, 0)) for r in here]
     return [stacked([c[r] for c in columns]) if columns else empty[r] for r in range(len(here))]
 

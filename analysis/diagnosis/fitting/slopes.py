@@ -15,7 +15,6 @@ another mode of it; one between the channels is a feedback, closed frequency by 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +25,7 @@ from analysis.diagnosis.fitting.problem import Point, Problem
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned, turning
 from analysis.diagnosis.records.dataset import Record
+from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend import kernel
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import Effect, Site
@@ -140,9 +140,9 @@ class Slopes:
         return columns
 
     def _fill(self, columns: Array, which: Sequence[int], x: Array, at: Point) -> None:
-        with ThreadPoolExecutor(self._problem.setting.workers) as pool:
-            for i, column in zip(which, pool.map(lambda i: self._slope(x, at, i), which), strict=True):
-                columns[:, i] = column
+        slopes = side_by_side(lambda i: self._slope(x, at, i), which, workers=self._problem.setting.workers)
+        for i, column in zip(which, slopes, strict=True):
+            columns[:, i] = column
 
     def _nuisances(self, x: Array, at: Point) -> Array:
         """Return the nuisances' columns: with torques held, or from simulations for modes that an effect acts on."""

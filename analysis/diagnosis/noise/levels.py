@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.noise.whitener import band_of
+from analysis.diagnosis.tails import f_tail
 from sim_backend.linear import Array
 
 BAND_ROWS, _MAX_BANDS = 12, 24
@@ -115,6 +116,6 @@ def _pooled(noise: Array, left: Array) -> float:
     own, count = float(noise.mean()), _EFFICIENCY * left.size
     other = float(np.median(left)) / _MEDIAN_OF_SQUARE if left.size else 0.0
     ratio = other / max(own, np.finfo(float).tiny)
-    if not _BY_CHANCE < scipy.stats.f.sf(ratio, count, noise.size) < 1.0 - _BY_CHANCE:
+    if not _BY_CHANCE < f_tail(ratio, count, noise.size) < 1.0 - _BY_CHANCE:
         return own
     return (noise.size * own + count * other) / (noise.size + count)

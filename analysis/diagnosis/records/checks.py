@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Mask, Record, Window
@@ -183,6 +182,12 @@ def check_same_bench(loaded: Loaded, model: Model) -> None:
                 )
 
 
+def _level(x: Array) -> Array:
+    """Return `x` (n,) without the straight line that runs through it best."""
+    along = np.arange(x.size) - 0.5 * (x.size - 1)
+    return np.asarray(x - x.mean() - along * (along @ x) / (along @ along))
+
+
 def _bands(lines: int) -> Iterator[slice]:
     """Yield the lines of every third of an octave, `_LINES` or more of them."""
     edge = float(_LINES)
@@ -211,7 +216,7 @@ def _ratios(simulated: Array, measured: Array) -> Iterator[tuple[float, float]]:
     noise, and so agrees with it everywhere else.
     """
     a, b = (np.fft.rfft(np.diff(x, n=2) * np.hanning(x.size - 2)) for x in (simulated, measured))
-    moved = np.abs(np.fft.rfft(scipy.signal.detrend(measured)[1:-1] * np.hanning(measured.size - 2))) ** 2
+    moved = np.abs(np.fft.rfft(_level(measured)[1:-1] * np.hanning(measured.size - 2))) ** 2
     bands = list(_bands(a.size))
     energy = np.array([np.sum(moved[band]) for band in bands])
     if energy.sum() < _SHOWN * moved.sum():

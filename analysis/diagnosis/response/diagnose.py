@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.sentence import sentence
@@ -21,6 +20,7 @@ from analysis.diagnosis.response.search import Found, judged, of_levels, searche
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.search.stage import Progress, silent
+from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.diagnosis.verdict.causes import causes_of
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.pages.quantities import span
@@ -213,7 +213,7 @@ def by_frequency(lines: Lines, noise: Noise, modelled: ComplexArray, model: Mode
         level = np.sqrt([square[part].mean() for part in parts])
         axis = np.array([np.exp(np.log(lines.frequency_hz[part]).mean()) for part in parts])
         total, dof = float(square[rows].mean()), 2 * rows.size
-        p = scipy.stats.chi2.sf(total * dof, dof) if np.isinf(noise.dof) else scipy.stats.f.sf(total, dof, noise.dof)
+        p = chi2_tail(total * dof, dof) if np.isinf(noise.dof) else f_tail(total, dof, noise.dof)
         worst = parts[int(np.argmax(level))]
         place = span(lines.frequency_hz[worst[0]], lines.frequency_hz[worst[-1]], "Hz")
         name = model.outputs[int(lines.output[rows[0]])].dof

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.response.fits import Setting, fit_nominal
 from analysis.diagnosis.response.lines import Lines, noise_of
 from analysis.diagnosis.result import Domain
+from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.effects.dominant import dominant_block
 from sim_backend.linear import Array, ComplexArray, ModalModel
@@ -87,7 +87,7 @@ def _tested(setting: Setting, modelled: ComplexArray, here: NDArray[np.bool_], n
     square = np.sum(weight * (parts - mean) ** 2, axis=(1, 2)) / (2 * grid.size)
     total, dof = float(np.sum(square)) * 2 * grid.size, 2 * grid.size * (len(curves) - 1)
     known = setting.noise.dof
-    p = float(scipy.stats.chi2.sf(total, dof) if np.isinf(known) else scipy.stats.f.sf(total / dof, dof, known))
+    p = float(chi2_tail(total, dof) if np.isinf(known) else f_tail(total / dof, dof, known))
     size = np.sqrt(square * len(curves) / (len(curves) - 1))
     k = int(np.argmax(size))
     where = f"{name} at level {level[k]:g}, {size[k]:.3g} times the noise from the mean of all levels"

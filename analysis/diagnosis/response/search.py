@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
@@ -19,6 +18,7 @@ from analysis.diagnosis.response.predicted import changes_the_response
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.search.stage import Progress
+from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.judging import Judgement, confounder_in, names_of, tie_of
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.effects.base import Effect, Parameter
@@ -264,7 +264,7 @@ def _failed_check(setting: Setting, found: Found) -> str:
             f"at most {1.0 + allowed:.3g} may be noise{gets if best.candidates else ''}"
         )
     strain, count = float(np.sum(best.white**2)), best.white.size
-    if count and scipy.stats.chi2.sf(strain, count) < ONE_IN_A_MILLION:
+    if count and chi2_tail(strain, count) < ONE_IN_A_MILLION:
         return (
             f"the best linear model{_names(best)} needs nominal numbers that are off by "
             f"{np.sqrt(strain / count):.2g} times their tolerance (rms of {count})"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.tails import normal_tail
 
 EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
@@ -48,7 +48,7 @@ def explained_part(found: Found) -> float:
 
 def chance_of(found: Found, excess: float) -> float:
     """Return the chance that noise alone leaves so much more than its own level, a mean square of one; never zero."""
-    return max(float(scipy.stats.norm.sf(4.0 * excess / uncertainty(found))), LEAST_CHANCE)
+    return max(float(normal_tail(4.0 * excess / uncertainty(found))), LEAST_CHANCE)
 
 
 def uncertainty(found: Found) -> float:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.fitting.balance import again, guessed_squares, iterated_gls, reestimated, score, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
+from analysis.diagnosis.tails import chi2_limit, normal_tail
 from sim_backend.effects.base import Site
 
 _LOST = 1.0
@@ -100,10 +100,10 @@ def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
     may do as well, from another place, and a single size has nothing that takes its place: there it has to be seen.
     """
     count = sum(effect == i for effect, _ in fit.names)
-    chance = 2.0 * float(scipy.stats.norm.sf(SEEN))
+    chance = 2.0 * float(normal_tail(SEEN))
     gained = without.objective - fit.objective
     hidden = count > 1 and fit.effects[i].site is not Site.MODEL
-    return hidden and gained > float(scipy.stats.chi2.isf(chance, count))
+    return hidden and gained > chi2_limit(chance, count)
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from analysis.diagnosis.noise.whitener import TOGETHER, Whitener, runs_of
 from analysis.diagnosis.nominal.tuning import Nuisance, root_of
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.search.gram import COLLINEAR, Gram, beside_start
+from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.assembly import Places
 from sim_backend.linear import Array, ModalModel
 
@@ -64,8 +64,7 @@ def gram_of(
             states, rate_hz = footing.states[r], footing.data.rate_hz
             return signature(candidate, footing.linear, footing.places, motions[r], rate_hz, states, r)
 
-        with ThreadPoolExecutor(workers) as pool:
-            return list(pool.map(column, candidates))
+        return list(side_by_side(column, candidates, workers=workers))
 
     grams = gathered(footing, motions, whitener, columns, tuple(map(_one_sided, candidates)), others, workers)
     whole = tuple(c.effect.whole for c in candidates)
@@ -202,8 +201,7 @@ def _whitened(columns: Sequence[Array], mask: Mask, whitener: Whitener, output: 
         some = columns[first : first + TOGETHER]
         white[:, first : first + len(some)] = whitener.rows(np.stack(some).T, mask, output)
 
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(fill, range(0, len(columns), TOGETHER)))
+    list(side_by_side(fill, range(0, len(columns), TOGETHER), workers=workers))
     return white
 
 

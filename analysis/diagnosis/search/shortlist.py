@@ -7,7 +7,6 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates, measured_motion
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
@@ -15,6 +14,7 @@ from analysis.diagnosis.fitting.refit import exact_sensitivities, plain_sensitiv
 from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.matched import wanted_inputs
 from analysis.diagnosis.search.screening import Footing, Noise, gram_of
+from analysis.diagnosis.tails import chi2_limit
 from sim_backend.effects.base import Effect
 from sim_backend.effects.periodic_sensor_error import PeriodicSensorError
 from sim_backend.effects.view import RecordView
@@ -195,7 +195,7 @@ def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: floa
     once in a hundred times, than that of a single known signature, so that it does not raise the limit of the others.
     """
     own = {key: np.max(ratios[[i for i, k in enumerate(keys) if k == key]], axis=0) for key in dict.fromkeys(keys)}
-    usual = float(scipy.stats.chi2.isf(_RARE, 1))
+    usual = chi2_limit(_RARE, 1)
     larger = {key: max(float(np.quantile(best, 1.0 - _RARE)) - usual, 0.0) for key, best in own.items()}
     if not own:
         return np.zeros(0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +13,7 @@ from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.tuning import mahalanobis2_of
 from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.shortlist import Screen, promising, shortlist
+from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.effects.base import Effect
 
 Progress = Callable[[str, float], None]
@@ -70,13 +70,12 @@ class Stage:
             return extended(setting, self.best, candidate, found.sizes[picks[k]], found.nuisances[picks[k]])
 
         fits: list[Fit] = []
-        with ThreadPoolExecutor(setting.workers) as pool:
-            trials = pool.map(trial, range(len(picks)))
-            for k, i in enumerate(picks):
-                candidate = found.candidates[i]
-                part = self.done + self.share * k / len(picks)
-                self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
-                fits.append(next(trials))
+        trials = side_by_side(trial, range(len(picks)), workers=setting.workers)
+        for k, i in enumerate(picks):
+            candidate = found.candidates[i]
+            part = self.done + self.share * k / len(picks)
+            self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
+            fits.append(next(trials))
         self.progress("refitting the best", self.done + self.share)
         return fits if telling else [f for f in fits if beyond_form(setting, self.best, f, self.least)]
 

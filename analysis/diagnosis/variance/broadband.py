@@ -12,14 +12,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of
 from analysis.diagnosis.fitting.starts import without_starts
 from analysis.diagnosis.noise.whitener import Bands
 from analysis.diagnosis.search.shortlist import SURE_LEAD
+from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.variance.chance import Chance
-from analysis.diagnosis.variance.whittle import Band, Series, Start, Whittle, series_of, spectrum_of
+from analysis.diagnosis.variance.spectrum import Series, series_of, spectrum_of
+from analysis.diagnosis.variance.torques import Start
+from analysis.diagnosis.variance.whittle import Band, Whittle
 from sim_backend.effects.amplifier_noise import AmplifierNoise
 from sim_backend.effects.broadband_vibration import BroadbandVibration
 from sim_backend.effects.command_quantisation import CommandQuantisation
@@ -140,8 +142,7 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
     starts, tried = _starts(whittle, floors[terms][0], terms)
     best: dict[tuple[int, bool, bool], tuple[float, Band]] = {}
     for terms, (floor, _) in floors.items():
-        for start in starts:
-            band = whittle.band(terms, start, floor)
+        for band in whittle.bands(terms, starts, floor):
             if band is None or band.width_hz < _NARROW * resolution_hz:
                 continue
             value = band.log_likelihood - n_y * terms - price - _narrowed(whittle, band)
@@ -156,7 +157,7 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
     top = max(finite, key=lambda k: best[k][0])
     value, band = best[top]
     # against the most flexible floor of all, at any place of the grid
-    p_value = min(tried * float(scipy.stats.chi2.sf(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
+    p_value = min(tried * float(chi2_tail(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
     forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
     white = max((v for v, other in best.values() if math.isinf(other.width_hz)), default=-math.inf)
     passed = max((v for v, other in best.values() if other.low_pass), default=-math.inf)
@@ -174,12 +175,10 @@ def _of_readings(whittle: Whittle, band: Band, floors: Mapping[int, tuple[Array,
     straight[np.arange(n_y), np.arange(n_y)] = 1.0
     alone = replace(whittle, gain=straight)
     best = -math.inf
+    places = [(o, band.centre_hz, band.width_hz, steep) for o in range(n_y) for steep in (True, False)]
     for terms, (floor, _) in floors.items():
-        for o in range(n_y):
-            for steep in (True, False):
-                size = 1.0 / float(np.max(alone.hump(o, band.centre_hz, band.width_hz, steep)[o] / floor[o]))
-                found = alone.band(terms, (o, band.centre_hz, band.width_hz, steep, size), floor)
-                best = max(best, -math.inf if found is None else found.log_likelihood - n_y * terms)
+        found = alone.bands(terms, _as_strong_as(alone, floor, places), floor)
+        best = max(best, *(-math.inf if one is None else one.log_likelihood - n_y * terms for one in found))
     return best
 
 
@@ -234,19 +233,25 @@ def _starts(whittle: Whittle, floor: Array, terms: int) -> tuple[list[Start], in
     low, high = float(whittle.spectrum.frequency_hz[0, 0]), float(whittle.spectrum.frequency_hz[-1, -1])
     centres = np.geomspace(low * _PITCH, high / _PITCH, max(round(math.log(high / low) / math.log(_PITCH)), 2))
 
-    def start(j: int, centre: float, width: float, steep: bool) -> Start:
-        return j, centre, width, steep, 1.0 / float(np.max(whittle.hump(j, centre, width, steep) / floor))
-
-    starts = []
-    for j in range(whittle.gain.shape[1]):
-        tried = [whittle.band(terms, start(j, float(c), _WIDTH * float(c), True), floor) for c in centres]
-        bands = sorted((b for b in tried if b is not None), key=lambda b: -b.log_likelihood)[:_STARTS]
+    inputs = range(whittle.gain.shape[1])
+    places = [(j, float(c), _WIDTH * float(c), True) for j in inputs for c in centres]
+    places += [(j, 0.0, 2.0 * float(c), False) for j in inputs for c in centres[::_CORNERS]]
+    found = [b for b in whittle.bands(terms, _as_strong_as(whittle, floor, places), floor) if b is not None]
+    found.sort(key=lambda b: -b.log_likelihood)
+    starts: list[Start] = []
+    for j in inputs:
+        bands = [b for b in found if b.input == j and not b.low_pass][:_STARTS]
         starts += [(j, b.centre_hz, b.width_hz, steep, b.rms**2) for b in bands for steep in (True, False)]
-        corners = [whittle.band(terms, start(j, 0.0, 2.0 * float(c), False), floor) for c in centres[::_CORNERS]]
-        passes = sorted((b for b in corners if b is not None), key=lambda b: -b.log_likelihood)[:1]
+        passes = [b for b in found if b.input == j and b.low_pass][:1]
         starts += [(j, 0.0, b.width_hz, False, b.rms**2) for b in passes]
-        starts.append(start(j, 1.0, math.inf, True))
-    return starts, 2 * centres.size * whittle.gain.shape[1]
+    starts += _as_strong_as(whittle, floor, [(j, 1.0, math.inf, True) for j in inputs])
+    return starts, 2 * centres.size * len(inputs)
+
+
+def _as_strong_as(whittle: Whittle, floor: Array, places: Sequence[tuple[int, float, float, bool]]) -> list[Start]:
+    """Return starts at places (input, centre, width, steep), each as strong as the floor (n_y, k) where it is most."""
+    humps = whittle.humps([(*place, 1.0) for place in places])
+    return [(*place, 1.0 / float(np.max(hump / floor))) for place, hump in zip(places, humps, strict=True)]
 
 
 def _steady(setting: Setting, linear: ModalModel, series: Sequence[Series], band: Band) -> bool:
@@ -283,7 +288,7 @@ def _chance(setting: Setting, whittle: Whittle, found: _Best, place: str) -> Cha
     band = found.band
     effect = BroadbandVibration(place, rms=band.rms, centre_hz=band.centre_hz, bandwidth_hz=band.width_hz)
     std = dict(zip(("rms", "centre_hz", "bandwidth_hz"), band.std, strict=True))
-    hump = band.rms**2 * whittle.hump(band.input, band.centre_hz, band.width_hz, band.steep)
+    (hump,) = whittle.humps([(band.input, band.centre_hz, band.width_hz, band.steep, band.rms**2)])
     f = whittle.spectrum.frequency_hz.mean(axis=1) / setting.data.rate_hz
     line = np.exp(-2j * np.pi * np.outer(f, np.arange(setting.whitener.order + 1)))
     passed = np.abs(line @ setting.whitener.taps.T).T ** 2

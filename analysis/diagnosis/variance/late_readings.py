@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
+from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.variance.chance import Chance
 from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.variance.repeats import MAD
@@ -111,7 +112,7 @@ def _late(setting: Setting, fit: Fit, output: int, where: str) -> Chance | None:
         {"fraction": std},
         # of a share that may be any up to the most, the data leave so narrow a part; the others' one number likewise
         gained - max(math.log(_MOST / (math.sqrt(2.0 * math.pi) * std)), _best_other(rows, share)),
-        0.5 * float(scipy.stats.chi2.sf(2.0 * gained, 1)),
+        0.5 * float(chi2_tail(2.0 * gained, 1)),
         power / setting.rows,
         math.sqrt(power),
     )

@@ -69,9 +69,7 @@ def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
         chances += int(np.sum(rare[1:] & same[:-1]))
         where.append(np.concatenate([[False], same]))
     share = equal / max(pairs, 1)
-    tail = 2.0 * min(
-        scipy.stats.binom.cdf(together, chances, share), scipy.stats.binom.sf(together - 1, chances, share)
-    )
+    tail = 2.0 * min(scipy.special.bdtr(together, chances, share), scipy.special.bdtrc(together - 1, chances, share))
     return Repeats(equal, pairs, expected, bool(tail > _ORDERED), tuple(where))
 
 
@@ -110,12 +108,17 @@ def _chance_of_equal(move: Array, noise: float, step: Array) -> Array:
     foretells the motion rounds as well.
     """
     sd, d = np.maximum(noise, step / math.sqrt(6.0)), np.abs(move)
-    narrow = step * scipy.stats.norm.pdf(d / sd) / sd  # the triangle is a point beside the normal curve
+    narrow = step * _normal(d / sd) / sd  # the triangle is a point beside the normal curve
     a, b, c = (d - step) / sd, d / sd, (d + step) / sd
     # the triangle is a second difference of ramps, and E[max(0, δ - k)] of a normal δ is sd (pdf + z cdf)
-    ramp = [scipy.stats.norm.pdf(z) + z * scipy.stats.norm.cdf(z) for z in (a, b, c)]
+    ramp = [_normal(z) + z * scipy.special.ndtr(z) for z in (a, b, c)]
     wide = np.clip(sd / step * (ramp[0] - 2.0 * ramp[1] + ramp[2]), 0.0, 1.0)
     return np.asarray(np.where(step < 0.01 * sd, narrow, wide))
+
+
+def _normal(z: Array) -> Array:
+    """Return the density of a unit normal number."""
+    return np.asarray(np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi))
 
 
 def lost_samples(setting: Setting, fit: Fit) -> list[Chance]:
@@ -138,7 +141,7 @@ def lost_samples(setting: Setting, fit: Fit) -> list[Chance]:
                 DroppedSamples(where, fraction=min(share, 0.99)),
                 {"fraction": math.sqrt(share * (1.0 - share) / seen.pairs)},
                 seen.equal * math.log(seen.equal / expected) - (seen.equal - expected),
-                float(scipy.stats.poisson.sf(seen.equal - 1, expected)),
+                float(scipy.special.pdtrc(seen.equal - 1, expected)),
                 power / rows / setting.data.n_outputs,
                 math.sqrt(power),
             )

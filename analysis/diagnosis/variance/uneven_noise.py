@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.whitener import Bands, Whitener, runs_of
+from analysis.diagnosis.tails import normal_tail
 from analysis.diagnosis.variance.chance import Chance
 from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.linear import Array
@@ -172,7 +173,7 @@ def score_test(energy: Array, column: Array) -> float:
     """Return the one-sided p-value of `energy` (n,) growing with `column` (n,), whatever the energies' distribution."""
     x, e = column - column.mean(), energy - energy.mean()
     spread = math.sqrt(float(x @ x) * float(e @ e))
-    return float(scipy.stats.norm.sf(math.sqrt(x.size) * float(x @ e) / spread)) if spread > 0.0 else 1.0
+    return float(normal_tail(math.sqrt(x.size) * float(x @ e) / spread)) if spread > 0.0 else 1.0
 
 
 def apex_law(blocks: Blocks) -> tuple[Law, float, bool, bool]:

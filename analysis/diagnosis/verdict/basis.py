@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
@@ -184,7 +183,23 @@ def _memories(x: Array, longest: int) -> list[Array]:
     """Return `x` (n,) behind first-order lags of a ladder of times, up to a quarter of the `longest` record."""
     count = max(int(np.log(longest / 4.0 / _SHORTEST) / np.log(_LADDER)) + 1, 1)
     poles = np.exp(-1.0 / (_SHORTEST * _LADDER ** np.arange(count)))
-    return [scipy.signal.lfilter([1.0 - a], [1.0, -a], x) for a in poles]
+    return [recursion(x, 1.0 - a, a, 0.0) for a in poles]
+
+
+def recursion(x: Array, gain: float, once: float, twice: float) -> Array:
+    """Return y (n,) with y[k] = gain x[k] + once y[k-1] + twice y[k-2], from rest."""
+    out = np.empty(x.size)
+    _recursion(x, gain, once, twice, out)
+    return out
+
+
+@njit
+def _recursion(x, gain, once, twice, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (n,); scipy.signal has such a filter, and takes a second to be imported."""
+    last, before = 0.0, 0.0
+    for k in range(x.size):
+        last, before = gain * x[k] + once * last + twice * before, last
+        out[k] = last
 
 
 def scenes_of(motions: Sequence[Motion], places: Places) -> list[Scene]:

@@ -19,6 +19,7 @@ from analysis.diagnosis.search.gram import COLLINEAR
 from analysis.diagnosis.search.pruning import SEEN, has_seen_model
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
+from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.generic_alternative import GenericAlternative
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 from analysis.diagnosis.verdict.remainder import remainder_of, telling
@@ -145,7 +146,7 @@ def refuted(found: Found) -> str:
         return f"a torque of command, position and rate at {equal[0]} that is no listed cause explains the data as well"
     count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
     # what the form of an effect gets wrong, nuisances that the data do not hold make up for
-    if count and scipy.stats.chi2.sf(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:
+    if count and chi2_tail(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
             f"(rms of {count})"

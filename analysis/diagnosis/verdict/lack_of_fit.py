@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.candidates.signature import Candidate, as_simulated, signature
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -24,6 +23,8 @@ from analysis.diagnosis.nominal.responses import played
 from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.screening import gathered
 from analysis.diagnosis.search.shortlist import beside, views_of
+from analysis.diagnosis.side_by_side import side_by_side
+from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.diagnosis.verdict.basis import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
 from sim_backend.assembly import Places
@@ -57,8 +58,8 @@ class LackOfFit:
         """Return the chance of as much in noise alone, `allowed` of the gain being put down to random causes."""
         gain = max((self.gain - allowed) / self.louder, 0.0)
         if math.isfinite(self.known_from):
-            return min(self.choices * float(scipy.stats.f.sf(gain / self.columns, self.columns, self.known_from)), 1.0)
-        return min(self.choices * float(scipy.stats.chi2.sf(gain, self.columns)), 1.0)
+            return min(self.choices * float(f_tail(gain / self.columns, self.columns, self.known_from)), 1.0)
+        return min(self.choices * float(chi2_tail(gain, self.columns)), 1.0)
 
     def words(self) -> str:
         """Return what it is, where, and how sure."""
@@ -109,12 +110,11 @@ def generic_basis(
     waves = [wave for p in patterns for wave in (p, *p.neighbours)]
 
     def columns(r: int) -> Sequence[Array]:
-        with ThreadPoolExecutor(setting.workers) as pool:
-            general = pool.map(lambda term: columns_at(scenes[r], plant, *term), terms)
-            repeated = pool.map(lambda wave: wave.columns(motions, r, plant, places), waves)
-            linear, states, rate_hz = footing.linear, footing.states[r], setting.data.rate_hz
-            own = pool.map(lambda c: signature(c, linear, places, motions[r], rate_hz, states, r), effects)
-            return [*general, *repeated, *own]
+        linear, states, rate_hz = footing.linear, footing.states[r], setting.data.rate_hz
+        made = [partial(columns_at, scenes[r], plant, *term) for term in terms]
+        made += [partial(wave.columns, motions, r, plant, places) for wave in waves]
+        made += [partial(signature, c, linear, places, motions[r], rate_hz, states, r) for c in effects]
+        return list(side_by_side(lambda make: make(), made, workers=setting.workers))
 
     two_sided = (False,) * (len(terms) + len(waves) + len(effects))
     (gram,) = gathered(footing, motions, setting.whitener, columns, two_sided, workers=setting.workers)

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import response
+from analysis.diagnosis.verdict.basis import recursion
 from sim_backend.assembly import Places
 from sim_backend.effects.view import DISTANCES, READING_DISTANCES, RecordView
 from sim_backend.linear import Array, DiscreteModel
@@ -161,9 +161,8 @@ class Ringing(Pattern):
         pole = -self.damping + 1j * np.sqrt(1.0 - self.damping**2)
         z = np.exp(2.0 * np.pi * self.cycles / self.span / plant.rate_hz * pole)
         u = motions[record].u[:, self.played]
-        answer = scipy.signal.lfilter(
-            [0.0, 1.0], [1.0, -2.0 * z.real, abs(z) ** 2], np.roll(u, round(self.later * u.size))
-        )
+        before = np.append(0.0, np.roll(u, round(self.later * u.size))[:-1])  # the command of the sample before
+        answer = recursion(before, 1.0, 2.0 * float(z.real), -(abs(z) ** 2))
         out = np.zeros((*motions[record].sensed.shape, 2))
         out[:, self.at] = np.stack([answer, np.diff(answer, prepend=0.0)], axis=1)
         return out

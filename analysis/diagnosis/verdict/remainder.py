@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.result import Remainder
 from analysis.diagnosis.search.adequacy import LEAST_CHANCE, adequate, chance_of, standing_out
 from analysis.diagnosis.search.rounds import Found
+from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 
 _TOLD = 1e-3
@@ -68,5 +68,5 @@ def _in_all(found: Found, allowed: float) -> tuple[float, float, str]:
     if out is None:
         return 0.0, 1.0, ""
     drop, gain, candidate = out
-    chance = float(scipy.stats.chi2.sf(gain, max(len(candidate.unit_sizes), 1)))
+    chance = float(chi2_tail(gain, max(len(candidate.unit_sizes), 1)))
     return drop, chance, f"resembles {candidate.effect.reported()} at {candidate.where}"

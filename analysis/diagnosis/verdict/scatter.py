@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-import scipy
 
 from analysis.diagnosis.noise.independent import independent_rows
 from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.diagnosis.tails import f_tail
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.linear import Array
 
@@ -46,9 +47,9 @@ def scatter_follows_play(data: Dataset, residuals: Sequence[Array]) -> str:
             continue
         least, most = found[0], found[-1]
         ratio = most.mean_square / max(least.mean_square, np.finfo(float).tiny)
-        chance = float(scipy.stats.f.sf(ratio, most.numbers, least.numbers))
-        rising = scipy.stats.spearmanr([s.motion for s in found], [s.mean_square for s in found]).statistic
-        if ratio > _TWICE and chance < ONE_IN_A_MILLION and rising > 1.0 - 1e-9:
+        chance = float(f_tail(ratio, most.numbers, least.numbers))
+        rising = all(a.mean_square < b.mean_square for a, b in pairwise(found))
+        if ratio > _TWICE and chance < ONE_IN_A_MILLION and rising:
             return (
                 f"what differs between periods grows with the motion: its rms is {np.sqrt(ratio):.3g} times as large "
                 f"where output {o + 1} moves {most.motion / least.motion:.3g} times as far. Noise that a bench has by "

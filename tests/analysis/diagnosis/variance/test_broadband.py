@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.variance.broadband import broadband
-from analysis.diagnosis.variance.whittle import resonator
+from analysis.diagnosis.variance.torques import resonator
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
 
 N = 24_000
