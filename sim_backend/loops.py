@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +54,13 @@ def controller_of(segment: Segment, n_axes: int, rate_hz: float) -> layout.Contr
         np.array([-1 if le is None else int(le.active) for le in learning], dtype=np.int64),
         np.array([_centred(le, taps) for le in learning]),
     )
+
+
+@lru_cache(maxsize=16)
+def no_controller(n_axes: int) -> layout.Controller:
+    """Return loops of so many axes that do nothing: those of an input that is played as it was recorded."""
+    rest = np.zeros((1, n_axes))
+    return controller_of(Segment("open", 1, rest, rest), n_axes, 1.0)
 
 
 def _stack(filters: list[DiscreteFilter | None]) -> tuple[Array, Array, Array, Array]:

@@ -7,20 +7,22 @@ the simulated one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
 from sim_backend.assembly import Places, bus_of, plant_of, retuned
-from sim_backend.bench import Segment
 from sim_backend.effects.base import Aux, Effect, Site
+from sim_backend.kernel.structure import Structure
 from sim_backend.linear import ModalModel, finer_for_delays
-from sim_backend.loops import controller_of, events_of, fresh_memory, refit_memory
+from sim_backend.loops import fresh_memory, no_controller, refit_memory
 from sim_backend.wiring import effects_of
 
 Array = NDArray[np.float64]
+
+_NO_EVENTS = np.zeros((0, 4))
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,14 @@ class Motion:
 class Stepped:
     """A linear model with effects as the loop steps it: the same for every record.
 
-    `linear` has what its effects change in it, the loop runs `finer` times faster than the samples come.
+    `linear` has what its effects change in it, the loop runs `finer` times faster than the samples come. `structures`
+    are those of loops that were played, by how many columns are recorded for their effects.
     """
 
     linear: ModalModel
     finer: int
     plant: layout.Plant
+    structures: dict[int, Structure | None] = field(default_factory=dict)
 
 
 def stepped(
@@ -96,17 +100,17 @@ def replay(
             fx.column[i] = len(columns)
             columns.append(np.zeros(n))
     exogenous = np.stack(columns) if columns else np.zeros((0, 0))
-    rest = np.zeros((1, n_u))
-    segment = Segment("replay", n, rest, rest)
-    ctl = controller_of(segment, n_u, rate_hz)
+    ctl = no_controller(n_u)
     mem = refit_memory(fresh_memory(plant, n_u, transducers.heating[0]), ctl)
     if start is not None:
         mem.x[: start.shape[0]] = start
     out = _what_is_kept(n, n_u, transducers)
-    wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), events_of(segment), exogenous)
+    wave = layout.Waveform(np.zeros_like(u), np.ascontiguousarray(u), _NO_EVENTS, exogenous)
     n_y, n_s = transducers.to_reading.shape
     bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
-    kernel.Loop(layout.Parts(plant, transducers, fx, ctl, mem, bus)).play(n, wave, out)
+    loop = kernel.Loop(layout.Parts(plant, transducers, fx, ctl, mem, bus), ready.structures.get(len(columns)))
+    loop.play(n, wave, out)
+    ready.structures[len(columns)] = loop.called
     # a mean of single numbers takes as long as one of many
     torque = out.torque if finer == 1 else out.torque.reshape(n_u, -1, finer).mean(axis=2)
     reading, position, torque = (

@@ -32,11 +32,13 @@ class Loop:
     """The loop of one bench with its controllers; its memory and the states of its effects go on from run to run.
 
     A `lasting` bench is one that will be played again: it gets a loop
-    with its effects inlined in time.
+    with its effects inlined in time. `called` is the structure of the loop that calls its effects, once it was played,
+    or given if it is known: benches that differ in numbers alone have the same.
     """
 
-    def __init__(self, parts: layout.Parts, *, lasting: bool = False) -> None:
+    def __init__(self, parts: layout.Parts, called: Structure | None = None, *, lasting: bool = False) -> None:
         self.parts = parts  # the table holds the addresses of their arrays: they must live as long
+        self.called = called
         self.inlined = structure_of(parts, inlined=True) if lasting else None
         if self.inlined is not None:
             machine.load(self.inlined)
@@ -61,10 +63,12 @@ class Loop:
         """Return a structure, the part of its table that stays, and arrays whose addresses it holds."""
         if inlined not in self._tables:
             parts, addresses = self.parts, np.zeros(0, dtype=np.int64)
-            if not inlined:  # else nobody calls the steps, so they need not be compiled for that
+            if inlined:  # nobody calls the steps, so they need not be compiled for that
+                structure = self.inlined or structure_of(parts, inlined=True)
+            else:
                 parts = parts._replace(fx=wired(parts.fx, parts.bus))
                 addresses = np.array([machine.address_of(step) for step in parts.fx.steps], dtype=np.int64)
-            structure = self.inlined if inlined and self.inlined else structure_of(parts, inlined=inlined)
+                structure = self.called = self.called or structure_of(parts, inlined=False)
             self._tables[inlined] = structure, fixed_entries(parts, addresses), (addresses, parts.fx.wires)
         return self._tables[inlined]
 
