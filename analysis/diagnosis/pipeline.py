@@ -126,8 +126,8 @@ def search_causes(
         data, linear, known, places, transducers, nuisances, whitener, starts, still, first, workers, added
     )
     inside = searched_effects(options, INSIDE)
-    steps = {where: lattice.step for where, lattice in lattices_of(data, places.outputs).items()}
-    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside, steps)
+    lattices = lattices_of(data, places.outputs)
+    rules = Rules(searched, options.false_alarm, options.max_effects, fine, options.seed, inside, lattices)
     scales = scales_of(data, linear)
     if own and (large := large_discrepancy(setting)):
         found = dominant_cause(*large, rules, scales, progress)

@@ -84,7 +84,7 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
         start |= {n: sizes[at + k] * unit for k, (n, unit) in enumerate(candidate.unit_sizes.items())}
         at += width
         for p in candidate.effect.parameters():
-            if p.name not in start or p.fixed:
+            if p.name not in start or p.fixed or p.name in candidate.told:
                 continue
             if p.log and not p.size and start[p.name] == 0.0:  # a fit ended where a logarithm has no scale
                 start[p.name] = _FAINT * candidate.centres.get(p.name, 0.0)

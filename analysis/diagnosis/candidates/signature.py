@@ -55,7 +55,8 @@ class Candidate:
 
     `centres` are the middles of all starts of the shapes: what is known of them before the data speak; `choices` is
     among how many shapes the starts were chosen by looking at the residual, `limits` within what the data can show
-    some shapes; `given` are fields that are no parameters.
+    some shapes; `given` are fields that are no parameters. `told` are the standard deviations of shapes that the
+    readings themselves show, which no fit moves.
     """
 
     effect: type[Effect]
@@ -66,6 +67,7 @@ class Candidate:
     choices: float = 1
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     given: dict[str, Any] = field(default_factory=dict)
+    told: dict[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, str]:

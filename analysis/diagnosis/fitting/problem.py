@@ -207,7 +207,10 @@ class Problem:
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         own = zip(deviation[n_nuisances:], values, self.scales, strict=True)
         std = [d * (abs(v) if s.log else abs(s.unit)) for d, v, s in own]
-        names = tuple((s.effect, s.name) for s in self.scales)
+        told = [(i, name, sd) for i, c in enumerate(self.candidates) for name, sd in c.told.items()]
+        names = (*((s.effect, s.name) for s in self.scales), *((i, name) for i, name, _ in told))
+        values = np.append(values, [getattr(effects[i], name) for i, name, _ in told])
+        std += [sd for _, _, sd in told]
         return Fit(
             self.candidates,
             x[:n_nuisances],

@@ -22,6 +22,7 @@ from analysis.diagnosis.fitting.balance import (
 from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
+from analysis.diagnosis.search.recorded_steps import with_recorded_steps
 from analysis.diagnosis.search.rubbing import rubbing
 from analysis.diagnosis.search.shortlist import MOST, SURE_LEAD, Rules, Screen, screen, screen_both, shortlist
 from analysis.diagnosis.search.stage import Progress, Stage, added_by, in_units_of
@@ -127,6 +128,7 @@ def search(
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
         setting, trials, before = _settled(careful, some, best, last.price)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
+        best = with_recorded_steps(setting, best, rules.lattices)
         rivals = [*trials, before]
         flat = _flat(setting, best)
         last, beneath = screen_both(setting, flat, best, rules, scales)

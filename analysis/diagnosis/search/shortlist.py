@@ -11,6 +11,7 @@ import numpy as np
 from analysis.diagnosis.candidates.signature import Candidate, Motion, Scales, enumerate_candidates, measured_motion
 from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, positions
 from analysis.diagnosis.fitting.refit import exact_sensitivities, plain_sensitivities
+from analysis.diagnosis.records.lattice import Lattice
 from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.matched import wanted_inputs
 from analysis.diagnosis.search.screening import Footing, Noise, gram_of
@@ -51,8 +52,8 @@ class Rules:
 
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
     `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
-    `inside` are those that are looked for in the modes themselves, where a model misses by many noises. `steps` are
-    those in which the readings of some outputs come.
+    `inside` are those that are looked for in the modes themselves, where a model misses by many noises. `lattices` are
+    those on which the readings of some outputs lie.
     """
 
     effects: tuple[type[Effect], ...]
@@ -61,12 +62,14 @@ class Rules:
     substeps: int
     seed: int
     inside: tuple[type[Effect], ...] = ()
-    steps: Mapping[str, float] = field(default_factory=dict)
+    lattices: Mapping[str, Lattice] = field(default_factory=dict)
 
     def is_rounding(self, candidate: Candidate) -> bool:
         """Tell whether a candidate repeats with the steps of a reading: that is their rounding, told by them alone."""
-        step = self.steps.get(candidate.where, 0.0)
-        return candidate.effect is PeriodicSensorError and candidate.shapes["period"] < _OWN_STEP * step
+        lattice = self.lattices.get(candidate.where)
+        if lattice is None or candidate.effect is not PeriodicSensorError:
+            return False
+        return candidate.shapes["period"] < _OWN_STEP * lattice.step
 
     def beside(self, found: Sequence[type[Effect]]) -> tuple[type[Effect], ...]:
         """Return the effects that may be added to those `found`."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates.signature import Candidate
-from analysis.diagnosis.records.lattice import lattice_of
+from analysis.diagnosis.records.lattice import Lattice, lattice_of
 from analysis.diagnosis.search.shortlist import Rules
 from analysis.diagnosis.variance.quantisation import rounded_readings
 from sim_backend.effects.cubic_stiffness import CubicStiffness
@@ -74,6 +74,6 @@ def test_a_step_counts_by_what_it_does_to_the_readings() -> None:
     ("period", "where", "is_it"), [(2e-3, "x", True), (1e-3, "x", True), (4e-3, "x", False), (2e-3, "y", False)]
 )
 def test_an_error_that_repeats_with_the_steps_is_their_rounding(period: float, where: str, is_it: bool) -> None:
-    rules = Rules((), 0.002, 3, 4, 0, steps={"x": 2e-3})
+    rules = Rules((), 0.002, 3, 4, 0, lattices={"x": Lattice(2e-3, 1e-9, -50.0)})
     assert rules.is_rounding(Candidate(PeriodicSensorError, where, {"period": period}, {}, {})) == is_it
     assert not rules.is_rounding(Candidate(CubicStiffness, where, {}, {}, {}))
