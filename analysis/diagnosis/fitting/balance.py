@@ -192,18 +192,27 @@ def gained(before: Fit, after: Fit, known_noise: bool) -> float:
 def iterated_gls(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
     """Return the setting and the fit in which the noise is what the fit leaves.
 
-    One that trails a `rival`'s score by more than the rounds that are left could gain ends there.
+    One that trails a `rival`'s score by more than the rounds that are left could gain ends there, once its numbers have
+    come to rest: a descent that is under way gains most in its last rounds.
     """
     best = reestimated(setting, fit), fit
     for left in reversed(range(_ROUNDS)):
-        setting = reestimated(setting, fit)
+        setting, before = reestimated(setting, fit), fit
         fit = again(setting, fit)
         gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
         if gained > 0.0:
             best = setting, fit
-        if gained < _IN_LINE or score(best[1], False) - left * gained > rival:
+        if gained < _IN_LINE:
+            break
+        if score(best[1], False) - left * gained > rival and not _moving(before, fit):
             break
     return best
+
+
+def _moving(before: Fit, fit: Fit) -> bool:
+    """Tell whether a number of an effect has moved from one fit to the next by more than it is known to."""
+    same = before.names == fit.names
+    return same and bool(np.any(np.abs(fit.values - before.values) > fit.std))
 
 
 def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
