@@ -17,8 +17,9 @@ from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.linear import Array, ModalModel
 
-_ROUNDS, _IN_LINE = 6, 10.0
-"""Rounds of refit and noise at most; they end when another gains less than this, in units of twice the evidence."""
+_ROUNDS, _MOST, _IN_LINE = 6, 20, 10.0
+"""Rounds of refit and noise at most, and so many while the numbers of effects still move; they end when another gains
+less than this, in units of twice the evidence."""
 
 _PASSES = 4
 
@@ -195,8 +196,8 @@ def iterated_gls(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Set
     One that trails a `rival`'s score by more than the rounds that are left could gain ends there, once its numbers have
     come to rest: a descent that is under way gains most in its last rounds.
     """
-    best = reestimated(setting, fit), fit
-    for left in reversed(range(_ROUNDS)):
+    best, left = (reestimated(setting, fit), fit), _ROUNDS
+    for _ in range(_MOST):
         setting, before = reestimated(setting, fit), fit
         fit = again(setting, fit)
         gained = np.inf if best[1] is fit else score(best[1], False) - score(fit, False)
@@ -204,7 +205,10 @@ def iterated_gls(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Set
             best = setting, fit
         if gained < _IN_LINE:
             break
-        if score(best[1], False) - left * gained > rival and not _moving(before, fit):
+        if _moving(before, fit):
+            continue
+        left -= 1
+        if not left or score(best[1], False) - left * gained > rival:
             break
     return best
 
