@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -63,14 +64,24 @@ class _Rows:
     a: Array
     noise: _Noise
 
+    @cached_property
+    def by_age(self) -> Array:
+        """How dense the noise is at every row if its reading is so old, as a logarithm, (k, n)."""
+        return self.noise.log_density(self.z - self.a)
+
+    @cached_property
+    def on_time(self) -> float:
+        """The log-likelihood of no loss."""
+        return float(np.sum(self.noise.log_density(self.z)))
+
     def logs(self, share: float) -> Array:
         """Return the logarithm of the density of every row by how old its reading is, (k, n)."""
         age = np.arange(self.a.shape[0])
-        return self.noise.log_density(self.z - self.a) + (math.log1p(-share) + age * math.log(share))[:, None]
+        return self.by_age + (math.log1p(-share) + age * math.log(share))[:, None]
 
     def gained(self, share: float) -> float:
         """Return by how much the log-likelihood is above that of no loss."""
-        return float(np.sum(np.logaddexp.reduce(self.logs(share), axis=0) - self.noise.log_density(self.z)))
+        return float(np.sum(np.logaddexp.reduce(self.logs(share), axis=0))) - self.on_time
 
     def best(self) -> float:
         """Return the share of lost samples that is likeliest."""
@@ -133,15 +144,15 @@ def _best_other(rows: _Rows, share: float) -> float:
     """Return the log-likelihood that a delay, jitter or readings that stand out gain, each by one number of its own."""
     z, a, density = rows.z, rows.a[1], rows.noise.log_density
     part = float(np.clip(z @ a / max(float(a @ a), 1e-300), -1.0, 1.0))
+    own, sides = density(z), np.logaddexp(density(z - a), density(z + a))
 
     def scattered(log_part: float) -> float:
         wide = np.sqrt(1.0 + (math.exp(log_part) * a / rows.noise.size) ** 2)
-        return float(np.sum(density(z / wide) - np.log(wide) - density(z)))
+        return float(np.sum(density(z / wide) - np.log(wide) - own))
 
     def either(share: float) -> float:
-        sides = np.logaddexp(density(z - a), density(z + a)) + math.log(0.5 * share)
-        return float(np.sum(np.logaddexp(math.log1p(-share) + density(z), sides) - density(z)))
+        return float(np.sum(np.logaddexp(math.log1p(-share) + own, sides + math.log(0.5 * share)) - own))
 
     log_part = scipy.optimize.minimize_scalar(lambda p: -scattered(p), bounds=(-12.0, 0.0)).x
-    late = float(np.sum(density(z - part * a) - density(z)))
+    late = float(np.sum(density(z - part * a) - own))
     return max(late, scattered(float(log_part)), either(share))
