@@ -128,8 +128,7 @@ def search(
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
         setting, trials, before = _settled(careful, some, best, last.price)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
-        best = with_recorded_steps(setting, best, rules.lattices)
-        rivals = [*trials, before]
+        best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
         flat = _flat(setting, best)
         last, beneath = screen_both(setting, flat, best, rules, scales)
     best, smaller = pruned(setting, whole := best, tuned, first.price)
