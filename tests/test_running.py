@@ -72,6 +72,19 @@ def test_signals_reach_a_fork_and_a_client_that_is_killed_takes_it_along() -> No
         os.close(fork)
 
 
+def test_a_command_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+    number = tmp_path / "number"
+    code = f"import os, time; open({str(number)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    with pytest.raises(subprocess.TimeoutExpired):
+        mccd("-c", code, command=PYTHON, timeout=2.0)
+    try:
+        fork = os.pidfd_open(int(number.read_text()))
+    except ProcessLookupError:
+        return  # it has ended already
+    assert select.select([fork], [], [], 20.0)[0], "it goes on"
+    os.close(fork)
+
+
 def test_clients_that_go_away_at_any_moment_leave_the_server_to_the_others() -> None:
     words = json.dumps({"arguments": ["-c", ""], "cwd": os.getcwd(), "environ": dict(os.environ)}).encode()
     head, streams = len(words).to_bytes(8, "big"), [0, 1, 2]

@@ -15,6 +15,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from tests.running.direct import run_forked
+
 REAL = (sys.executable, "-m", "mccdcli")
 """The command as users start it."""
 
@@ -34,10 +36,13 @@ def mccd(
     command: Sequence[str] = MCCD,
 ) -> subprocess.CompletedProcess[str]:
     """Run `mccd ARGUMENTS` to its end and return what it printed; `env` comes on top of this process's variables."""
+    words, environ = [*command, *arguments], os.environ | (env or {})
+    if tuple(words[: len(PYTHON)]) == PYTHON:
+        return run_forked(words[len(PYTHON) :], cwd=cwd, environ=environ, timeout=timeout)
     return subprocess.run(
-        [*command, *arguments],
+        words,
         cwd=cwd,
-        env=os.environ | (env or {}),
+        env=environ,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,

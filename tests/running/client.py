@@ -1,17 +1,15 @@
 """One command, run by the server: hands over its words and streams, passes signals on, ends as the command ends.
 
-Started as a script without site-packages: only what the standard library has. The first client starts the server.
+Started as a script without site-packages, so with the standard library alone, and as little of that as it takes.
+The first client starts the server.
 """
 
 import array
-import fcntl
 import json
 import os
 import signal
 import socket
-import subprocess
 import sys
-from pathlib import Path
 
 SOCKET = "MCCD_TEST_SERVER"  # variables: the path of the server's socket, and whose end is its end
 OWNER = "MCCD_TEST_OWNER"
@@ -43,29 +41,35 @@ def main() -> int:
 def connected(path: str) -> socket.socket:
     """Return a connection to the server, which is started if it is not there."""
     connection = socket.socket(socket.AF_UNIX)
-    if not Path(path).exists():
-        with open(f"{path}.lock", "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not Path(path).exists():
-                start(path)
+    if not os.path.exists(path):
+        start(path)
     connection.connect(path)
     return connection
 
 
 def start(path: str) -> None:
-    """Start the server and wait until it listens; what it says otherwise is in a file beside its socket."""
-    command = [sys.executable, "-m", "tests.running.server", path, os.environ[OWNER]]
-    with open(f"{path}.log", "wb") as said:
+    """Start the server, unless another process does, and wait until it listens.
+
+    What it says beyond that is in a file beside its socket. Raises RuntimeError when it does not start.
+    """
+    import fcntl  # all other clients do without these, whose import takes as long as all else they do
+    import subprocess
+    from pathlib import Path
+
+    with open(f"{path}.lock", "w") as lock, open(f"{path}.log", "ab") as said:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if os.path.exists(path):
+            return
         server = subprocess.Popen(
-            command,
+            [sys.executable, "-m", "tests.running.server", path, os.environ[OWNER]],
             cwd=Path(__file__).parents[2],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=said,
             start_new_session=True,
         )
-    if server.stdout is None or server.stdout.readline() != b"ready\n":
-        sys.exit(f"the server of commands has not started: {Path(f'{path}.log').read_text()}")
+        if server.stdout is None or server.stdout.readline() != b"ready\n":
+            raise RuntimeError(f"the server of commands has not started: {Path(f'{path}.log').read_text()}")
 
 
 if __name__ == "__main__":
