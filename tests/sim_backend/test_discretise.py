@@ -37,8 +37,8 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("beside", [[], ["light", "two real poles"]], ids=["alone", "beside others"])
 def test_a_block_moves_as_the_exponential_of_its_matrix_says(case: str, beside: list[str]) -> None:
-    omega, sigma = zip(*(CASES[name] for name in (case, *beside)), strict=True)
-    linear = blocks(list(omega), list(sigma))
+    pairs = [CASES[name] for name in (case, *beside)]
+    linear = blocks([omega for omega, _ in pairs], [sigma for _, sigma in pairs])
     found = discretise(linear, RATE_HZ, split=True)
     omega, sigma = CASES[case]
     matrix = np.zeros((4, 4))
