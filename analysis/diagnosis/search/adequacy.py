@@ -48,7 +48,7 @@ def explained_part(found: Found) -> float:
 
 def chance_of(found: Found, excess: float) -> float:
     """Return the chance that noise alone leaves so much more than its own level, a mean square of one; never zero."""
-    return max(float(normal_tail(4.0 * excess / uncertainty(found))), LEAST_CHANCE)
+    return max(normal_tail(4.0 * excess / uncertainty(found)), LEAST_CHANCE)
 
 
 def uncertainty(found: Found) -> float:

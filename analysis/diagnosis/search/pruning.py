@@ -100,7 +100,7 @@ def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
     may do as well, from another place, and a single size has nothing that takes its place: there it has to be seen.
     """
     count = sum(effect == i for effect, _ in fit.names)
-    chance = 2.0 * float(normal_tail(SEEN))
+    chance = 2.0 * normal_tail(SEEN)
     gained = without.objective - fit.objective
     hidden = count > 1 and fit.effects[i].site is not Site.MODEL
     return hidden and gained > chi2_limit(chance, count)

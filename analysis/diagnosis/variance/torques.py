@@ -55,7 +55,8 @@ def free_of(centre_hz: float, width_hz: float) -> tuple[bool, bool]:
 class Torques:
     """Random torques, b of them: squared gains `gain` (b, n_y, k, points) from their inputs to the outputs.
 
-    `numbers` (b, 3) are where each starts: the logarithms of power, centre and width. What is not `free` (b, 3) stays;
+    `numbers` (b, 3) are where each starts: the logarithms of power, centre and width, infinite for a low pass, whose
+    centre is zero, and for what is white, whose width has no end. What is not `free` (b, 3) stays;
     `ends` are those of centres and widths.
     """
 
@@ -64,8 +65,6 @@ class Torques:
     rate_hz: float
     numbers: Array
     free: NDArray[np.bool_]
-    white: NDArray[np.bool_]
-    low_pass: NDArray[np.bool_]
     steep: NDArray[np.bool_]
     ends: tuple[float, float]
 
@@ -76,20 +75,18 @@ class Torques:
         No centre and no width is beyond `top_hz`.
         """
         inputs, centre, width, steep, power = (np.array(values) for values in zip(*starts, strict=True))
-        white, low_pass = np.isinf(width), centre == 0.0
         with np.errstate(divide="ignore"):
             numbers = np.log(np.stack([power, centre, width], axis=1))
         free = np.array([(True, *free_of(*start[1:3])) for start in starts])
         ends = math.log(0.1 * float(frequency_hz[0, 0])), math.log(top_hz)
-        return cls(
-            np.moveaxis(gain[:, inputs], 1, 0), frequency_hz, rate_hz, numbers, free, white, low_pass, steep, ends
-        )
+        return cls(np.moveaxis(gain[:, inputs], 1, 0), frequency_hz, rate_hz, numbers, free, steep, ends)
 
     def places(self, numbers: Array, at: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return centres and widths (b,) in hertz at some `numbers` of the torques `at`."""
         centre, width = np.exp(np.clip(numbers[:, 1:], *self.ends)).T
-        centre = np.where(self.white[at], math.exp(self.ends[1]), np.where(self.low_pass[at], 0.0, centre))
-        return centre, np.where(self.white[at], np.inf, width)
+        low_pass, white = np.isneginf(self.numbers[at, 1]), np.isposinf(self.numbers[at, 2])
+        centre = np.where(white, math.exp(self.ends[1]), np.where(low_pass, 0.0, centre))
+        return centre, np.where(white, np.inf, width)
 
     def powers(self, numbers: Array, at: NDArray[np.int64]) -> Array:
         """Return what the torques `at` add to every output's spectrum at some `numbers`: (b, n_y, k)."""

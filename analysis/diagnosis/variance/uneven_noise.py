@@ -173,7 +173,7 @@ def score_test(energy: Array, column: Array) -> float:
     """Return the one-sided p-value of `energy` (n,) growing with `column` (n,), whatever the energies' distribution."""
     x, e = column - column.mean(), energy - energy.mean()
     spread = math.sqrt(float(x @ x) * float(e @ e))
-    return float(normal_tail(math.sqrt(x.size) * float(x @ e) / spread)) if spread > 0.0 else 1.0
+    return normal_tail(math.sqrt(x.size) * float(x @ e) / spread) if spread > 0.0 else 1.0
 
 
 def apex_law(blocks: Blocks) -> tuple[Law, float, bool, bool]:
