@@ -9,7 +9,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from mccdcli.registry import Entry
-from mccdcli.settings import Settings, defaults_of
+from mccdcli.settings import Settings, defaults_of, name_variables
 
 
 class LazyGroup(click.Group):
@@ -46,6 +46,8 @@ class LazyGroup(click.Group):
             module, _, attribute = self._entries[cmd_name].target.partition(":")
             command: click.Command = getattr(import_module(module), attribute)
             self._set_defaults(ctx, command, cmd_name)
+            if ctx.auto_envvar_prefix:
+                name_variables(command, f"{ctx.auto_envvar_prefix}_{cmd_name.replace('-', '_').upper()}")
             return command
         if cmd_name not in self._helps():
             return None

@@ -13,7 +13,7 @@ import click
 from sim_backend.errors import ConfigError, did_you_mean
 
 PREFIX: Final = "MCCD"
-"""An option of a command is also the variable PREFIX_COMMAND_OPTION; MCCD_BENCH and MCCD_SEED hold for all."""
+"""The variable PREFIX_COMMAND_OPTION sets an option, named by its long name; MCCD_BENCH and MCCD_SEED hold for all."""
 
 EXPLICIT: Final = f"{PREFIX}_CONFIG"
 FOR_ALL: Final = "defaults"
@@ -132,6 +132,16 @@ def options_of(command: click.Command) -> Iterator[tuple[str, click.Option]]:
             long = [name for name in parameter.opts if name.startswith("--")]
             if long:
                 yield long[0].removeprefix("--"), parameter
+
+
+def name_variables(command: click.Command, prefix: str) -> None:
+    """Name the variable of every option PREFIX_OPTION after its long name, unless it has one already.
+
+    Click also reads the variable that is named after the parameter in Python, where nothing else is set.
+    """
+    for name, option in options_of(command):
+        if option.envvar is None:
+            option.envvar = f"{prefix}_{name.replace('-', '_').upper()}"
 
 
 def _refuse_from_the_folder(settings: Settings, options: Mapping[str, click.Option], path: tuple[str, ...]) -> None:

@@ -22,10 +22,11 @@ from sim_backend.errors import ConfigError
 def show(ctx: click.Context, command: tuple[str, ...], as_json: bool) -> None:
     """Show what every option of COMMAND is set to and by what: default, file, environment or option.
 
-    Files are read from ~/.config/mccd/config.toml, then mccd.toml in the current folder, or MCCD_CONFIG alone. A table
-    has a command's name and holds its options; [defaults] holds bench and seed for all. A variable is named
-    MCCD_COMMAND_OPTION. An option beats a variable, that a file, that the default. Without COMMAND, all that is not
-    default.
+    Two files are read: ~/.config/mccd/config.toml, then mccd.toml in the current folder, which overrules the first;
+    MCCD_CONFIG names a file that replaces both. A table has a command's name and holds its options; [defaults] holds
+    bench and seed for all. A variable is named MCCD_COMMAND_OPTION after the option's long name. An option overrules a
+    variable, a variable a file, and a file the default. Without COMMAND, everything that differs from its default is
+    shown.
 
     \b
     Examples:
@@ -84,12 +85,13 @@ def _described(
 ) -> dict[str, Any]:
     assert option.name is not None
     source = inner.get_parameter_source(option.name)
-    variables = option.envvar if isinstance(option.envvar, str) else f"{inner.auto_envvar_prefix}_{option.name.upper()}"
+    assert isinstance(option.envvar, str)
     origin, where = "default", ""
     if source is ParameterSource.COMMANDLINE:
         origin, where = "option", option.opts[0]
     elif source is ParameterSource.ENVIRONMENT:
-        origin, where = "environment", variables
+        read = (option.envvar, f"{inner.auto_envvar_prefix}_{option.name.upper()}")
+        origin, where = "environment", next(variable for variable in read if os.environ.get(variable))
     elif source is ParameterSource.DEFAULT_MAP:
         keys = (key for key in settings.origins if key[:-1] in (path, (FOR_ALL,)) and same(key[-1], name))
         origin, where = "file", str(settings.origins[max(keys, key=lambda key: key[:-1] == path)])
@@ -97,7 +99,7 @@ def _described(
         "value": plain(inner.params.get(option.name)),
         "origin": origin,
         "where": where,
-        "variable": variables,
+        "variable": option.envvar,
     }
 
 

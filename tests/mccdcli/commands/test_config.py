@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 from analysis.diagnosis.pipeline import Options
-from mccdcli.main import main
+from mccdcli.main import cli, main
+from mccdcli.settings import options_of
 from sim_backend.errors import ConfigError
 
 
@@ -166,3 +168,40 @@ def test_a_file_of_the_current_folder_may_name_what_is_simulated_and_what_lies_i
     write(here / "mccd.toml", "[defaults]\nbench = 'sim:model.toml'\n\n[chop]\nout = 'runs/chop.h5'\n")
     found = shown(capsys, "chop")["chop"]
     assert (found["bench"]["value"], found["out"]["value"]) == ("sim:model.toml", "runs/chop.h5")
+
+
+@pytest.mark.parametrize("path", cli.paths(), ids=" ".join)
+def test_every_option_of_every_command_has_the_variable_of_its_long_name(path, monkeypatch):
+    ctx = click.Context(cli, info_name="mccd", auto_envvar_prefix="MCCD")
+    for word in path:
+        assert isinstance(ctx.command, click.Group)
+        command = ctx.command.get_command(ctx, word)
+        assert command is not None
+        ctx = click.Context(command, parent=ctx, info_name=word)
+    before = "_".join(("MCCD", *path)).upper()
+    options = dict(options_of(ctx.command))
+    variables = {name: f"{before}_{name}".upper().replace("-", "_") for name in options}
+    for name, option in options.items():
+        for variable in (variables[name], f"{before}_{option.name}".upper()):  # as written in Python: so until now
+            with monkeypatch.context() as environment:
+                environment.setenv(variable, "given")
+                read = [n for n, one in options.items() if one.resolve_envvar_value(ctx) == "given"]
+            assert read == [name], variable
+
+
+def test_a_variable_under_the_name_in_python_holds_where_the_long_name_sets_nothing(here, monkeypatch, capsys):
+    def limit() -> tuple[object, object]:
+        one = shown(capsys, "challenge", "run")["challenge run"]["time-limit"]
+        assert one["origin"] == "environment" and one["variable"] == "MCCD_CHALLENGE_RUN_TIME_LIMIT"
+        return one["value"], one["where"]
+
+    monkeypatch.setenv("MCCD_CHALLENGE_RUN_LIMIT_S", "30")
+    assert limit() == (30, "MCCD_CHALLENGE_RUN_LIMIT_S")
+    monkeypatch.setenv("MCCD_CHALLENGE_RUN_TIME_LIMIT", "60")
+    assert limit() == (60, "MCCD_CHALLENGE_RUN_TIME_LIMIT")
+
+
+def test_a_variable_sets_what_a_command_does(here, monkeypatch, capsys):
+    monkeypatch.setenv("MCCD_SIMULATE_SET", "nothing=1")
+    assert main(["simulate", "--plan", "freerun", "--dry-run"]) == 2
+    assert "nothing" in capsys.readouterr().err
