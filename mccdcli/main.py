@@ -35,7 +35,7 @@ the logs, shows what the simulation gets wrong, names the cause and measures wha
 EPILOG: Final = """\b
 Exit codes:
     0  passed
-    1  a test or a check failed (for diagnose: the simulation is wrong)
+    1  a test or check failed (diagnose: the verdict is not consistent, or another than --expect)
     2  usage or configuration
     3  hardware
     4  data

@@ -133,7 +133,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
         help="Seed of everything random.",
     ),
     "dry_run": click.option(
-        "--dry-run", is_flag=True, help="Say what would be done (steps, limits, duration, bytes) and stop."
+        "--dry-run", is_flag=True, help="Check and show what would be done (steps, limits, duration, bytes), then stop."
     ),
     "note": click.option(
         "--note",
@@ -141,7 +141,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
         expose_value=False,
         callback=_keep_note,
         metavar="TEXT",
-        help="What is to be known of this run: kept in its log, shown in lists and pages.",
+        help="Note on this run: kept in its log, shown in lists and on pages.",
     ),
     "json": click.option(
         "--json",

@@ -61,7 +61,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "chop": Entry(
             "mccdcli.commands.chop:chop",
-            "Chop between two positions and measure stability, repeatability and accuracy in both directions.",
+            "Chop between two positions and measure stability, repeatability and accuracy at both.",
         ),
         "compare": Entry(
             "mccdcli.commands.compare:compare",
@@ -146,11 +146,11 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "log check": Entry(
             "mccdcli.commands.log_check:check",
-            "Check what a log tells of itself: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps.",
+            "Check what a log tells of itself: sizes, periods, samples at rest, slow sensors, steps, clipping, wraps.",
         ),
         "log export": Entry(
             "mccdcli.commands.log_export:export",
-            "Export a log for other programs, with units, times and segments as far as the form has a place for them.",
+            "Export a log for other programs, with units, times and segments where the format can hold them.",
         ),
         "model convert": Entry(
             "mccdcli.commands.model_convert:convert", "Convert a model between TOML and JSON, checked on the way."

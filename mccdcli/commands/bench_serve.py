@@ -11,25 +11,30 @@ from mccdcli.output import emit, say
 
 
 @click.command()
-@click.option(
-    "--transport", type=click.Choice(["pty", "tcp"]), default="pty", show_default=True, help="How to reach it."
-)
-@click.option("--model", default="as-built", show_default=True, metavar="MODEL", help="The bench behind the firmware.")
-@click.option("--link", type=NewPath(), metavar="PATH", help="Name of the pseudo-terminal.")
+@click.option("--transport", type=click.Choice(["pty", "tcp"]), default="pty", show_default=True, help="Kind of port.")
+@click.option("--model", default="as-built", show_default=True, metavar="MODEL", help="Model of the emulated bench.")
+@click.option("--link", type=NewPath(), metavar="PATH", help="Symbolic link that leads to the pseudo-terminal.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on with tcp.")
 @click.option("--port", type=WholeRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one.")
-@click.option("--allow-remote", is_flag=True, help="Listen where other machines can connect; they need the token.")
+@click.option("--allow-remote", is_flag=True, help="Allow a --host that other machines can reach; they need the token.")
 @click.option(
     "--token-file",
     type=click.Path(path_type=Path),
     envvar="MCCD_BENCH_TOKEN_FILE",
     metavar="FILE",
-    help="File with the token that tcp hosts must know; else the variable MCCD_BENCH_TOKEN holds it.",
+    help="File with the token that tcp clients must have. The variable MCCD_BENCH_TOKEN may hold it instead.",
 )
-@click.option("--baud", type=RealRange(min=300), metavar="N", help="Let no more pass than such a line does.")
-@click.option("--speed", type=RealRange(min=1e-3), metavar="X", help="Pace of the bench; 1 is real time.")
 @click.option(
-    "--faults", metavar="SEED[/KIND=RATE,…]", help="Damage the line: kinds and rates, or drawn from the seed."
+    "--baud", type=RealRange(min=300), metavar="N", help="Limit the traffic to that of a serial line of N baud."
+)
+@click.option(
+    "--speed",
+    type=RealRange(min=1e-3),
+    metavar="X",
+    help="Speed of the bench over real time.  [default: as fast as it computes]",
+)
+@click.option(
+    "--faults", metavar="SEED[/KIND=RATE,…]", help="Faults of the line: given kinds and rates, or drawn from SEED."
 )
 @common_options("seed", "json")
 def serve(
@@ -49,11 +54,11 @@ def serve(
     """Serve an emulated bench at a pseudo-terminal or a TCP port.
 
     Its address is printed first; what the bench does goes to standard error. It runs until Ctrl-C or SIGTERM and
-    leaves the bench safe. The kinds of faults are flip, lose, repeat, garbage, delay, drop, reset and stall, their
-    rates per byte on the line.
+    leaves the bench safe. The kinds of faults are flip, lose, repeat, garbage, delay, drop, reset and stall; RATE is
+    per byte on the line.
 
-    Over tcp a connection has to begin with *IDN? or ABORt. Whoever connects may abort; all else needs the token if
-    there is one. Nothing is encrypted: through a network that is not yours, use ssh -L.
+    A tcp connection must begin with *IDN? or ABORt. If there is a token, only these two are carried out without it.
+    Nothing is encrypted: through a network that is not yours, use ssh -L.
 
     \b
     Examples:

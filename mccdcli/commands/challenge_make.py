@@ -15,21 +15,59 @@ from mccdcli.progress import Report, progress
 @click.command("make")
 @click.argument("folder", type=NewPath(), metavar="DIR")
 @click.option(
-    "--generator", type=click.Choice(["first", "second"]), default="first", show_default=True, help="By which."
+    "--generator",
+    type=click.Choice(["first", "second"]),
+    default="first",
+    show_default=True,
+    help="Which generator makes the cases; the two share no law.",
 )
-@click.option("--one", type=WholeRange(0), default=1, show_default=True, help="Cases of one effect per family.")
-@click.option("--faint", type=WholeRange(0), default=0, show_default=True, help="Cases near detection per family.")
-@click.option("--two", "--pairs", type=WholeRange(0), default=0, show_default=True, help="Cases of two effects.")
-@click.option("--none", "null", type=WholeRange(0), default=1, show_default=True, help="Cases without any effect.")
-@click.option("--outside", type=WholeRange(0), default=0, show_default=True, help="Cases per family left out.")
-@click.option("--twisted", type=WholeRange(0), default=0, help="Second: cases per listed law with a twist.")
-@click.option("--unlisted", type=WholeRange(0), default=0, help="Second: cases per law that no library lists.")
+@click.option("--one", type=WholeRange(0), default=1, show_default=True, help="Cases with one effect, per family.")
 @click.option(
-    "--reserved", is_flag=True, help="Second: take the unlisted laws that are kept back, in place of the others."
+    "--faint",
+    type=WholeRange(0),
+    default=0,
+    show_default=True,
+    help="First generator: cases with one effect near its detection limit, per family.",
 )
-@click.option("--family", "families", multiple=True, metavar="NAME", help="Hide only this family; may be repeated.")
-@click.option("--shape", type=click.Choice(["full", "aperiodic", "short"]), help="Play only campaigns of this shape.")
-@click.option("--jobs", type=WholeRange(1), default=1, show_default=True, help="Cases to make at the same time.")
+@click.option("--two", "--pairs", type=WholeRange(0), default=0, show_default=True, help="Cases with two effects.")
+@click.option("--none", "null", type=WholeRange(0), default=1, show_default=True, help="Cases with no effect.")
+@click.option(
+    "--outside",
+    type=WholeRange(0),
+    default=0,
+    show_default=True,
+    help="Cases with one effect that the diagnosis leaves out of its search, per family.",
+)
+@click.option(
+    "--twisted",
+    type=WholeRange(0),
+    default=0,
+    help="Second generator: cases with a listed effect of changed form, per such law.",
+)
+@click.option(
+    "--unlisted",
+    type=WholeRange(0),
+    default=0,
+    help="Second generator: cases of a law that no listed effect reproduces, per such law.",
+)
+@click.option(
+    "--reserved", is_flag=True, help="Second generator: hide the reserved unlisted laws instead of the others."
+)
+@click.option(
+    "--family",
+    "families",
+    multiple=True,
+    metavar="NAME",
+    help="Family (second generator: law or effect) to hide; repeatable.  [default: all]",
+)
+@click.option(
+    "--shape",
+    type=click.Choice(["full", "aperiodic", "short"]),
+    help="First generator: make only campaigns of this kind.  [default: mixed]",
+)
+@click.option(
+    "--jobs", type=WholeRange(1), default=1, show_default=True, help="Number of cases to make at the same time."
+)
 @common_options("seed", "json")
 def make(
     folder: Path,

@@ -22,9 +22,9 @@ from mccdcli.output import emit
 def pool(scores: tuple[Path, ...], out: Path | None, as_json: bool) -> int:
     """Make one score of several.
 
-    They may be of parts of a challenge, or of several challenges. Writes OUT.md and OUT.json (default: pooled, here).
-    The exit code is 0 when every measure reaches what it must on as many cases as the design demands, else 1. Every
-    case keeps the version that diagnosed it; the page names them all.
+    The scores may be of parts of one challenge, or of several challenges. Writes OUT.md and OUT.json (default: pooled,
+    in the current folder). The exit code is 0 when every measure meets its requirement on as many cases as the design
+    demands, else 1. The page names every version that diagnosed a case.
 
     \b
     Examples:

@@ -13,7 +13,7 @@ from mccdcli.progress import progress
 
 @click.command("run")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR")
-@click.option("--jobs", type=WholeRange(1), default=1, show_default=True, help="Diagnoses at the same time.")
+@click.option("--jobs", type=WholeRange(1), default=1, show_default=True, help="Number of diagnoses at the same time.")
 @click.option(
     "--time-limit",
     "limit_s",

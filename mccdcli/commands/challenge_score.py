@@ -21,8 +21,8 @@ def score(
 ) -> int:
     """Reveal the truth of a challenge, check its seal, and score the diagnoses.
 
-    Writes OUT.md and OUT.json (default: score in DIR). The exit code is 0 when every measure reaches what it must on as
-    many cases as the design demands, else 1.
+    Writes OUT.md and OUT.json (default: score in DIR). The exit code is 0 when every measure meets its requirement on
+    as many cases as the design demands, else 1.
 
     \b
     Examples:

@@ -35,7 +35,7 @@ def chop(
     controller: str | None,
     **order: Unpack[Order],
 ) -> int:
-    """Chop between two positions and measure stability, repeatability and accuracy in both directions.
+    """Chop between two positions and measure stability, repeatability and accuracy at both.
 
     The log is chop.h5 unless --out names another. Exit code 1 if a requirement of Table 6.6 is missed.
 

@@ -23,18 +23,23 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--model", required=True, metavar="MODEL.toml", help="The identified model, extended or not.")
+@click.option("--model", required=True, metavar="MODEL.toml", help="Identified model, extended or not.")
 @click.option(
     "--log",
     "given",
     multiple=True,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="RUN.h5",
-    help="A record to design from: rest, sweeps, hysteresis loops; repeatable. Without a rest, one is recorded.",
+    help="Log to design from: rest, sweeps, hysteresis loops; repeatable. Without one at rest, one is recorded.",
 )
-@click.option("--settling", type=POSITIVE, metavar="MS", help="Time within which a move arrives.  [default: 5.0]")
+@click.option("--settling", type=POSITIVE, metavar="MS", help="Time within which a move must settle.  [default: 5.0]")
 @click.option(
-    "--reach", type=POSITIVE, default=8.5, show_default=True, metavar="MRAD", help="Longest move for which that holds."
+    "--reach",
+    type=POSITIVE,
+    default=8.5,
+    show_default=True,
+    metavar="MRAD",
+    help="Longest move that must settle in it.",
 )
 @click.option(
     "--tolerance",
@@ -42,15 +47,15 @@ if TYPE_CHECKING:
     default=0.1,
     show_default=True,
     metavar="PERCENT",
-    help="How far any mode's frequency may be off besides what the model states (1 sigma).",
+    help="Standard deviation of every mode's frequency, added to what the model states.",
 )
 @click.option(
     "--max-power",
     type=POSITIVE,
     metavar="W",
-    help="Take the fastest move whose 5 Hz chop dissipates no more, instead of --settling.",
+    help="Instead of --settling: the fastest move whose 5 Hz chop dissipates at most this power.",
 )
-@click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each piece of knowledge, and tabulate it.")
+@click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each designed strategy and list results.")
 @common_options()
 def design(
     bench: str,
@@ -68,9 +73,9 @@ def design(
 ) -> int:
     """Design feed-forward, feedback and learning on an identified model, against the noise of the bench at rest.
 
-    Writes controller.toml, design.json, index.html and figures into the folder design, or into --out. Of the bench only
-    its limits are asked, and its noise where no --log holds it. A design that would be unstable, break a limit or miss
-    a requirement is refused with the reason (exit code 2).
+    Writes controller.toml, design.json, index.html and figures into the folder design, or into --out. The bench
+    supplies its axes and limits, and a record of its noise when no --log has one; --stages plays chops on it. A design
+    that would be unstable, break a limit or miss a requirement is refused with the reason (exit code 2).
 
     \b
     Examples:

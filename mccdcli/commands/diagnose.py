@@ -30,44 +30,46 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
 @click.command()
 @click.argument("runs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RUN.h5…")
 @click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
     type=RealRange(0.0, 1.0, min_open=True),
     default=0.03,
     show_default=True,
-    help="How far the model's own numbers are trusted, relative (1 sigma).",
+    help="Relative standard deviation of the model's own parameters; 0.03 is 3 %.",
 )
 @click.option(
     "--rows",
     type=WholeRange(min=1000),
     default=250_000,
     show_default=True,
-    help="Rows of all logs together to use at most; memory and time grow with them.",
+    help="Largest number of samples to use, all logs together; memory and time grow with it.",
 )
 @click.option(
     "--bench",
     type=BenchAddress(),
     metavar="BENCH",
-    help="Propose what this bench can do next, and chop on it with feed-forwards designed on both models, to compare.",
+    help="Propose an experiment that this bench can do, and compare chops on it with the feed-forward of each model.",
 )
 @click.option(
     "--frf",
     "table_file",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Judge by a table of frequency response (frequency, magnitude, phase; levels) instead of logs.",
+    help="Judge by a table of frequency response instead of logs (frequency, magnitude, phase; levels).",
 )
-@click.option("--level", type=Real(), help="With --frf: level of excitation to look at.  [default: all]")
+@click.option("--level", type=Real(), help="With --frf: level of excitation to use.  [default: all]")
 @click.option(
-    "--held", is_flag=True, help="With --frf: it was measured at the model's rate, behind the hold of its input."
+    "--held",
+    is_flag=True,
+    help="With --frf: the table was sampled at the model's rate, its input held between samples.",
 )
 @click.option("--page/--no-page", default=True, show_default=True, help="Draw the page index.html and its figures.")
 @pdf_option("diagnosis.pdf")
 @click.option(
     "--expect",
     type=click.Choice(POSSIBLE),
-    help="Verdict that passes; any other ends with exit code 1 and says why.  [default: consistent]",
+    help="Verdict that gives exit code 0; any other gives 1 and says why.  [default: consistent]",
 )
 @click.option(
     "--junit",
@@ -97,9 +99,9 @@ def diagnose(
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
 
     Writes diagnosis.json, extended.toml (the model with what was found), index.html and figures into the folder
-    diagnosis, or into --out. Of causes that are tied it says which experiment would tell them apart. A log of the
-    plan theodolite may be among RUN.h5: it decides where readings alone cannot. The exit code is 0 when model and data
-    are consistent (or the verdict is that of --expect), 1 when the simulation is wrong.
+    diagnosis, or into --out. Where causes are tied, it proposes an experiment that separates them. A log of the plan
+    theodolite may be among RUN.h5; it can decide where the sensors alone cannot. The exit code is 0 when the verdict is
+    that of --expect (without it: consistent), else 1.
 
     \b
     Examples:

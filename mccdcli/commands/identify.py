@@ -31,13 +31,18 @@ if TYPE_CHECKING:
     help="Identify from this log instead of running a sweep; repeatable.",
 )
 @click.option("--axis", "axes", multiple=True, metavar="AXIS", help="Axis to sweep; repeatable.  [default: all]")
-@click.option("--logs", "folder", type=NewPath(), metavar="DIR", help="Where the sweeps' logs go.")
-@click.option("--modes", type=WholeRange(min=1), metavar="N", help="Number of modes.  [default: chosen]")
-@click.option("--only", default="", metavar="TEXT", help="Use only segments whose label contains TEXT.")
+@click.option("--logs", "folder", type=NewPath(), metavar="DIR", help="Folder for the logs of the sweeps.")
+@click.option("--modes", type=WholeRange(min=1), metavar="N", help="Number of modes.  [default: chosen from the data]")
+@click.option(
+    "--only",
+    default="",
+    metavar="TEXT",
+    help="Fit only segments whose label contains TEXT; all held-out ones are tested.",
+)
 @click.option(
     "--equal-weights",
     is_flag=True,
-    help="Weigh all lines of a periodic record alike: the least rms error, where the misfit is not noise.",
+    help="Weight all frequency bins of a periodic record alike: least rms error where distortion limits the fit.",
 )
 @click.option(
     "--response",
@@ -50,18 +55,26 @@ if TYPE_CHECKING:
     "table_file",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Fit a table of frequency response (frequency, magnitude, phase; levels) instead of logs.",
+    help="Fit a table of frequency response instead of logs (frequency, magnitude, phase; levels).",
 )
-@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="With --frf: rate of the model.")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=POSITIVE,
+    metavar="HZ",
+    help="With --frf: sample rate of the model.  [default: 10 times the highest frequency]",
+)
 @click.option("--level", type=Real(), help="With --frf: level of excitation to fit.  [default: the lowest]")
 @click.option(
     "--plot",
     "picture",
     type=NewPath(dir_okay=False),
     metavar="FILE",
-    help="Also draw the Bode picture of data and model: .png, .svg or .pdf.",
+    help="Also draw a Bode plot of data and model: .png, .svg or .pdf.",
 )
-@click.option("--force", is_flag=True, help="Replace an existing model file.")
+@click.option(
+    "--force", is_flag=True, help="Replace an existing model, and picture of --plot; --response never replaces a file."
+)
 @settings_option
 @common_options()
 def identify(

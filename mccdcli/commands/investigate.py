@@ -20,24 +20,22 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
-@click.option("--rounds", type=WholeRange(min=1), default=4, show_default=True, help="Most experiments to run.")
+@click.option("--rounds", type=WholeRange(min=1), default=4, show_default=True, help="Largest number of experiments.")
 @click.option(
     "--budget-s",
     type=POSITIVE,
     default=600.0,
     show_default=True,
-    help="Most seconds on the bench, all experiments together.",
+    help="Maximum bench time for all experiments, in seconds. Chops after a named cause are not counted.",
 )
-@click.option(
-    "--first", metavar="PLAN", help="Plan to begin with, instead of a multisine as large as the bench allows."
-)
-@click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the search; repeatable.")
+@click.option("--first", metavar="PLAN", help="First plan, instead of a multisine as large as the bench allows.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
     type=RealRange(0.0, 1.0, min_open=True),
     default=0.03,
     show_default=True,
-    help="How far the model's own numbers are trusted, relative (1 sigma).",
+    help="Relative standard deviation of the model's own parameters; 0.03 is 3 %.",
 )
 @click.option("--resume", is_flag=True, help="Continue the investigation that the folder holds.")
 @settings_option
@@ -60,9 +58,10 @@ def investigate(
     """Find out what a model gets wrong about a bench: run, diagnose, choose the next experiment, run on.
 
     Ends when the verdict is consistent or named, when no experiment within the bench's limits would change it, or when
-    the rounds or the budget are spent. Every log and every diagnosis is kept in the folder investigation, or in --out.
-    --set belongs to the plan of --first. The exit code is 0 when model and bench are consistent, 1 otherwise, and 130
-    after Ctrl-C, which lets the segment that is played end first; --resume then goes on.
+    the rounds or the budget are spent. Once a cause is named, the bench also plays chops with the feed-forward of
+    each model. All logs and diagnoses are kept in the folder investigation, or in --out. --set changes the plan of
+    --first. The exit code is 0 when the last verdict is consistent, else 1. Ctrl-C ends the investigation after the
+    current segment, with exit code 130; --resume continues it.
 
     \b
     Examples:

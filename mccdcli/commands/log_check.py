@@ -14,12 +14,12 @@ from mccdcli.output import emit, table
 @existing_file("run")
 @common_options("json")
 def check(run: Path, as_json: bool) -> int:
-    """Check what a log tells of itself: sizes, periods, rows at rest, slow sensors, steps, clipping, wraps.
+    """Check what a log tells of itself: sizes, periods, samples at rest, slow sensors, steps, clipping, wraps.
 
-    Of inputs and outputs together: transients, clocks that differ, a closed loop, delays, coherence; and what all of
-    it means for identify and diagnose.
+    Checks inputs and outputs together for transients, clocks that differ, a closed loop, delays and coherence, and says
+    what each finding means for identify and diagnose.
 
-    Exit code 1 when something forbids its use by identify and diagnose.
+    The exit code is 1 when identify and diagnose refuse the log.
 
     \b
     Examples:

@@ -19,11 +19,11 @@ from mccdcli.progress import progress
     required=True,
     type=NewPath(dir_okay=False),
     metavar="FILE",
-    help="File to write; its ending says the form: .csv, .mat, .npz or .nxs.",
+    help="File to write; its ending selects the format: .csv, .mat, .npz or .nxs.",
 )
 @common_options("json")
 def export(run: Path, out: Path, as_json: bool) -> None:
-    """Export a log for other programs, with units, times and segments as far as the form has a place for them.
+    """Export a log for other programs, with units, times and segments where the format can hold them.
 
     The log itself is plain HDF5, which most programs read; docs/log-format.md shows how.
 

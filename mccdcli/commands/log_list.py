@@ -47,8 +47,8 @@ def list_logs(
 ) -> None:
     """List the logs in DIR and below: test, bench, start, status, note.
 
-    Only headers are read. A file that is no log, or a damaged one, is a line that says so, whatever else is asked for;
-    --status unreadable shows these alone.
+    Only headers are read. Files that are damaged, or no logs, are listed as such, whatever --test, --bench, --note and
+    --since say; --status leaves them out, and --status unreadable lists them alone.
 
     \b
     Examples:

@@ -19,14 +19,14 @@ from mccdcli.output import emit
     required=True,
     type=NewPath(dir_okay=False),
     metavar="FILE",
-    help="File to write; its ending says the form: .toml or .json.",
+    help="File to write; its ending selects the format: .toml or .json.",
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @common_options("json")
 def convert(model: str, out: Path, force: bool, as_json: bool) -> None:
     """Convert a model between TOML and JSON, checked on the way.
 
-    MODEL is a bundled one or a file. Every command that takes a model reads either form.
+    MODEL is a bundled one or a file. Every command that takes a model reads either format.
 
     \b
     Examples:

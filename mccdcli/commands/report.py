@@ -51,7 +51,7 @@ OWN_LOGS: Final = "310 MB"
     "--known-misses",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help='With --check: numbers that may leave it, as TOML: a table per table, in it lines "row" = "reason".',
+    help='With --check: numbers that may fail. TOML with a table for each table, its lines "row" = "reason".',
 )
 @click.option(
     "--junit",
@@ -77,8 +77,8 @@ def report(
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
-    controller to OUT/designed. With --check, each predicted number outside its tolerance or not determined is named,
-    and each bound exceeded; those in --known-misses do not fail, and one of them that passes again is told.
+    controller to OUT/designed. --check names each predicted number that is outside its tolerance or not determined,
+    and each bound that is exceeded. Those in --known-misses do not fail; one of them that passes again is named too.
 
     \b
     Examples:

@@ -44,14 +44,16 @@ class ClusterAddress(click.ParamType[str]):
 
 @click.command()
 @existing_file("study_file", metavar="STUDY.toml")
-@click.option("--workers", type=WholeRange(1, 256), metavar="N", help="Threads; by default one for each core.")
+@click.option(
+    "--workers", type=WholeRange(1, 256), metavar="N", help="Number of threads.  [default: one for each core]"
+)
 @click.option(
     "--cluster",
     type=ClusterAddress(),
     metavar="tcp://HOST:PORT",
-    help="Do the trials on the dask.distributed cluster with this scheduler, instead of in threads.",
+    help="Scheduler of a dask.distributed cluster that runs the trials, instead of threads.",
 )
-@click.option("--resume", is_flag=True, help="Go on with the study that the folder holds.")
+@click.option("--resume", is_flag=True, help="Continue the study in the folder.")
 @common_options("out", "dry_run", "json")
 def study(
     study_file: Path,
@@ -64,10 +66,10 @@ def study(
 ) -> int:
     """Try the same test many times, over drawn and swept models, strategies and settings.
 
-    STUDY.toml says what a trial is, what varies and how often. Every finished trial is on the disk before it counts, in
-    a folder with the study's name or in --out; after an interrupt --resume goes on. The results are the same bit for
-    bit for any number of workers, in threads or on a cluster. A trial that comes to nothing is a result too and is
-    counted; the exit code is 1 if one met an error in mccd itself, or if none came to anything.
+    STUDY.toml says what a trial is, what varies and how often. Every finished trial is saved, in a folder with the
+    study's name or in --out; after an interrupt, --resume continues. The results are the same bit for bit for any
+    number of workers, in threads or on a cluster. A trial that fails is a result too and is counted. The exit code is 1
+    if a trial met an error in mccd itself, or if all failed.
 
     \b
     Examples:

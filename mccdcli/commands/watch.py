@@ -25,7 +25,7 @@ BARS: Final = "▁▂▃▄▅▆▇█"
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path), metavar="RUN.h5")
-@click.option("--model", metavar="MODEL", help="Also simulate this model's linear part and show the residual.")
+@click.option("--model", metavar="MODEL", help="Model whose linear part is simulated to show the residual.")
 @click.option(
     "--every",
     "period_s",
@@ -33,23 +33,23 @@ BARS: Final = "▁▂▃▄▅▆▇█"
     default=0.5,
     show_default=True,
     metavar="S",
-    help="Seconds between two looks.",
+    help="Seconds between two updates.",
 )
 @click.option("--wait", is_flag=True, help="Wait for the log to appear.")
-@click.option("--once", is_flag=True, help="Look once and stop.")
+@click.option("--once", is_flag=True, help="Show the run once and stop.")
 @click.option("--web", is_flag=True, help="Show live plots in the browser, on this machine alone, until Ctrl-C.")
-@click.option("--port", type=WholeRange(0, 65535), metavar="N", help="Port of --web; left out, a free one.")
+@click.option("--port", type=WholeRange(0, 65535), metavar="N", help="Port of --web.  [default: a free one]")
 @common_options("json")
 def watch(
     run: Path, as_json: bool, model: str | None, period_s: float, wait: bool, once: bool, web: bool, port: int | None
 ) -> int:
     """Watch a run while it is recorded: angles, residual against a model, status, time left.
 
-    Ends when the run does; the exit code is 1 when that failed, crashed or was aborted. The writer is never disturbed.
-    With --json, one JSON object per line and look.
+    Ends with the run; the exit code is 1 when the run failed, crashed or was aborted. The recording is never disturbed.
+    With --json every update is one line, a JSON object.
 
-    With --web the address of a page is printed first: plots and numbers that follow the run, for whoever uses this
-    machine. It can be read and nothing else, and stays when the run has ended; a run that takes its place is followed.
+    With --web the address of a read-only page is printed first; its plots and numbers follow the run. All users of this
+    machine can open it. It stays when the run has ended; if another run takes its place, the page follows that.
 
     \b
     Examples:
