@@ -19,7 +19,7 @@ _MODE = re.compile(r"mode (\d+)")
 
 
 def is_mode(where: str) -> bool:
-    """Tell whether a place is a mode: 'mode 3' is the third of the model's file."""
+    """Tell whether a location has the form of a mode's: 'mode 3' is the third in the model's file, if it has one."""
     return _MODE.fullmatch(where) is not None
 
 

@@ -56,9 +56,10 @@ class Stepped:
 def stepped(
     linear: ModalModel, effects: Sequence[Effect], places: Places, rate_hz: float, substeps: int = 1
 ) -> Stepped:
-    """Return `linear` with `effects` as it is stepped so many times a sample at `rate_hz`.
+    """Return `linear` with `effects`, discretised with at least `substeps` steps per sample at `rate_hz`.
 
-    Raises ConfigError when an effect has no place here.
+    More steps are taken where a delay of parts of a sample needs a faster loop. Raises ConfigError when the model lacks
+    the location of an effect.
     """
     linear = retuned(linear, effects, places)
     finer = finer_for_delays(linear, rate_hz)
@@ -79,9 +80,9 @@ def replay(
 ) -> Motion:
     """Play `u` (n, n_u) from modal states `start` (m, 2; rest when None) and return the motion.
 
-    Where taps would not stand for a delay, the loop runs a whole number of times faster. Effects that only draw random
-    numbers take part with none. What is `stepped` already is so with these effects, rate and substeps. Raises
-    ConfigError when an effect has no place here.
+    Where a delay needs a faster loop, it runs a whole number of times faster. Random numbers of effects are zero. A
+    `Stepped` has to be made with the same effects, rate and substeps. Raises ConfigError when the model lacks the
+    location of an effect.
     """
     ready = linear if isinstance(linear, Stepped) else stepped(linear, effects, places, rate_hz, substeps)
     linear, finer, plant = ready.linear, ready.finer, ready.plant

@@ -94,9 +94,10 @@ class Begun(NamedTuple):
 
 
 def play_side_by_side(benches: Sequence[SimBench], segment: Segment) -> list[Record | ConfigError]:
-    """Play one segment on several benches; return the record of each, or why it has none: what each would play alone.
+    """Play one segment on several benches; return for each the record that it would play alone, or its ConfigError.
 
-    Benches that differ in numbers alone go through the loop together, which takes less time.
+    Benches of one structure, which differ in numbers only, share one loop, which takes less time. Errors are returned,
+    not raised: an unknown channel, another number of axes, or a simulation that diverges.
     """
     controllers: Controllers = {}
     played: list[Begun | Record | ConfigError] = []
@@ -251,7 +252,10 @@ class SimBench:
         return record
 
     def begin(self, segment: Segment, controllers: Controllers) -> Begun:
-        """Make ready to play a segment, with `controllers` that alike benches share; raises ConfigError as `play`."""
+        """Prepare to play a segment; benches with as many axes and the same rate share `controllers`, added to here.
+
+        Raises ConfigError for an unknown channel or another number of axes; whether it diverges shows in `end`.
+        """
         wanted = self._wanted(segment)
         if segment.reference.shape[1] != self._axes:
             raise ConfigError(

@@ -61,10 +61,10 @@ def _ratio(value: Array, std: Array) -> Array:
 
 
 def swinging(fit: TimeFit | RationalFit) -> Array:
-    """Return `determinedness` of the blocks of an axis that nothing holds, (m,): what is more than its inertia swings.
+    """Return `determinedness` (m,) of the blocks of a free axis: infinite for the slowest, zero for overdamped ones.
 
-    The slowest block is the axis itself, and there for certain. Beside it what is flexible has a frequency; a slow
-    block that has none stands for what is not linear.
+    The slowest block is the axis itself, which is certain. Flexible modes beside it oscillate; a slow block that does
+    not stands for something nonlinear.
     """
     own = int(np.argmin(np.min(np.abs(fit.model.poles_1_s()), axis=1)))
     known = np.where(fit.model.sigma_1_s < fit.model.omega_rad_s, determinedness(fit), 0.0)

@@ -144,7 +144,7 @@ class Run:
         stop: int | None = None,
         rows: int | None = None,
     ) -> Iterator[tuple[int, dict[str, Array]]]:
-        """Yield (first row, {name: values}) over rows `start` to `stop`, at most `rows` at a time.
+        """Yield rows `start` to `stop` in blocks of at most `rows`, as (first row, {name: values (rows,)}), SI.
 
         Without `rows`, as many as keep the memory of a block whatever the number of channels. Raises as `stored`.
         """
@@ -216,7 +216,10 @@ class Window:
     def blocks(
         self, names: Iterable[str] | None = None, rows: int | None = None
     ) -> Iterator[tuple[int, dict[str, Array]]]:
-        """Yield (first row, {name: values}) over the segment; the row counts from the start of the run."""
+        """Yield blocks of the segment as (first row, {name: values (rows,)}), SI; rows count from the start of the run.
+
+        `names` selects channels (default: all), `rows` bounds a block. Raises as `Run.blocks`.
+        """
         return self.run.blocks(names, self.segment.start, self.segment.stop, rows)
 
 

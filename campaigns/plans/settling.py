@@ -10,9 +10,9 @@ from sim_backend.bench import Bench
 
 
 class Settling(ChopPlan, frozen=True, kw_only=True):
-    """A chop fast enough that settling decides it; `alpha_deg` 0 is θx, 90 is θy.
+    """A fast chop, to measure settling; `alpha_deg` 0 is θx, 90 is θy.
 
-    With a learning strategy the chop of `cycles` periods comes after the learning.
+    A learning strategy learns first; the `cycles` periods of the chop come after that.
     """
 
     name: ClassVar[str] = "settling"
@@ -23,5 +23,5 @@ class Settling(ChopPlan, frozen=True, kw_only=True):
     window_s: float = 0.05
 
     def channels(self, bench: Bench) -> tuple[str, ...]:
-        """Return commands and readings, and the actuators' currents, whose power and peak are asked for."""
+        """Return commands, readings and actuator currents, which give power and peak current."""
         return channels_of(bench, ("input", "output"), ("current_",))

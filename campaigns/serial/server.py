@@ -188,9 +188,10 @@ class Connection:
 
 
 class Server:
-    """Serves one firmware at one port until it is told to stop; everything happens in `run`'s thread.
+    """Serves one firmware at one port until `stop` or the end of the lifeline; everything happens in `run`'s thread.
 
-    With a `token`, connections have to show it. `remark` is told on whom it hangs up and why; REMARKS bounds how often.
+    With a `token`, connections of a network port have to show it. `remark` receives whom it refuses or hangs up on, and
+    why; REMARKS bounds how often.
     """
 
     def __init__(

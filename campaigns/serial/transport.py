@@ -125,9 +125,9 @@ class SerialTransport:
 
 
 class TcpTransport:
-    """A TCP connection; `bytes_per_s` bounds how long a transfer may take, `token` is shown to a bench that asks.
+    """A TCP connection; `bytes_per_s` bounds how long a transfer may take, `token` is for a bench that asks for one.
 
-    The name is looked up once: a line that was lost leads back to the same machine.
+    The host name is looked up once, so that reconnecting leads to the same machine.
     """
 
     def __init__(self, host: str, port: int, bytes_per_s: float = 1e6, token: bytes | None = None) -> None:
@@ -144,12 +144,12 @@ class TcpTransport:
 
     @property
     def bytes_per_s(self) -> float:
-        """What even a slow network does."""
+        """Lowest rate that is expected of the network."""
         return self._bytes_per_s
 
     @property
     def token(self) -> bytes | None:
-        """The one it was made with."""
+        """The token for the bench, None without one."""
         return self._token
 
     def another(self) -> TcpTransport:

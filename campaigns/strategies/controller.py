@@ -121,9 +121,10 @@ class Controller(_Strict, frozen=True, kw_only=True):
 
 @lru_cache(maxsize=8)
 def parse_controller(text: str, where: str) -> Controller:
-    """Return the controller written in `text`; `where` names it in errors. The same text gives the same object.
+    """Return the controller written in `text`; `where` names it in errors.
 
-    Raises ConfigError for broken TOML, unknown fields, and values that no strategy could play.
+    A call with `text` and `where` of one of the last eight returns its object. Raises ConfigError for broken TOML,
+    unknown fields, and values that no strategy could play.
     """
     try:
         found = msgspec.convert(toml_of(text, where, "write it with `mccd design`"), Controller)

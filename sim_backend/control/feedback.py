@@ -27,11 +27,10 @@ Response = Callable[[Array], ComplexArray]
 class LoopShape:
     """A tip-tilt controller by its parts: integrator with a zero, skew notch, low pass; Tustin at `rate_hz`.
 
-    The defaults give back every printed digit of the paper's controller within half a unit of the last place.
-    `leading` is the first coefficient of the discrete numerator, 0.1722 N m/mrad as printed, here 172.19 N
-    m/rad; the real zero is the one that, with the skew notch on the 29.6 Hz mode, brings back the printed z²
-    coefficient. Units stand in the names. Raises ConfigError when a frequency, a damping or the gain is not
-    positive.
+    The defaults reproduce every printed coefficient of the paper's controller within half a unit of the last digit.
+    `leading_nm_per_rad` is the first coefficient of the discrete numerator, printed as 0.1722 N m/mrad.
+    `integrator_zero_hz` is chosen so that, with the skew notch on the 29.6 Hz mode, the z² coefficient comes out as
+    printed. Raises ConfigError when a frequency, a damping or the gain is not positive.
     """
 
     integrator_zero_hz: float = 68.58

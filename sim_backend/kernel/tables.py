@@ -19,7 +19,7 @@ AT_ONCE = 256
 
 
 class Tables:
-    """Reads and writes the tables of a loop; `kept` is how many rows each that is kept has."""
+    """Reads and writes the tables of a loop; `kept` has the number of rows of each output table."""
 
     def __init__(self, loop: Emission, kept: dict[str, int]) -> None:
         self._loop, self._rows = loop, kept
@@ -29,18 +29,18 @@ class Tables:
             self._out = {name: loop.local(AT_ONCE * rows, f"kept.{name}") for name, rows in kept.items()}
 
     def most(self, samples: Any) -> Any:
-        """Return how many of so many samples can be played before `hand_back`."""
+        """Return how many of `samples` can be played before `hand_back`."""
         return self._loop.least(samples, index(AT_ONCE)) if self._staged else samples
 
     def drawn(self, column: int, sample: Any, i: Any) -> Number:
-        """Return a drawn number of a sample, number `i` since `bring`."""
+        """Return the drawn number of `column` at `sample`, which is number `i` since `bring`."""
         at, loop = self._loop.at, self._loop
         if self._staged:
             return self._drawn[at.add(index(column * AT_ONCE), i)]
         return loop.cells("exogenous")[at.add(at.mul(index(column), loop.whole["n_drawn"]), sample)]
 
     def keep(self, name: str, row: int, sample: Any, i: Any, number: Number) -> None:
-        """Keep a number of a sample, number `i` since `bring`."""
+        """Store `number` in a row of the output table `name` at `sample`, which is number `i` since `bring`."""
         at, loop = self._loop.at, self._loop
         if self._staged:
             self._out[name][at.add(index(row * AT_ONCE), i)] = number
@@ -49,7 +49,7 @@ class Tables:
         loop.cells(f"out.{name}")[place] = number
 
     def bring(self, sample: Any, count: Any) -> None:
-        """Bring the drawn numbers of the `count` samples from `sample` on."""
+        """Copy the drawn numbers of `count` samples, from `sample` on, to the working memory of the loop."""
         if not self._staged:
             return
         at, loop = self._loop.at, self._loop
@@ -59,7 +59,7 @@ class Tables:
             at.call(self._moving("bring"), [self._drawn.place(column * AT_ONCE), *rows, count])
 
     def hand_back(self, sample: Any, count: Any) -> None:
-        """Write what was kept of the `count` samples from `sample` on."""
+        """Copy the outputs of `count` samples, from `sample` on, from the working memory to the output tables."""
         if not self._staged:
             return
         at, loop = self._loop.at, self._loop
@@ -72,7 +72,7 @@ class Tables:
                     at.call(self._moving("hand_back"), [self._out[name].place(row * AT_ONCE), *own, count])
 
     def _moving(self, name: str) -> Any:
-        """Return the function that moves a row of every lane: (what is staged, a row for each lane, how many)."""
+        """Return the function that copies one row of every lane; arguments: working memory, a row per lane, samples."""
         module, lanes = self._loop.module, self._loop.structure.lanes
         if name in module.globals:
             return module.globals[name]

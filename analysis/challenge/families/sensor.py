@@ -125,7 +125,7 @@ class SensorQuantisation(Hidden):
         return float(0.25 * scene.y_rms[self.axis])
 
     def on_record(self, reading: Array, rng: np.random.Generator) -> Array:
-        """Return the nearest steps."""
+        """Return the reading (n, n_y) with this axis rounded to whole steps."""
         return on_axis(reading, self.axis, self.size * np.rint(reading[:, self.axis] / self.size))
 
     def truth(self) -> dict[str, float]:

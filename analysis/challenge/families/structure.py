@@ -53,7 +53,7 @@ class DampingShift(_Shift):
     slug: ClassVar[str] = "damping-shift"
 
     def cap(self, scene: Scene) -> float:
-        """Up to nine tenths less, up to four times more."""
+        """Return the largest relative change: 0.9 downwards, 3 upwards."""
         return 0.9 if self.way < 0.0 else 3.0
 
     def on_plant(self, plant: Plant) -> Plant:

@@ -116,6 +116,9 @@ def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: in
 
 
 def largest_test(ratio: Array, dof: Array, other_dof: Array) -> float:
-    """Return the p-value of the largest of several independent variance ratios, F with `dof` over `other_dof` (n,)."""
+    """Return the p-value of the most significant of n independent variance ratios.
+
+    `ratio` (n,) follows F with `dof` over `other_dof` degrees of freedom, (n,) each, where variances are equal.
+    """
     least = float(np.min(f_tail(ratio, dof, other_dof)))
     return float(-np.expm1(ratio.size * np.log1p(-min(least, 1.0 - 1e-16))))

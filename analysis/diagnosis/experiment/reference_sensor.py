@@ -228,8 +228,10 @@ def weigh_references(
 ) -> tuple[Found, Judgement, str]:
     """Return search and verdict after all reference runs, and a remark on what they did.
 
-    Unchanged when nothing is tied. Each tied cause gets the likelihood of what the instrument saw, its parameters free
-    within their standard deviations; rivals that were further behind are taken to explain it as well as the best.
+    Each tied cause gets the likelihood of what the instrument measured, its parameters free within their standard
+    deviations; rivals that were further behind are taken to explain it as well as the best. Search and verdict are
+    unchanged where fewer than two causes are tied, no run is given, or no tied cause explains the measurements. If the
+    causes stay tied, only their posteriors change.
     """
     hypotheses = tied_hypotheses(found, judgement) if judgement.verdict == "ambiguous" and references else []
     if len(hypotheses) < 2:

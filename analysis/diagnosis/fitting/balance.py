@@ -220,13 +220,16 @@ def _moving(before: Fit, fit: Fit) -> bool:
 
 
 def again(setting: Setting, fit: Fit, steps: int = 8, keep: Sequence[int] | None = None) -> Fit:
-    """Return `fit` refitted: with another noise or start, or with those effects only that are numbered in `keep`."""
+    """Return `fit` refitted in `setting`, whose noise or initial states may be new, in at most `steps` steps.
+
+    With `keep`, only the effects of these numbers are kept.
+    """
     candidates, sizes = fit.held(keep)
     return refit(setting, candidates, sizes, fit.change, steps=steps, exact=True, misled=fit.misled)
 
 
 def sharpened(setting: Setting, fit: Fit) -> Fit:
-    """Return `fit` with parameters over which the misfit has a cusp where it is least; as it is without such."""
+    """Return `fit` at the least misfit over those parameters where it has cusps; unchanged without such parameters."""
     if not stepped(fit):
         return fit
     candidates, sizes = fit.held()

@@ -107,9 +107,10 @@ def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
 
 
 def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
-    """Return what is left after pruning as exact as what is found, and the setting with the noise beside it.
+    """Return the setting with the noise estimated beside the pruned fit `best`, and that fit refined in this noise.
 
-    That noise was told beside more. Where it is what a fit leaves, the rivals' is each one's own, and so is this.
+    The setting given has the noise estimated beside the causes before pruning. Where nothing repeats, noise and fit are
+    iterated, as for every rival; where periods repeat, the noise is estimated anew only if no cause is left.
     """
     if not setting.whitener.repeats:
         setting, best = iterated_gls(setting, best)

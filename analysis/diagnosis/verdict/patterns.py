@@ -53,9 +53,9 @@ _BESIDE = (-2.5, -1.5, 1.5, 2.5)
 
 @dataclass(frozen=True)
 class Pattern(ABC):
-    """What repeats, at one place: number `at` of an input, or of an output for a `reading`.
+    """A repeating pattern at one location: input number `at`, or output number `at` for a `reading`.
 
-    It has so many `cycles` over the `span`; `choices` is among how many it was chosen.
+    It has `cycles` over the `span`, and was chosen among `choices` patterns.
     """
 
     reading: bool
@@ -67,16 +67,16 @@ class Pattern(ABC):
     @property
     @abstractmethod
     def what(self) -> str:
-        """What it follows, in words."""
+        """The quantity that the pattern follows, as remarks print it."""
 
     @property
     def neighbours(self) -> list[Self]:
-        """Patterns beside this one, which tell how strong noise is there."""
+        """Patterns of neighbouring cycles, which show how strong noise is there."""
         return [replace(self, cycles=self.cycles + by) for by in _BESIDE if self.cycles + by > 1.0]
 
     @abstractmethod
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
-        """Return the outputs' change (n, n_y, k) in the record with that number, all sizes and phases of it spanned."""
+        """Return k columns (n, n_y, k) that span the change of the outputs in that record at any size and phase."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Wave(Pattern):
 
     @property
     def what(self) -> str:
-        """What it follows, in words."""
+        """The quantity that the pattern follows, as remarks print it."""
         return f"the {self.over}, over and over"
 
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
@@ -117,7 +117,7 @@ class Line(Pattern):
 
     @property
     def what(self) -> str:
-        """What it follows, in words."""
+        """The quantity that the pattern follows, as remarks print it."""
         return "time, at one frequency"
 
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
@@ -145,7 +145,7 @@ class Ringing(Pattern):
 
     @property
     def what(self) -> str:
-        """What it follows, in words."""
+        """The quantity that the pattern follows, as remarks print it."""
         return "past commands, at one frequency"
 
     @property
