@@ -34,7 +34,7 @@ def settle(
 ) -> int:
     """Chop at 5 Hz and measure how fast each move settles to ±1.7 µrad, with power and peak current.
 
-    The log is settle.h5 unless --out names another. Exit code 1 if a requirement of Table 6.6 is missed.
+    The log is settling.h5 unless --out names another. Exit code 1 if a requirement of Table 6.6 is missed.
 
     \b
     Examples:
