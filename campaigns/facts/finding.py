@@ -21,6 +21,7 @@ from campaigns.facts import (
     slow_sensor,
     steps,
     transient,
+    unbroken,
     wraps,
 )
 from campaigns.facts.base import Fact, Seen
@@ -43,6 +44,7 @@ FACTS: tuple[Callable[[Seen], list[Fact]], ...] = (
 
 RELATIONS: Mapping[str, Callable[[Seen, Sequence[Stretch], Sequence[Fact]], list[Fact]]] = {
     transient.NAME: transient.facts,
+    unbroken.NAME: unbroken.facts,
     clock.NAME: clock.facts,
     loop.NAME: loop.facts,
     delay.NAME: delay.facts,

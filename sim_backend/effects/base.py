@@ -302,6 +302,14 @@ class Effect:
         """
         return self
 
+    def own_frequency_hz(self) -> float:
+        """Return the frequency of what it does by itself, whatever is played and whenever a run begins; else 0."""
+        return 0.0
+
+    def turned(self, periods: float) -> Self:
+        """Return the effect so many periods of its own frequency further on."""
+        return self
+
     def braking(self) -> float:
         """Return by how much its torque against the motion rises with the rate near rest, in input units per rate."""
         return 0.0

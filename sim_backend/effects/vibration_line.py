@@ -57,6 +57,14 @@ class VibrationLine(Effect):
         turn, earlier_s = self.runs[run]
         return replace(self, ahead=(turn + earlier_s * self.frequency_hz) % 1.0)
 
+    def own_frequency_hz(self) -> float:
+        """Return the frequency of the line."""
+        return self.frequency_hz
+
+    def turned(self, periods: float) -> Self:
+        """Return the line so many periods further on."""
+        return replace(self, ahead=(self.ahead + periods) % 1.0)
+
     def chosen(self) -> int:
         """Return the number of phases beside that of the first run."""
         return max(len(self.runs) - 1, 0)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from analysis.diagnosis.candidates.signature import Candidate
+from analysis.diagnosis.fitting.phases import in_phase
 from analysis.diagnosis.fitting.starts import Start, left_by_best_start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played, waiting_at
@@ -250,12 +251,21 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
         return left_by(begun, linear, acting)[0][earlier:]
 
     weight = (record.fitted() | record.held_out())[:, None] * _weights(setting, fit, record)
-    changed = [e for e in effects if e.site is Site.MODEL]
-    exact = not setting.known and len(changed) == len(effects)
     columns = np.concatenate([free, late], axis=2)
     played_rms = np.sqrt(np.mean(record.u**2, axis=0))
     spread = np.append(np.full(states, np.inf), [played_rms[j] for _, j in on_their_way])
-    return left_by_best_start(partial(left, effects), partial(left, changed), columns, weight, spread, exact=exact)
+    changed = [e for e in effects if e.site is Site.MODEL]
+
+    def begun_best(acting: Sequence[Effect]) -> Array:
+        exact = not setting.known and len(changed) == len(acting)
+        return left_by_best_start(partial(left, acting), partial(left, changed), columns, weight, spread, exact=exact)
+
+    rest = np.zeros(columns.shape[2])
+
+    def added(effect: Effect) -> Array:
+        return left(changed, rest, record.n) - left([*changed, effect], rest, record.n)
+
+    return begun_best(in_phase(effects, begun_best, added, weight, data.rate_hz))
 
 
 def _weights(setting: Setting, fit: Fit, record: Record) -> Array:

@@ -179,20 +179,27 @@ def _stretches(run: Run) -> list[_Stretch]:
     ]
     if not windows:
         windows = [Window("record", 0, run.rows)]
-    if _continuous(run):
-        return [_Stretch(windows[0].start, windows[-1].stop, tuple(windows))]
-    return [_Stretch(w.start, w.stop, (w,)) for w in windows]
+    joined = _joined_by_a_map(run)
+    goes_on = {f.numbers["start"] for f in facts_of(run) if f.name == "unbroken" and f.numbers["found"]}
+    stretches: list[_Stretch] = []
+    for w in windows:
+        last = stretches[-1] if stretches else None
+        if last and (not joined or (w.start == last.stop and w.start in goes_on)):
+            stretches[-1] = _Stretch(last.start, w.stop, (*last.windows, w))
+        else:
+            stretches.append(_Stretch(w.start, w.stop, (w,)))
+    return stretches
 
 
-def _continuous(run: Run) -> bool:
-    """Tell whether the segments are one unbroken measurement; parts and realisations of an import are not."""
+def _joined_by_a_map(run: Run) -> bool:
+    """Tell whether an import made one log of parts or realisations, each of which may have been recorded by itself."""
     if any("realisation" in s.settings for s in run.segments) and run.header.bench.get("kind") == "imported":
-        return False
+        return True
     try:
         text = json.loads(run.header.configuration).get("map", "")
-        return "parts" not in tomllib.loads(text)
+        return "parts" in tomllib.loads(text)
     except (ValueError, AttributeError, TypeError):  # not the configuration of an import
-        return True
+        return False
 
 
 def _many(stretches: Sequence[_Stretch]) -> bool:

@@ -6,6 +6,7 @@ import pytest
 
 from analysis.diagnosis.records.checks import MIN_ROWS
 from analysis.diagnosis.records.loading import load_runs
+from campaigns.importing import import_run
 from campaigns.log import Channel, sha256_of
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Port
@@ -50,7 +51,7 @@ def test_segments_of_one_bench_run_stay_one_record(write_log, motion, oscillator
         ({}, {"map": '[log]\ntest = "t"\n[[parts]]\nlabel = "steps"\n', "sources": []}),
     ],
 )
-def test_realisations_and_parts_of_an_import_are_records_of_their_own(
+def test_realisations_and_parts_of_which_nothing_is_known_are_records_of_their_own(
     write_log, motion, oscillator, settings, configuration
 ):
     segments = [(label, start, stop, settings) for label, start, stop, _ in HALVES]
@@ -60,6 +61,42 @@ def test_realisations_and_parts_of_an_import_are_records_of_their_own(
     assert [r.n for r in records] == [2000, 2000]
     assert [w.held_out for r in records for w in r.windows] == [False, True]
     np.testing.assert_array_equal(records[1].u[:, 0], motion["command_x"][2000:])
+
+
+MAP_OF_PARTS = """
+[log]
+test = "steps"
+sample_rate_hz = 1000.0
+[channels.command_x]
+select = "u"
+unit = "N"
+role = "input"
+dof = "x"
+[channels.x]
+select = "x"
+unit = "m"
+role = "output"
+dof = "x"
+[[parts]]
+label = "steps"
+source = "first.csv"
+[[parts]]
+label = "held-out noise"
+source = "second.csv"
+"""
+
+
+@pytest.mark.parametrize(("second", "records"), [(slice(2000, 4000), [4000]), (slice(1000, 3000), [2000, 2000])])
+def test_parts_that_were_one_recording_are_one_record(tmp_path, motion, oscillator, second, records):
+    """A recording that was cut into two files goes on; one that begins elsewhere in its motion does not."""
+    columns = np.stack([motion["command_x"], motion["x"]], axis=1)
+    for name, rows in (("first", slice(0, 2000)), ("second", second)):
+        np.savetxt(tmp_path / f"{name}.csv", columns[rows], delimiter=",", header="u,x", comments="")
+    (tmp_path / "map.toml").write_text(MAP_OF_PARTS, encoding="utf-8")
+    import_run(tmp_path / "map.toml", tmp_path / "run.h5")
+    loaded = load_runs([tmp_path / "run.h5"], oscillator).data.records
+    assert [r.n for r in loaded] == records
+    assert [w.held_out for r in loaded for w in r.windows] == [False, True]
 
 
 def test_segments_cut_from_one_imported_record_continue(write_log, motion, oscillator):

@@ -1,0 +1,41 @@
+"""In which phase an unseen record finds what goes on by itself: a vibration does not wait for a run to begin.
+
+Like the state in which such a record begins, the phase is sought on the record itself. Its size and its frequency stay
+those of the fit, so that one that is not there still makes the record worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sim_backend.effects.base import Effect
+from sim_backend.linear import Array
+
+
+def in_phase(
+    effects: Sequence[Effect],
+    left: Callable[[Sequence[Effect]], Array],
+    added: Callable[[Effect], Array],
+    weight: Array,
+    rate_hz: float,
+) -> list[Effect]:
+    """Return `effects` with those that go on by themselves in the phase in which a record shows them.
+
+    `left` gives what other effects leave of the record, `added` what one adds in the phase that it has, (n, n_y) both;
+    rows and outputs count by their `weight` (n, n_y). A Hann window keeps out what a start adds and what is slow.
+    """
+    steady = [e for e in effects if not e.own_frequency_hz()]
+    if len(steady) == len(effects):
+        return list(effects)
+    rest = left(steady)
+    rows = np.arange(weight.shape[0])
+    window = np.hanning(rows.size)[:, None] * weight**2
+
+    def turned(effect: Effect) -> Effect:
+        turning = np.exp(-2j * np.pi * effect.own_frequency_hz() / rate_hz * rows)
+        seen, there = (turning @ (window * values) for values in (rest, added(effect)))
+        return effect.turned(float(np.angle(np.vdot(there, seen))) / (2.0 * np.pi))
+
+    return [turned(e) if e.own_frequency_hz() else e for e in effects]
