@@ -14,6 +14,7 @@ from analysis.diagnosis.dominant import dominant_cause, judge_dominant, large_di
 from analysis.diagnosis.evidence.confirmed import confirmed
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
+from analysis.diagnosis.evidence.tuning_errors import tuning_errors
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.reference_sensor import ReferenceRun, weigh_references
 from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
@@ -313,7 +314,8 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
     remaining = setting.whitener if own and not found.best.candidates else whitener_from(data, list(after))
     noise = setting.whitener if own else remaining
     first, last = (linear_of(setting, fit) for fit in (tuned, best))
-    gain = gain_of(data, before, after, noise, first, last, [p.dof for p in model.outputs], seed)
+    errors = {} if setting.whitener.even else tuning_errors(data, setting, best)
+    gain = gain_of(data, before, after, noise, first, last, [p.dof for p in model.outputs], seed, errors)
     return _Answer(before, after, remaining, gain)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.evidence.gain import size_on_held_out
+from analysis.diagnosis.evidence.tuning_errors import tuning_errors
 from analysis.diagnosis.fitting.balance import again, iterated_gls, score
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, linear_of, residuals_on
@@ -49,11 +50,12 @@ def _worst(found: Found, data: Dataset) -> _Worst | None:
     setting, best, known = found.setting, found.best, found.setting.whitener.repeats
     after = residuals_on(data, setting, best)
     noise = setting.whitener if known and not setting.added else whitener_from(data, list(after))
+    errors, last = tuning_errors(data, setting, best), linear_of(setting, best)
     worst: _Worst | None = None
     for i, candidate in enumerate(best.candidates):
         rest = _without(found, i)
         before = residuals_on(data, setting, rest)
-        times, std = size_on_held_out(data, before, after, noise, linear_of(setting, rest), linear_of(setting, best))
+        times, std = size_on_held_out(data, before, after, noise, linear_of(setting, rest), last, errors)
         # the squares that it takes away there, in units of the noise: (2 t - 1) / σ²
         worth = lead_of(setting, best, rest) + (2.0 * times - 1.0) / std**2
         wrong = worth < found.first.price or surely_misses(times, std)

@@ -36,6 +36,7 @@ def gain_of(
     extended: ModalModel,
     outputs: Sequence[str],
     seed: int = 0,
+    errors: Mapping[int, Array] | None = None,
 ) -> Gain | None:
     """Return the gain on all held-out windows, and by the `outputs` of these names; None when nothing is held out.
 
@@ -43,7 +44,7 @@ def gain_of(
     relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
     noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. What the state
     in which a window begins can add under `first` and `extended`, the linear models that left `before` and `after`, is
-    taken out of it.
+    taken out of it. `errors` are those of `tuning_errors`, none without.
     """
     windows = [(i, w) for i, w in data.windows if w.held_out]
     if not windows:
@@ -63,7 +64,8 @@ def gain_of(
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
-    times, times_std = _times(*(_in_noise(clean, data, windows, whitener, counted) for clean in left))
+    wrong = _cleaned(data, errors, extended, windows) if errors else {}
+    times, times_std = _times(*(_in_noise(c, data, windows, whitener, counted) for c in (*left, wrong)))
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
@@ -93,6 +95,7 @@ def size_on_held_out(
     whitener: Whitener,
     first: ModalModel,
     extended: ModalModel,
+    errors: Mapping[int, Array],
 ) -> tuple[float, float]:
     """Return how many times as large, for held-out rows, what was added should be, and the standard deviation of that.
 
@@ -101,7 +104,8 @@ def size_on_held_out(
     windows = [(i, w) for i, w in data.windows if w.held_out]
     left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
     every = np.ones(data.n_outputs, dtype=bool)
-    return _times(*(_in_noise(clean, data, windows, whitener, every) for clean in left))
+    wrong = _cleaned(data, errors, extended, windows)
+    return _times(*(_in_noise(c, data, windows, whitener, every) for c in (*left, wrong)))
 
 
 def _output_size(data: Dataset, windows: Sequence[tuple[int, Window]]) -> Array:
@@ -117,9 +121,12 @@ def _simulated_size(data: Dataset, residuals: Sequence[Array], windows: Sequence
 
 
 def _cleaned(
-    data: Dataset, residuals: Sequence[Array], linear: ModalModel, windows: Sequence[tuple[int, Window]]
+    data: Dataset,
+    residuals: Sequence[Array] | Mapping[int, Array],
+    linear: ModalModel,
+    windows: Sequence[tuple[int, Window]],
 ) -> dict[int, Array]:
-    """Return the residuals (n, n_y) of the records of `windows`, by number, without what the start of each window adds.
+    """Return residuals (n, n_y, …) of the records of `windows`, by number, without what the start of each window adds.
 
     So an identification has it that never saw them: what a model swings on with from the rows before is an error there.
     """
@@ -145,27 +152,42 @@ def _in_noise(
     whitener: Whitener,
     counted: NDArray[np.bool_],
 ) -> Array:
-    """Return what is left of the `counted` outputs on held-out rows, whitened and joined (rows,)."""
+    """Return columns (n, n_y, k) of the `counted` outputs on held-out rows, whitened and joined, (rows, k).
+
+    What has no columns (n, n_y) is one. Nothing of nothing.
+    """
     white = []
-    for i, w in windows:
-        rows = np.zeros(data.records[i].n, dtype=bool)
+    for i, w in windows if cleaned else ():
+        rows, values = np.zeros(data.records[i].n, dtype=bool), cleaned[i]
         rows[w.start : w.stop] = True
-        white += [whitener.rows(cleaned[i][:, o : o + 1], rows, o)[:, 0] for o in np.flatnonzero(counted).tolist()]
-    return np.concatenate(white) if white else np.zeros(0)
+        each = (values[:, o].reshape(values.shape[0], -1) for o in range(counted.size))
+        white += [whitener.rows(column, rows, o) for o, column in enumerate(each) if counted[o]]
+    return np.concatenate(white) if white else np.zeros((0, 0))
 
 
-def _times(before: Array, after: Array) -> tuple[float, float]:
+def _times(before: Array, after: Array, errors: Array) -> tuple[float, float]:
     """Return how many times its size the change of whitened rows should have, and the standard deviation of that.
 
-    The change that an extension makes of them, d, is fitted to what there was before, b: d'b / d'd
-    times d leaves least. Its deviation is that of the noise, which on these rows may be larger than it was thought.
+    The change that an extension makes of them, d, is fitted to what there was before, b, as generalised least squares
+    has it: d'V⁻¹b / d'V⁻¹d times d leaves least. V is the covariance of the noise, which on these rows may be larger
+    than it was thought, and of what `errors` of unit size (rows, k) add; the others are (rows, 1).
     """
+    before, after = before[:, 0], after[:, 0]
     change = before - after
-    foretold = float(change @ change)
-    if not foretold > 0.0:
+    if not np.any(change):
         return 1.0, np.inf
     noise = max(1.0, float(after @ after) / after.size)
-    return float(change @ before) / foretold, float(np.sqrt(noise / foretold))
+    seen = change, before
+    if errors.size:
+        # (noise I + E E')⁻¹ x = (x - E (noise I + E'E)⁻¹ E'x) / noise
+        inner = np.linalg.cholesky(noise * np.eye(errors.shape[1]) + errors.T @ errors)
+        own, other = (np.linalg.solve(inner, errors.T @ x) for x in seen)
+    else:
+        own = other = np.zeros(0)
+    weight = float(change @ change) - float(own @ own)
+    if not weight > 0.0:
+        return 1.0, np.inf
+    return (float(change @ before) - float(own @ other)) / weight, float(np.sqrt(noise / weight))
 
 
 def _rms(squares: Sequence[Array]) -> float:
@@ -173,19 +195,20 @@ def _rms(squares: Sequence[Array]) -> float:
 
 
 def _without_start(residual: Array, linear: ModalModel, rate_hz: float) -> Array:
-    """Return the residual (n, n_y) without what an unknown first state adds, one number for each state of `linear`.
+    """Return residuals (n, n_y, …) without what an unknown first state adds, one number for each state of `linear`.
 
     These numbers were fitted, so that what is left counts as left of so many fewer: noise stays as large as it is. In
     a window too short to tell them from its noise nothing is taken out.
     """
-    free = free_responses(discretise(linear, rate_hz), residual.shape[0]).reshape(residual.size, -1)
-    if residual.size < LEAST_ROWS * free.shape[1]:
+    rows = residual.shape[0] * residual.shape[1]
+    free = free_responses(discretise(linear, rate_hz), residual.shape[0]).reshape(rows, -1)
+    if rows < LEAST_ROWS * free.shape[1]:
         return residual
     scale = np.linalg.norm(free, axis=0)
     free = free[:, scale > 0.0] / scale[scale > 0.0]
-    states, _, rank, _ = np.linalg.lstsq(free, residual.reshape(-1), rcond=1e-9)
-    left = residual - (free @ states).reshape(residual.shape)
-    return np.asarray(left * np.sqrt(residual.size / (residual.size - int(rank))))
+    flat = residual.reshape(rows, -1)
+    states, _, rank, _ = np.linalg.lstsq(free, flat, rcond=1e-9)
+    return np.asarray((flat - free @ states).reshape(residual.shape) * np.sqrt(rows / (rows - int(rank))))
 
 
 def _block(data: Dataset, linear: ModalModel) -> int:
