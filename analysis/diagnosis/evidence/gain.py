@@ -104,7 +104,7 @@ def size_on_held_out(
     windows = [(i, w) for i, w in data.windows if w.held_out]
     left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
     every = np.ones(data.n_outputs, dtype=bool)
-    wrong = _cleaned(data, errors, extended, windows)
+    wrong = _cleaned(data, errors, extended, windows) if errors else {}
     return _times(*(_in_noise(c, data, windows, whitener, every) for c in (*left, wrong)))
 
 
