@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 from mccdcli.output import say
-from mccdcli.trials import count_campaign, play_campaign
+from mccdcli.trials import Order, count_campaign, play_campaign
 
 if TYPE_CHECKING:
     from campaigns.plans import Plan
@@ -19,14 +19,13 @@ KEPT: Final = "designed-"
 """A controller that was designed for a bench without being asked for is kept in a folder of this and its name."""
 
 
-def chop_plan(
-    name: str, settings: Mapping[str, Any], *, bench: str, out: Path | None, seed: int, dry_run: bool, as_json: bool
-) -> Plan | int:
+def chop_plan(name: str, settings: Mapping[str, Any], **order: Unpack[Order]) -> Plan | int:
     """Return the plan of a chop by name; an exit code where a controller's design ends the command.
 
     A designed strategy without a controller gets that of the folder designed-BENCH, designed now unless it is there:
-    from the logs in it, recorded now where they are missing. `out` is where the chop itself goes, not these. Raises
-    ConfigError for the folder of another bench, and for settings that cannot be, before anything is recorded.
+    from the logs in it, recorded now where they are missing. The order's `out` is where the chop itself goes, not
+    these. Raises ConfigError for the folder of another bench, and for settings that cannot be, before anything is
+    recorded.
     """
     from campaigns.plans import make_plan
     from campaigns.strategies import STRATEGIES
@@ -41,6 +40,7 @@ def chop_plan(
     from campaigns.plans.chop import TIP_TILT
     from campaigns.playing.designed_campaign import measuring_campaign
 
+    bench, seed = order["bench"], order["seed"]
     with closing(open_bench(bench, seed)) as opened:
         limits, axes, identity = opened.limits, opened.axes, opened.identity
     folder = Path(f"{KEPT}{identity.name}")
@@ -51,9 +51,9 @@ def chop_plan(
         say(f"mccd: no --controller is given: {controller} is played, designed before for this bench; {_anew(folder)}")
     else:
         campaign = measuring_campaign([axis for axis in TIP_TILT if axis in axes])
-        if dry_run:
+        if order["dry_run"]:
             say(f"mccd: no --controller is given: one would first be designed in {folder} from these logs")
-            count_campaign(campaign, bench, seed, as_json=as_json)
+            count_campaign(campaign, bench, seed, as_json=order["as_json"])
             return 0
         say(f"mccd: no --controller is given: one is designed in {folder}, from sweeps, a rest and hysteresis loops")
         played = play_campaign(campaign, folder, bench, seed, resume=True)

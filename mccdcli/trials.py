@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, TypeVar, Unpack
 
 import click
 
@@ -78,21 +78,17 @@ def run_test(
     plan: Plan,
     title: str,
     measured: Callable[[Run], tuple[Sequence[Check], Mapping[str, Any]]],
-    *,
-    bench: str,
-    out: Path | None,
-    seed: int,
-    dry_run: bool,
-    as_json: bool,
+    **order: Unpack[Order],
 ) -> int:
     """Play a plan and show what is `measured` in its log: checks and results; return the exit code.
 
-    A dry run only counts. The log is named after the plan unless `out` names another.
+    A dry run only counts. The log is named after the plan unless the order names another.
     """
-    if dry_run:
-        count({plan.name: plan}, bench, seed, as_json=as_json)
+    bench, seed = order["bench"], order["seed"]
+    if order["dry_run"]:
+        count({plan.name: plan}, bench, seed, as_json=order["as_json"])
         return 0
-    played = play(plan, bench, out or Path(f"{plan.name}.h5"), seed)
+    played = play(plan, bench, order["out"] or Path(f"{plan.name}.h5"), seed)
     if played.exit_code:
         return played.exit_code
 
@@ -100,7 +96,7 @@ def run_test(
 
     with read_run(played.log) as run:
         checks, results = measured(run)
-    return conclude(title, checks, results, [played.log], as_json=as_json)
+    return conclude(title, checks, results, [played.log], as_json=order["as_json"])
 
 
 class Played(NamedTuple):
