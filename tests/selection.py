@@ -68,6 +68,7 @@ THOROUGH = (
             "delay.py::test_what_is_told_",
             "clock.py::test_one_clock_",
             "coherence.py::test_a_quiet_linear_",
+            "unbroken.py::test_recordings_of_",
         )
         for part in (1, 2, 3)
     ),

@@ -116,8 +116,8 @@ class Gain:
 
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
-    below on other rows of the same kind. What was added should have `times` its size for
-    the held-out rows, which is known to `times_std`.
+    below on other rows of the same kind, `most_noise` what noise, and the errors that tuned numbers have there, hardly
+    exceed on these. What was added should have `times` its size for the held-out rows, which is known to `times_std`.
     """
 
     held_out: tuple[str, ...]
@@ -129,6 +129,7 @@ class Gain:
     segments: tuple[SegmentGain, ...] = ()
     outputs: tuple[OutputGain, ...] = ()
     least_error: float = 0.0
+    most_noise: float = 0.0
     times: float = 1.0
     times_std: float = np.inf
 

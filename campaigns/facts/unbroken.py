@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts import missing
 from campaigns.facts.base import Array, Fact, Seen
 from campaigns.facts.stretches import Stretch
 
@@ -27,7 +28,7 @@ AHEAD = (1, 4, 16, 64)
 """Rows after a border whose means are foretold: close by they tell where a motion is, further on its way."""
 
 BEHIND = 8
-"""Means of readings and commands that a learnt prediction knows, each over half as many rows as it foretells."""
+"""Means of readings and commands before a row that a learnt prediction knows, of half the rows ahead each."""
 
 COMMANDS = 4
 """Means of the commands in the rows that are foretold."""
@@ -41,34 +42,35 @@ LOOKED_AT = 8192
 LEARNT_FROM = 1500
 """Rows, spread over both stretches, from which it is learnt how to foretell."""
 
-PLACES = 256
+ENOUGH = 3
+"""Times that these are more than the numbers to learn, at least."""
+
+PLACES = 512
 """Rows of each of two stretches that are held against each other."""
 
-COUNTED = 10
-"""Pairs of rows that fit by chance, below which their number says no more than that they are few."""
-
 RESTS = 0.2
-"""What moves less than this part of its usual motion on either side of a border rests there: it fits in any case."""
+"""An output that moves less than this part of what is usual on either side of a border rests there, and fits always."""
 
 WINDOWS = 50
 """Parts of a stretch by which its usual motion is known."""
 
-SAME = 0.1
-"""What inputs may differ by, against their size, for a stretch to go on as the one before would have."""
+SAME = 0.25
+"""Difference of what is played, as rms against its size, below which a stretch repeats the one before."""
 
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:
     """Return for each stretch that begins where another ends whether it goes on with the same recording."""
     inputs, outputs = (list(seen.of_role(role).values()) for role in ("input", "output"))
     followed = [(a, b) for a, b in pairwise(stretches) if a.start + a.rows == b.start]
-    return [_fact(a, b, _chance(inputs, outputs, a, b)) for a, b in followed]
+    drawn_over = any(fact.name == missing.NAME for fact in known)  # straight lines fit to anything
+    return [_fact(a, b, 1.0 if drawn_over else _chance(inputs, outputs, a, b)) for a, b in followed]
 
 
 def _fact(before: Stretch, after: Stretch, chance: float) -> Fact:
     one = chance <= CHANCE
     numbers = {"start": after.start, "found": float(one), "chance": chance}
     if not one:
-        text = f"whether this and '{before.label}' are one recording cannot be told from what is read"
+        text = f"whether this and '{before.label}' are one recording cannot be told from the data"
         return Fact(NAME, text, segment=after.label, numbers=numbers, remark=False)
     text = f"this and '{before.label}' are one recording: what moves goes on from one to the other"
     means = f"recordings of their own would fit together so well with a chance of {chance:.1g}"
@@ -78,35 +80,65 @@ def _fact(before: Stretch, after: Stretch, chance: float) -> Fact:
 def _chance(inputs: Sequence[Array], outputs: Sequence[Array], before: Stretch, after: Stretch) -> float:
     """Return the chance at which recordings of their own fit together as well as these; 1 where that tells nothing."""
     ahead = [m for m in AHEAD if LEAST * m <= min(before.rows, after.rows)]
-    first, last = max(before.start, after.start - LOOKED_AT), min(after.start + after.rows, after.start + LOOKED_AT)
-    u, y = (_sized([column[first:last] for column in columns]) for columns in (inputs, outputs))
-    border = _Border(u, y, after.start - first)
-    if not ahead or _repeated(u, border.at, before, after) or not border.moves():
+    if not ahead or _repeated(inputs, before, after):
         return 1.0
-    ways = [[told for m in ahead for told in way(border, m)] for way in (_by_its_way, _learnt)]
-    return min(1.0, len(ways) * min(_coincidence(border, told) for told in ways))
+    at = min(before.rows, LOOKED_AT)
+    rows = slice(after.start - at, after.start + min(after.rows, LOOKED_AT))
+    y = [values[rows] for values in outputs if _moves(values[rows], at)]
+    if not y:
+        return 1.0
+    border = _Border(_sized([u[rows] for u in inputs if np.ptp(u[rows]) > 0.0], rows), _sized(y, rows), at)
+    least = 1.0
+    for way in (_by_its_way, _learnt):
+        told = [told for m in ahead for told in way(border, m)]
+        least = min(least, _coincidence(border, told))
+        if 2.0 * least <= CHANCE:
+            break
+    return min(1.0, 2.0 * least)  # the better one of two
 
 
-def _sized(columns: Sequence[Array]) -> Array:
-    """Return columns (n,) of size one without their means, (n, k); what never moves is left out."""
-    moving = [(values - values.mean()) / values.std() for values in columns if np.ptp(values) > 0.0]
-    return np.stack(moving, axis=1) if moving else np.empty((columns[0].size if columns else 0, 0))
+def _repeated(inputs: Sequence[Array], before: Stretch, after: Stretch) -> bool:
+    """Tell whether a stretch plays what was played at the beginning or end of the one before, at about that level.
+
+    A motion that has come to repeat then fits in any case, as does one that begins as the one before has.
+    """
+    rows = before.period if before.period and before.period == after.period else min(before.rows, after.rows)
+    begun = slice(after.start, after.start + rows)
+    others = slice(before.start, before.start + rows), slice(after.start - rows, after.start)
+    moving = [u for u in inputs if np.ptp(u[others[1]]) > 0.0]
+    return bool(moving) and any(
+        all(float(np.sqrt(np.mean((u[begun] - u[other]) ** 2))) <= SAME * float(np.std(u[other])) for u in moving)
+        for other in others
+    )
 
 
-def _repeated(u: Array, at: int, before: Stretch, after: Stretch) -> bool:
-    """Tell whether both stretches repeat the same period: then a motion that has come to repeat fits in any case."""
-    period = before.period
-    if not period or after.period != period or period > min(at, u.shape[0] - at):
-        return False
-    ended, begun = u[at - period : at], u[at : at + period]
-    return bool(np.all(np.max(np.abs(ended - begun), axis=0) <= SAME * np.std(ended, axis=0)))
+def _moves(y: Array, at: int) -> bool:
+    """Tell whether an output (n,) moves on both sides of the border at row `at`, as much as it usually does."""
+    beside, usual = [], []
+    for side in (y[:at][::-1], y[at:]):
+        rows = max(side.size // WINDOWS, min(16, side.size // 2))
+        parts = side[: side.size // rows * rows].reshape(-1, rows).std(axis=1)
+        beside.append(float(parts[0]))
+        usual.append(float(np.median(parts)))
+    return min(beside) > RESTS * max(usual) > 0.0
+
+
+def _sized(columns: Sequence[Array], rows: slice) -> Array:
+    """Return columns (n,) less the line through each, of size one, (n, k): a slow drift goes through both stretches."""
+    time = np.linspace(-1.0, 1.0, rows.stop - rows.start)
+    lines = np.stack([np.ones_like(time), time], axis=1)
+    out = np.empty((time.size, len(columns)))
+    for k, values in enumerate(columns):
+        out[:, k] = values - lines @ np.linalg.lstsq(lines, values, rcond=None)[0]
+    return out / np.maximum(np.std(out, axis=0), np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class _Foretold:
-    """What earlier rows foretell of the rows after each row (n,), what comes, and the rms between both within.
+    """What earlier rows foretell of the rows after each row (n,), what comes, and the rms of their difference.
 
-    What later commands add is taken off what comes. Where rows reach beyond both stretches there is no number.
+    That is of rows whose surroundings lie within one stretch. What later commands add is taken off what comes. Where
+    rows reach beyond both stretches there is no number.
     """
 
     foretold: Array
@@ -126,12 +158,8 @@ class _Border:
     y: Array
     at: int
 
-    def moves(self) -> bool:
-        """Tell whether an output moves on both sides of the border."""
-        return any(_moves(y[: self.at][::-1]) and _moves(y[self.at :]) for y in self.y.T)
-
-    def foretold(self, foretold: Array, come: Array, behind: int, ahead: int) -> _Foretold | None:
-        """Return both, known from so many rows behind and ahead (n - behind - ahead + 1,); None of what is exact."""
+    def aligned(self, foretold: Array, come: Array, behind: int, ahead: int) -> _Foretold | None:
+        """Return a prediction and its outcome, of all rows with so many behind and ahead; None where it is exact."""
         rows = np.arange(behind, behind + come.size)
         within = (rows <= self.at - ahead) | (rows >= self.at + behind)
         usual = float(np.sqrt(np.mean((come - foretold)[within] ** 2)))
@@ -141,18 +169,19 @@ class _Border:
 
 
 def _coincidence(border: _Border, told: Sequence[_Foretold]) -> float:
-    """Return what part of pairs of rows, one of each stretch, would have fitted together as well as the border does."""
+    """Return what part of other beginnings and ends would have fitted together as well as those at the border do.
+
+    Of pairs of any, and of this beginning with any end and the other way round: the largest. What begins at rest is
+    nearer to most states than those are to each other.
+    """
     known = [np.flatnonzero(np.isfinite(t.come) & np.isfinite(t.foretold)) for t in told]
     if not known:
         return 1.0
     ends = np.linspace(max(k[0] for k in known), border.at, PLACES).astype(np.intp)
     begins = np.linspace(border.at, min(k[-1] for k in known), PLACES).astype(np.intp)
-    here = np.array([border.at])
-    limit = max(float(t.apart(here, here)[0, 0]) for t in told)
-    fit = np.ones((PLACES, PLACES), dtype=bool)
-    for t in told:
-        fit &= t.apart(ends, begins) <= limit
-    return max(int(np.count_nonzero(fit)), COUNTED) / PLACES**2
+    worst = np.max([t.apart(ends, begins) for t in told], axis=0)
+    fit = worst <= worst[-1, 0]
+    return float(max(fit.mean(), fit[:, 0].mean(), fit[-1].mean()))
 
 
 def _by_its_way(border: _Border, m: int) -> Iterator[_Foretold]:
@@ -164,7 +193,7 @@ def _by_its_way(border: _Border, m: int) -> Iterator[_Foretold]:
             before, after = np.vander(np.arange(-2 * m, 0) / m, degree + 1), np.vander(np.arange(m) / m, degree + 1)
             weights = after.mean(axis=0) @ np.linalg.pinv(before)
             foretold = np.convolve(y, weights[::-1], mode="valid")[: come.size]
-            found.append(border.foretold(foretold, come, 2 * m, m))
+            found.append(border.aligned(foretold, come, 2 * m, m))
         yield from sorted(filter(None, found), key=lambda one: one.usual)[:1]
 
 
@@ -177,12 +206,12 @@ def _learnt(border: _Border, m: int) -> Iterator[_Foretold]:
     parts = min(m, COMMANDS)
     future, target = _means(border.u, rows, parts, m // parts), _means(border.y, rows, m // half, half)
     within = np.flatnonzero((rows <= border.at - m) | (rows >= border.at + behind))
-    if within.size < 3 * (past.shape[1] + future.shape[1]):
-        return
     some = within[np.linspace(0, within.size - 1, min(LEARNT_FROM, within.size)).astype(np.intp)]
+    if some.size < ENOUGH * (past.shape[1] + future.shape[1]):
+        return
     weights = np.linalg.lstsq(np.hstack([past, future])[some], target[some], rcond=None)[0]
     foretold, come = past @ weights[: past.shape[1]], target - future @ weights[past.shape[1] :]
-    yield from filter(None, (border.foretold(*both, behind, m) for both in zip(foretold.T, come.T, strict=True)))
+    yield from filter(None, (border.aligned(*both, behind, m) for both in zip(foretold.T, come.T, strict=True)))
 
 
 def _means(values: Array, rows: Ints, count: int, width: int) -> Array:
@@ -193,10 +222,3 @@ def _means(values: Array, rows: Ints, count: int, width: int) -> Array:
     total = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     edges = rows[:, None] + width * np.arange(count + 1)
     return np.asarray(np.diff(total[edges], axis=1).reshape(rows.size, -1) / width)
-
-
-def _moves(y: Array) -> bool:
-    """Tell whether the beginning of a stretch moves as much as it usually does."""
-    rows = max(y.size // WINDOWS, min(16, y.size // 2))
-    usual = y[: y.size // rows * rows].reshape(-1, rows).std(axis=1)
-    return bool(usual[0] > RESTS * np.median(usual) > 0.0)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from analysis.diagnosis.result import Cause, Choice, Diagnosis, Domain, Gain, Remainder, Verdict
-from analysis.diagnosis.verdict.held_out import leaves_most
+from analysis.diagnosis.verdict.held_out import ABOVE_NOISE, leaves_most
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.formats import readable, without_exponents
@@ -124,7 +124,12 @@ def _missed(gain: Gain | None) -> str:
 
 
 def _little(gain: Gain | None) -> str:
-    """Return how much of the output passes for noise where it is most of it."""
+    """Return how much of the output passes for noise where it is most of it, or is within what numbers are known."""
+    if gain is not None and gain.rms_after > ABOVE_NOISE * gain.noise_floor:
+        return (
+            f", and of held-out rows it misses {share(gain.rms_after)} where {share(gain.noise_floor)} is usual, "
+            "no more than slow noise and what is uncertain of its own numbers allow"
+        )
     if gain is None or not leaves_most(gain):
         return ""
     return f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"

@@ -9,15 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import SELDOM, Gain, OutputGain, SegmentGain
+from analysis.diagnosis.tails import chi2_limit
 from sim_backend.linear import Array, ModalModel, discretise
 
 DRAWS = 2000
+
+_BELOW = 32
+"""Frequencies by which the noise below half a line of the spectrum of some rows is summed up."""
 
 LEAST_BLOCKS = 8
 """Blocks that a window should give at least; with fewer the interval would rest on too few draws."""
@@ -38,7 +43,7 @@ def gain_of(
     seed: int = 0,
     errors: Mapping[int, Array] | None = None,
 ) -> Gain | None:
-    """Return the gain on all held-out windows, and by the `outputs` of these names; None when nothing is held out.
+    """Return the gain on all held-out windows, and by the `outputs` of these names; None when nothing moves there.
 
     `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
     relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
@@ -55,9 +60,10 @@ def gain_of(
     noise = np.minimum(*(_noise_rms(clean, data.n_outputs, whitener, windows) for clean in left))
     moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
     size = np.where(moved | ~np.any(moved), _output_size(data, windows), np.inf)
+    if not np.any(np.isfinite(size)):
+        return None
     one, other = (_squares(clean, windows, size) for clean in left)
     rms_before, rms_after = _rms(one), _rms(other)
-    draws, mean_squares = _bootstrap(one, other, _block(data, first), np.random.default_rng(seed))
     counted = np.isfinite(size)
     names = tuple(f"{data.records[i].name}#{w.label}" for i, w in windows)
     own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]
@@ -65,11 +71,9 @@ def gain_of(
     # noise that is known from other rows may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
     wrong = _cleaned(data, errors, extended, windows) if errors else {}
-    times, times_std = _times(*(_in_noise(c, data, windows, whitener, counted) for c in (*left, wrong)))
-
-    def alone(clean: Mapping[int, Array], o: int) -> float:
-        return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
-
+    white = [_in_noise(c, data, windows, whitener, counted) for c in (*left, wrong)]
+    times, times_std = _times(*white)
+    draws, least = _bootstrap(one, other, _block(data, first), np.random.default_rng(seed))
     return Gain(
         held_out=names,
         rms_before=rms_before,
@@ -78,14 +82,29 @@ def gain_of(
         reduction=1.0 - rms_after / rms_before if rms_before > 0.0 else 0.0,
         ci95=(float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))),
         segments=tuple(SegmentGain(*one) for one in zip(names, *each, strict=True)),
-        outputs=tuple(
-            OutputGain(outputs[o], alone(left[0], o), alone(left[1], o), float(noise[o] / size[o]))
-            for o in np.flatnonzero(counted).tolist()
-        ),
-        least_error=float(np.sqrt(np.quantile(mean_squares, SELDOM))),
+        outputs=_by_output(left, windows, noise, size, outputs),
+        least_error=least,
+        most_noise=_most_noise(noise, size, whitener, wrong, windows),
         times=times,
         times_std=times_std,
     )
+
+
+def _by_output(
+    left: tuple[Mapping[int, Array], Mapping[int, Array]],
+    windows: Sequence[tuple[int, Window]],
+    noise: Array,
+    size: Array,
+    names: Sequence[str],
+) -> tuple[OutputGain, ...]:
+    """Return the gain on each output that moves: what is left before and after, and the noise, of its own size."""
+
+    def alone(clean: Mapping[int, Array], o: int) -> float:
+        return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
+
+    moving = np.flatnonzero(np.isfinite(size)).tolist()
+    before, after = left
+    return tuple(OutputGain(names[o], alone(before, o), alone(after, o), float(noise[o] / size[o])) for o in moving)
 
 
 def size_on_held_out(
@@ -154,7 +173,7 @@ def _in_noise(
 ) -> Array:
     """Return columns (n, n_y, k) of the `counted` outputs on held-out rows, whitened and joined, (rows, k).
 
-    What has no columns (n, n_y) is one. Nothing of nothing.
+    Residuals (n, n_y) are one column.
     """
     white = []
     for i, w in windows if cleaned else ():
@@ -162,32 +181,59 @@ def _in_noise(
         rows[w.start : w.stop] = True
         each = (values[:, o].reshape(values.shape[0], -1) for o in range(counted.size))
         white += [whitener.rows(column, rows, o) for o, column in enumerate(each) if counted[o]]
-    return np.concatenate(white) if white else np.zeros((0, 0))
+    return np.concatenate(white) if white else np.zeros((0, 1))
 
 
 def _times(before: Array, after: Array, errors: Array) -> tuple[float, float]:
     """Return how many times its size the change of whitened rows should have, and the standard deviation of that.
 
     The change that an extension makes of them, d, is fitted to what there was before, b, as generalised least squares
-    has it: d'V⁻¹b / d'V⁻¹d times d leaves least. V is the covariance of the noise, which on these rows may be larger
-    than it was thought, and of what `errors` of unit size (rows, k) add; the others are (rows, 1).
+    has it: d'V⁻¹b / d'V⁻¹d times d leaves least. V is the covariance of unit noise and of what `errors` of unit size
+    (rows, k) add. On these rows both may be larger than they were thought: as much as what is left `after` (rows, 1)
+    tells, like `before`.
     """
     before, after = before[:, 0], after[:, 0]
     change = before - after
     if not np.any(change):
         return 1.0, np.inf
-    noise = max(1.0, float(after @ after) / after.size)
-    seen = change, before
+    seen = np.stack([change, before, after], axis=1)
+    products = seen.T @ seen
     if errors.size:
-        # (noise I + E E')⁻¹ x = (x - E (noise I + E'E)⁻¹ E'x) / noise
-        inner = np.linalg.cholesky(noise * np.eye(errors.shape[1]) + errors.T @ errors)
-        own, other = (np.linalg.solve(inner, errors.T @ x) for x in seen)
-    else:
-        own = other = np.zeros(0)
-    weight = float(change @ change) - float(own @ own)
+        # (I + E E')⁻¹ = I - E (I + E'E)⁻¹ E', whose middle is 1 / L L'
+        inner = np.linalg.cholesky(np.eye(errors.shape[1]) + errors.T @ errors)
+        known = scipy.linalg.solve_triangular(inner, errors.T @ seen, lower=True)
+        products = products - known.T @ known
+    weight, noise = float(products[0, 0]), max(1.0, float(products[2, 2]) / after.size)
     if not weight > 0.0:
         return 1.0, np.inf
-    return (float(change @ before) - float(own @ other)) / weight, float(np.sqrt(noise / weight))
+    return float(products[0, 1]) / weight, float(np.sqrt(noise / weight))
+
+
+def _most_noise(
+    noise: Array,
+    size: Array,
+    whitener: Whitener,
+    errors: Mapping[int, Array],
+    windows: Sequence[tuple[int, Window]],
+) -> float:
+    """Return what noise of this rms (n_y,), and `errors` of unit size (n, n_y, k), hardly make more of on these rows.
+
+    Relative to the outputs' `size` (n_y,). Slow noise is a handful of numbers on any rows, and so are the errors: the
+    sum of squares of normal numbers of several sizes is as that of equal ones with the same mean and variance
+    (Satterthwaite, Biometrics Bulletin 2, 1946).
+    """
+    moving, rows = np.isfinite(size), sum(w.stop - w.start for _, w in windows)
+    longest = max(w.stop - w.start for _, w in windows)
+    power, mean = _spectrum(whitener, longest)[moving], _mean_square(whitener, longest)[moving]
+    unit = (noise / size)[moving] ** 2 / (np.sum(power, axis=1) * np.count_nonzero(moving))
+    parts = [0.5 * (power * unit[:, None]).ravel()] * 2 + [mean * unit]  # a line has two numbers, a mean is one
+    if errors:
+        joined = np.concatenate([errors[i][w.start : w.stop, moving] / size[moving, None] for i, w in windows])
+        flat = joined.reshape(-1, joined.shape[2])
+        parts.append(np.linalg.eigvalsh(flat.T @ flat / (rows * np.count_nonzero(moving))))
+    each = np.concatenate(parts)
+    equal = np.sum(each) ** 2 / max(float(np.sum(each**2)), np.finfo(float).tiny)
+    return float(np.sqrt(np.sum(each) * chi2_limit(SELDOM, equal) / equal)) if equal > 0.0 else 0.0
 
 
 def _rms(squares: Sequence[Array]) -> float:
@@ -220,8 +266,8 @@ def _block(data: Dataset, linear: ModalModel) -> int:
 
 def _bootstrap(
     first: Sequence[Array], second: Sequence[Array], block: int, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Return in `DRAWS` resamples the relative reduction and the mean of `second`, each of shape (DRAWS,)."""
+) -> tuple[Array, float]:
+    """Return the relative reduction in `DRAWS` resamples, (DRAWS,), and below what the rms of `second` hardly falls."""
     sums = np.zeros((2, DRAWS))
     for a, b in zip(first, second, strict=True):
         length = max(min(block, a.size // LEAST_BLOCKS), 1)
@@ -233,7 +279,8 @@ def _bootstrap(
             # every window keeps its weight whatever number of whole blocks fits into it
             sums[k] += drawn.sum(axis=1) * (a.size / (number * length))
     rows = sum(b.size for b in second)
-    return 1.0 - np.sqrt(sums[1] / np.maximum(sums[0], np.finfo(float).tiny)), sums[1] / rows
+    least = float(np.sqrt(np.quantile(sums[1] / rows, SELDOM)))
+    return 1.0 - np.sqrt(sums[1] / np.maximum(sums[0], np.finfo(float).tiny)), least
 
 
 def _noise_rms(
@@ -255,9 +302,22 @@ def _noise_rms(
 
 def model_rms(whitener: Whitener, rows: int) -> Array:
     """Return the rms about its mean, over `rows`, of the noise that `whitener` whitens, from its spectrum; (n_y,)."""
+    return np.asarray(np.sqrt(_spectrum(whitener, rows).sum(axis=1)))
+
+
+def _mean_square(whitener: Whitener, rows: int) -> Array:
+    """Return the variance (n_y,) of the mean over `rows` of that noise: what its spectrum has below half a line."""
+    frequency = np.asarray((np.arange(_BELOW) + 0.5) * (0.5 / (_BELOW * rows)), dtype=np.float64)
+    response = whitener.taps @ np.exp(-2j * np.pi * np.outer(np.arange(whitener.taps.shape[1]), frequency))
+    power = whitener.bands.at(frequency) / np.maximum(np.abs(response) ** 2, np.finfo(float).tiny)
+    return np.asarray(power.mean(axis=1) / rows)
+
+
+def _spectrum(whitener: Whitener, rows: int) -> Array:
+    """Return the squares of the noise that `whitener` whitens by lines of the spectrum of so many `rows`, (n_y, k)."""
     lines = max(rows, 4 * whitener.taps.shape[1])
     response = np.fft.rfft(whitener.taps, lines, axis=1)[:, 1:]
     frequency = np.arange(1, response.shape[1] + 1) / lines
     power = whitener.bands.at(frequency) / np.maximum(np.abs(response) ** 2, np.finfo(float).tiny)
     power[:, : (lines - 1) // 2] *= 2.0  # the lines of the other sign; half the rate has none
-    return np.asarray(np.sqrt(power.sum(axis=1) / lines))
+    return np.asarray(power / lines)

@@ -7,6 +7,7 @@ shake it elsewhere then show that error, and a cause that is right seems to be o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 import scipy
@@ -24,21 +25,19 @@ def tuning_errors(data: Dataset, setting: Setting, fit: Fit) -> Mapping[int, Arr
     Shape (n, n_y, k) for k tuned numbers. Their covariance is that of the fitted rows and of the prior, to first order
     along the linear model, in noise as large as the fit leaves it.
     """
-    linear = linear_of(setting, fit)
+    linear, count = linear_of(setting, fit), len(setting.nuisances)
+    if not count:
+        return {}
     turn = turning(linear, setting.nuisances, data.rate_hz)
-    rest = np.zeros((linear.n_blocks, 2))
+    rest, noise = np.zeros((linear.n_blocks, 2)), np.sqrt(max(1.0, fit.misfit / max(fit.rows, 1)))
+    # R with R'R = the information of prior and rows: products of columns would lose what the prior alone tells
     root = root_of(setting.nuisances)
-    precision = root.T @ root
     for record, start in zip(setting.data.records, setting.starts, strict=True):
         seen = start.project(stack_white(setting.whitener, record, turn.columns(record.u, rest)))
-        precision += seen.T @ seen / max(1.0, fit.misfit / max(fit.rows, 1))
-    # errors e of this precision P = L L' are L'^-1 times uncorrelated ones
-    lower = np.linalg.cholesky(precision)
+        root = cast(Array, np.linalg.qr(np.concatenate([root, seen / noise]), mode="r"))
     held_out = {i: record for i, record in enumerate(data.records) if record.held_out().any()}
     columns = {i: turn.columns(record.u, rest) for i, record in held_out.items()}
-    return {
-        i: np.asarray(scipy.linalg.solve_triangular(lower, values.reshape(-1, lower.shape[0]).T, lower=True)).T.reshape(
-            values.shape
-        )
-        for i, values in columns.items()
-    }
+    # errors of that information are R^-1 times uncorrelated ones
+    flat = {i: values.reshape(-1, count).T for i, values in columns.items()}
+    errors = {i: scipy.linalg.solve_triangular(root, values, trans="T").T for i, values in flat.items()}
+    return {i: np.asarray(values).reshape(columns[i].shape) for i, values in errors.items()}

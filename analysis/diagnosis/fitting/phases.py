@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array
+
+Mask = NDArray[np.bool_]
 
 
 def in_phase(
@@ -24,14 +27,15 @@ def in_phase(
     """Return `effects` with those that go on by themselves in the phase in which a record shows them.
 
     `left` gives what other effects leave of the record, `added` what one adds in the phase that it has, (n, n_y) both;
-    rows and outputs count by their `weight` (n, n_y). A Hann window keeps out what a start adds and what is slow.
+    rows and outputs count by their `weight` (n, n_y). Hann windows keep out what a start adds, what is slow, and other
+    lines that are two periods of a stretch away or more.
     """
     steady = [e for e in effects if not e.own_frequency_hz()]
     if len(steady) == len(effects):
         return list(effects)
     rest = left(steady)
     rows = np.arange(weight.shape[0])
-    window = np.hanning(rows.size)[:, None] * weight**2
+    window = _hann_of_each(np.any(weight > 0.0, axis=1))[:, None] * weight**2
 
     def turned(effect: Effect) -> Effect:
         turning = np.exp(-2j * np.pi * effect.own_frequency_hz() / rate_hz * rows)
@@ -39,3 +43,12 @@ def in_phase(
         return effect.turned(float(np.angle(np.vdot(there, seen))) / (2.0 * np.pi))
 
     return [turned(e) if e.own_frequency_hz() else e for e in effects]
+
+
+def _hann_of_each(used: Mask) -> Array:
+    """Return a Hann window (n,) over each stretch of rows that are `used` (n,)."""
+    window = np.zeros(used.size)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], used.astype(int), [0]])))
+    for first, last in edges.reshape(-1, 2):
+        window[first:last] = np.hanning(last - first)
+    return window

@@ -1,7 +1,8 @@
 """Logs → Dataset: channels found by the model's ports, segments as windows, memory bounded, every doubt told.
 
 What one bench recorded without a break stays one record, because the motion continues from segment to segment.
-Realisations and parts of an import are records of their own: the state at the start of each is unknown.
+Realisations of an import are records of their own, and so are its parts unless their motion shows that they were one
+recording (the fact *unbroken*): the state at the start of each is unknown.
 """
 
 from __future__ import annotations
@@ -179,8 +180,10 @@ def _stretches(run: Run) -> list[_Stretch]:
     ]
     if not windows:
         windows = [Window("record", 0, run.rows)]
-    joined = _joined_by_a_map(run)
-    goes_on = {f.numbers["start"] for f in facts_of(run) if f.name == "unbroken" and f.numbers["found"]}
+    realisations = any("realisation" in s.settings for s in run.segments)
+    joined = _joined_by_a_map(run) or (realisations and run.header.bench.get("kind") == "imported")
+    told = () if realisations else facts_of(run)
+    goes_on = {fact.numbers.get("start") for fact in told if fact.name == "unbroken" and fact.numbers.get("found")}
     stretches: list[_Stretch] = []
     for w in windows:
         last = stretches[-1] if stretches else None
@@ -192,9 +195,7 @@ def _stretches(run: Run) -> list[_Stretch]:
 
 
 def _joined_by_a_map(run: Run) -> bool:
-    """Tell whether an import made one log of parts or realisations, each of which may have been recorded by itself."""
-    if any("realisation" in s.settings for s in run.segments) and run.header.bench.get("kind") == "imported":
-        return True
+    """Tell whether an import made one log of parts, each of which may have been recorded by itself."""
     try:
         text = json.loads(run.header.configuration).get("map", "")
         return "parts" in tomllib.loads(text)

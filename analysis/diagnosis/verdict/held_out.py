@@ -90,8 +90,8 @@ def surely_misses(times: float, std: float) -> bool:
 
 
 def beyond_noise(gain: Gain | None) -> bool:
-    """Tell whether the error on held-out rows is surely no noise alone."""
-    return gain is not None and gain.least_error > ABOVE_NOISE * gain.noise_floor
+    """Tell whether the error on held-out rows is surely no noise alone, nor the error of numbers that were tuned."""
+    return gain is not None and gain.least_error > ABOVE_NOISE * max(gain.noise_floor, gain.most_noise)
 
 
 def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 
@@ -14,8 +17,9 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
+from analysis.diagnosis.verdict.held_out import surely_misses
 from sim_backend.assembly import places_of, transducers_of
-from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, Array
+from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, RESONANCE_HZ, Array
 
 N, NOISE_M, TOLERANCE = 4000, 1e-3, 0.03
 LINEAR = MODEL.linear()
@@ -61,20 +65,51 @@ def test_what_is_left_of_unseen_rows_is_as_large_as_foretold():
     assert np.mean(foretold) > NOISE_M**2  # such an error is no part of the noise
 
 
-def test_a_right_addition_has_its_size_beside_wrong_numbers():
-    """A line that neither record shows to the tuning is added by hand, half in and half out of the fit's reach."""
-    off, wrong = [], 0
+@pytest.mark.parametrize(("part", "right"), [(1.0, True), (0.0, False)])
+def test_a_size_on_unseen_rows_is_as_uncertain_as_it_is_said(part, right):
+    """Held-out rows have this part of a line that was added: with all of it the addition is right, with none wrong."""
+    off, narrow, missed = [], 0, 0
     for seed in range(30):
         data, _ = drawn(seed)
         setting, tuned = tuned_on(data)
         line = 3.0 * NOISE_M * np.sin(2.0 * np.pi * 19.0 * np.arange(N) / RATE_HZ)[:, None]
-        after = list(residuals_on(data, setting, tuned))
-        before = [after[0], after[1] + line]
+        fitted, left = residuals_on(data, setting, tuned)
+        before, after = (fitted, left + part * line), (fitted, left + (part - 1.0) * line)
         linear = linear_of(setting, tuned)
         errors = tuning_errors(data, setting, tuned)
         times, std = size_on_held_out(data, before, after, WHITENER, linear, linear, errors)
-        alone, narrow = size_on_held_out(data, before, after, WHITENER, linear, linear, {})
-        off.append((times - 1.0) / std)
-        wrong += abs(alone - 1.0) > 3.0 * narrow
+        off.append((times - part) / std)
+        missed += surely_misses(times, std)
+        alone, bare = size_on_held_out(data, before, after, WHITENER, linear, linear, {})
+        narrow += abs(alone - part) > 3.0 * bare
     assert np.mean(np.square(off)) < 2.0 and np.max(np.abs(off)) < 4.0
-    assert wrong > 3  # without them, sizes are surely wrong that are right
+    if right:
+        assert np.mean(np.square(off)) > 0.4 and missed == 0
+        assert narrow > 3  # with the noise alone, sizes are surely wrong that are right
+    else:  # what it adds counts as noise as well, so that its size is less certain
+        assert missed > 20
+
+
+def test_a_model_without_numbers_to_tune_has_no_errors():
+    data, _ = drawn(0)
+    setting, tuned = tuned_on(data)
+    bare = replace(setting, nuisances=[]), replace(tuned, change=np.zeros(0))
+    assert tuning_errors(data, *bare) == {}
+
+
+def test_numbers_that_only_the_nominal_model_tells_apart_have_its_tolerance():
+    """Noise so small that products of columns would lose the prior of two modes that look alike."""
+    data, _ = drawn(0)
+    (mode,) = MODEL.modes
+    twin = msgspec.structs.replace(mode, label="twin", frequency_hz=RESONANCE_HZ * (1.0 + 1e-9))
+    linear = msgspec.structs.replace(MODEL, modes=[mode, twin]).linear()
+    setting, tuned = tuned_on(data)
+    nuisances = nuisances_of(linear, TOLERANCE)
+    whitener = Whitener(np.array([[1e9 / NOISE_M]]), repeats=True)
+    fitted = data.for_fitting()
+    quiet = replace(
+        setting, nominal=linear, nuisances=nuisances, whitener=whitener, starts=starts_of(fitted, linear, whitener)
+    )
+    fit = replace(tuned, change=np.zeros(len(nuisances)))
+    (errors,) = tuning_errors(data, quiet, fit).values()
+    assert np.all(np.isfinite(errors))

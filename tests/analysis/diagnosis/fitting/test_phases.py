@@ -56,6 +56,15 @@ def test_rows_without_weight_take_no_part():
     assert line.ahead == pytest.approx(0.25, abs=0.01)
 
 
+def test_slow_noise_does_not_leak_through_the_edge_of_rows_without_weight():
+    weight = np.ones((ROWS, 2))
+    weight[: ROWS // 3] = 0.0
+    slow = 5.0 * np.cos(2.0 * np.pi * 0.2 * np.arange(ROWS) / RATE_HZ)[:, None]
+    reading = answer(LINE.turned(0.3)) + slow
+    (line,) = in_phase([LINE], lambda some: reading, answer, weight, RATE_HZ)
+    assert line.ahead == pytest.approx(0.3, abs=0.02)
+
+
 def test_two_lines_are_each_in_a_phase_of_their_own():
     other = VibrationLine("x", cosine=0.5, frequency_hz=90.0)
     one, two = found([LINE, other], [LINE.turned(0.2), other.turned(0.7)])
