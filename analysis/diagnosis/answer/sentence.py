@@ -125,14 +125,18 @@ def _missed(gain: Gain | None) -> str:
 
 def _little(gain: Gain | None) -> str:
     """Return how much of the output passes for noise where it is most of it, or is within what numbers are known."""
-    if gain is not None and gain.rms_after > ABOVE_NOISE * gain.noise_floor:
+    if gain is None:
+        return ""
+    if leaves_most(gain):
+        return (
+            f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
+        )
+    if gain.rms_after > ABOVE_NOISE * gain.noise_floor:
         return (
             f", and of held-out rows it misses {share(gain.rms_after)} where {share(gain.noise_floor)} is usual, "
             "no more than slow noise and what is uncertain of its own numbers allow"
         )
-    if gain is None or not leaves_most(gain):
-        return ""
-    return f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
+    return ""
 
 
 def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> str:

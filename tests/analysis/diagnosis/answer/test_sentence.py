@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,7 +52,13 @@ def test_a_consistent_verdict_tells_of_noise_that_is_not_steady() -> None:
 def test_a_consistent_verdict_says_so_where_most_of_the_output_passes_for_noise() -> None:
     loud = Gain(("run#a",), 0.95, 0.95, 0.9, 0.0, (0.0, 0.0))
     assert "95.0 % of the held-out output" in sentence("consistent", (), (), loud, {})
-    assert sentence("consistent", (), (), GAIN, {}).endswith("what it leaves is noise.")
+    quiet = replace(GAIN, rms_after=GAIN.noise_floor)
+    assert sentence("consistent", (), (), quiet, {}).endswith("what it leaves is noise.")
+
+
+def test_a_consistent_verdict_tells_what_it_misses_of_held_out_rows_beside_the_usual_noise() -> None:
+    said = sentence("consistent", (), (), GAIN, {})
+    assert "it misses 1.25 % where 1.00 % is usual" in said and "slow noise" in said
 
 
 def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
