@@ -44,8 +44,15 @@ class Echo:
     @property
     def comes_back(self) -> bool:
         """Whether the inputs answer the residual, and it not them."""
-        least = max(scipy.stats.chi2.isf(_CHANCE, self.tests), _LEAST * self.rows)
-        return bool(self.after > least and self.after > _RATIO * self.before)
+        return self.may_come_back and self.after > _LEAST * self.rows
+
+    @property
+    def may_come_back(self) -> bool:
+        """Whether they hold more of it afterwards than chance does and than they held before, however little that is.
+
+        An axis that stands still beside others answers its own noise with the little that its controller does.
+        """
+        return bool(self.after > scipy.stats.chi2.isf(_CHANCE, self.tests) and self.after > _RATIO * self.before)
 
 
 def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:

@@ -107,7 +107,7 @@ def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> 
     """
     cuts = np.cumsum(parts)[:-1]
     echo = echo_of(np.split(w, cuts), np.split(u, cuts))
-    if echo.comes_back:
+    if echo.may_come_back:
         return float(chi2_tail(echo.before, echo.tests))
     edges = _edges(max(parts), rate_hz)
     pieces: list[list[Array]] = [[] for _ in range(edges.size - 1)]

@@ -197,6 +197,16 @@ def test_in_a_loop_the_inputs_of_the_same_sample_are_no_evidence(seed: int) -> N
     assert coherence_test(w, u, [w.size], record.rate_hz) > 1e-3
 
 
+@pytest.mark.parametrize("seed", [75, 76, 77, 78])
+def test_a_loop_that_answers_little_beside_what_is_played_is_one_as_well(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    w, played = rng.standard_normal((2, 16_384))
+    u = played - 0.1 * w  # a hundredth of the input's power: the inputs to come hold 1 % of what is left
+    assert coherence_test(w, u[:, None], [w.size], RATE_HZ) < 1e-6  # in the same sample nothing tells which is first
+    late = np.concatenate([[0.0], u[:-1]])
+    assert coherence_test(w, late[:, None], [w.size], RATE_HZ) > 1e-3
+
+
 def test_in_a_loop_what_follows_earlier_inputs_is_evidence() -> None:
     rng = np.random.default_rng(5)
     noise, played = rng.standard_normal((2, 4096))
