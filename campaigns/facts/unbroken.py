@@ -70,9 +70,9 @@ def _fact(before: Stretch, after: Stretch, chance: float) -> Fact:
     one = chance <= CHANCE
     numbers = {"start": after.start, "found": float(one), "chance": chance}
     if not one:
-        text = f"whether this and '{before.label}' are one recording cannot be told from the data"
+        text = f"whether '{before.label}' and '{after.label}' are one recording cannot be told from the data"
         return Fact(NAME, text, segment=after.label, numbers=numbers, remark=False)
-    text = f"this and '{before.label}' are one recording: what moves goes on from one to the other"
+    text = f"'{before.label}' and '{after.label}' are one recording: what moves goes on from one to the other"
     means = f"recordings of their own would fit together so well with a chance of {chance:.1g}"
     return Fact(NAME, text, means, segment=after.label, numbers=numbers, remark=False)
 

@@ -53,6 +53,7 @@ def test_rows_without_weight_take_no_part():
     first, second = answer(LINE), answer(late)
     reading = np.where(np.arange(ROWS)[:, None] < ROWS // 2, first, second)
     (line,) = in_phase([LINE], lambda some: reading, answer, weight, RATE_HZ)
+    assert isinstance(line, VibrationLine)
     assert line.ahead == pytest.approx(0.25, abs=0.01)
 
 
@@ -62,6 +63,7 @@ def test_slow_noise_does_not_leak_through_the_edge_of_rows_without_weight():
     slow = 5.0 * np.cos(2.0 * np.pi * 0.2 * np.arange(ROWS) / RATE_HZ)[:, None]
     reading = answer(LINE.turned(0.3)) + slow
     (line,) = in_phase([LINE], lambda some: reading, answer, weight, RATE_HZ)
+    assert isinstance(line, VibrationLine)
     assert line.ahead == pytest.approx(0.3, abs=0.02)
 
 
