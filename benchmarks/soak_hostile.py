@@ -22,7 +22,7 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -140,12 +140,16 @@ def make_kit(folder: Path) -> None:
 
 
 def in_child(
-    do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None = None, stop_s: float | None = None
+    do: Callable[[], object],
+    folder: Path,
+    limit_s: int,
+    watched: Sequence[Path] = (),
+    stop_s: float | None = None,
 ) -> tuple[int, str]:
     """Do something in a fork of this process, in a folder; return its exit code, negative for a signal, and its words.
 
-    It is told to stop (SIGTERM) after `stop_s`. What it opens for writing outside of `watched` is said in a line that
-    begins with "outside:", a peak of memory above the limit in one that begins with "memory:".
+    It is told to stop (SIGTERM) after `stop_s`. What it opens for writing outside of `watched` (`_tell_of_writes`) is
+    said in a line that begins with "outside:", a peak of memory above the limit in one that begins with "memory:".
     """
     with open(folder.parent / "said", "w+b") as said:
         pid = os.fork()
@@ -159,7 +163,7 @@ def in_child(
 
 
 def _child(
-    do: Callable[[], object], folder: Path, limit_s: int, watched: Path | None, stop_s: float | None, said: int
+    do: Callable[[], object], folder: Path, limit_s: int, watched: Sequence[Path], stop_s: float | None, said: int
 ) -> None:
     code = 99
     try:
@@ -183,7 +187,7 @@ def _child(
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
         signal.alarm(4 * limit_s)
-        if watched is not None:
+        if watched:
             _tell_of_writes(watched)
         found = do()
         code = found if isinstance(found, int) else 0
@@ -209,9 +213,11 @@ _OPENED = (
 _CHANGES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 
-def _tell_of_writes(watched: Path) -> None:
+def _tell_of_writes(watched: Sequence[Path]) -> None:
+    """Tell of what is changed outside the first folder, what lies in it or below, or right in one of the others."""
+    named = {str(folder) for folder in watched[1:]}
     kept = (
-        str(watched),
+        str(watched[0]),
         os.environ.get("MCCD_KERNEL_CACHE", "-"),
         os.environ.get("MPLCONFIGDIR", "-"),
         "/dev/",
@@ -227,6 +233,8 @@ def _tell_of_writes(watched: Path) -> None:
             if not isinstance(name, str | bytes | os.PathLike):
                 continue
             path = os.path.abspath(os.fsdecode(name))
+            if os.path.dirname(path) in named:
+                continue
             if not f"{path}/".startswith(kept) and os.path.isdir(os.path.dirname(path)):
                 os.write(2, f"\noutside: {event} {path!r}\n".encode("utf-8", "backslashreplace"))
 
@@ -251,7 +259,13 @@ def case(seed: int, kit: Path, box: Path) -> tuple[str, int, str | None, str]:
     waits = "--wait" in arguments
     stop_s = SERVED_S if arguments[:2] == ["bench", "serve"] or waits else None
     limit_s = LIMIT_S * (LONG if arguments[:2] == ["challenge", "make"] else 1)
-    code, said = in_child(lambda: mccd(arguments), work, limit_s, watched=box, stop_s=stop_s)
+    # whoever names a folder outside gets what was asked for there, and nothing deeper
+    named = {Path(a): set(os.listdir(a)) for a in arguments if a.startswith("/") and os.path.isdir(a)}
+    code, said = in_child(lambda: mccd(arguments), work, limit_s, watched=[box, *named], stop_s=stop_s)
+    for folder, before in named.items():
+        for left in set(os.listdir(folder)) - before:
+            if (folder / left).is_file():
+                (folder / left).unlink()
     name = " ".join(BASES[seed % len(BASES)][:2])
     shown = (
         f"seed {seed}: mccd {' '.join(a[:60] for a in arguments)!r} ({told[:300]}; {time.monotonic() - began:.1f} s)"

@@ -107,8 +107,8 @@ def orthogonal(
     ConfigError when no line lies in the band.
     """
     resolution = rate_hz / period
-    first, last = int(np.ceil(start_hz / resolution - 1e-9)), int(np.floor(stop_hz / resolution + 1e-9))
-    first, last = max(first, 1), min(last, (period - 1) // 2)
+    low, high = (min(f, rate_hz) / resolution for f in (start_hz, stop_hz))  # beyond the rate there is no line
+    first, last = max(int(np.ceil(low - 1e-9)), 1), min(int(np.floor(high + 1e-9)), (period - 1) // 2)
     if last < first:
         raise ConfigError(
             f"multisine: no line of {resolution:g} Hz lies between {start_hz:g} and {stop_hz:g} Hz; "
