@@ -70,7 +70,7 @@ def _fact(before: Stretch, after: Stretch, chance: float) -> Fact:
     one = chance <= CHANCE
     numbers = {"start": after.start, "found": float(one), "chance": chance}
     if not one:
-        text = f"whether '{before.label}' and '{after.label}' are one recording cannot be told from the data"
+        text = f"the data do not show whether '{before.label}' and '{after.label}' are one recording"
         return Fact(NAME, text, segment=after.label, numbers=numbers, remark=False)
     text = f"'{before.label}' and '{after.label}' are one recording: what moves goes on from one to the other"
     means = f"recordings of their own would fit together so well with a chance of {chance:.1g}"
@@ -138,7 +138,7 @@ class _Foretold:
     """What earlier rows foretell of the rows after each row (n,), what comes, and the rms of their difference.
 
     That is of rows whose surroundings lie within one stretch. What later commands add is taken off what comes. Where
-    rows reach beyond both stretches there is no number.
+    rows lie beyond both stretches there is no number.
     """
 
     foretold: Array

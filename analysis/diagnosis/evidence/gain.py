@@ -309,8 +309,7 @@ def _mean_square(whitener: Whitener, rows: int) -> Array:
     """Return the variance (n_y,) of the mean over `rows` of that noise: what its spectrum has below half a line."""
     frequency = np.asarray((np.arange(_BELOW) + 0.5) * (0.5 / (_BELOW * rows)), dtype=np.float64)
     response = whitener.taps @ np.exp(-2j * np.pi * np.outer(np.arange(whitener.taps.shape[1]), frequency))
-    power = whitener.bands.at(frequency) / np.maximum(np.abs(response) ** 2, np.finfo(float).tiny)
-    return np.asarray(power.mean(axis=1) / rows)
+    return np.asarray(_power(whitener, frequency, response).mean(axis=1) / rows)
 
 
 def _spectrum(whitener: Whitener, rows: int) -> Array:
@@ -318,6 +317,11 @@ def _spectrum(whitener: Whitener, rows: int) -> Array:
     lines = max(rows, 4 * whitener.taps.shape[1])
     response = np.fft.rfft(whitener.taps, lines, axis=1)[:, 1:]
     frequency = np.arange(1, response.shape[1] + 1) / lines
-    power = whitener.bands.at(frequency) / np.maximum(np.abs(response) ** 2, np.finfo(float).tiny)
+    power = _power(whitener, frequency, response)
     power[:, : (lines - 1) // 2] *= 2.0  # the lines of the other sign; half the rate has none
     return np.asarray(power / lines)
+
+
+def _power(whitener: Whitener, frequency: Array, response: NDArray[np.complex128]) -> Array:
+    """Return the power (n_y, k) of that noise at each `frequency` (k,), where its filter has this response (n_y, k)."""
+    return np.asarray(whitener.bands.at(frequency) / np.maximum(np.abs(response) ** 2, np.finfo(float).tiny))

@@ -30,13 +30,18 @@ def tuning_errors(data: Dataset, setting: Setting, fit: Fit) -> Mapping[int, Arr
         return {}
     turn = turning(linear, setting.nuisances, data.rate_hz)
     rest, noise = np.zeros((linear.n_blocks, 2)), np.sqrt(max(1.0, fit.misfit / max(fit.rows, 1)))
+    # a record may be fitted in some rows and held out in others: it is simulated once
+    held_out = {id(record.y): i for i, record in enumerate(data.records) if record.held_out().any()}
+    columns: dict[int, Array] = {}
     # R with R'R = the information of prior and rows: products of columns would lose what the prior alone tells
     root = root_of(setting.nuisances)
     for record, start in zip(setting.data.records, setting.starts, strict=True):
-        seen = start.project(stack_white(setting.whitener, record, turn.columns(record.u, rest)))
+        own = turn.columns(record.u, rest)
+        if id(record.y) in held_out:
+            columns[held_out[id(record.y)]] = own
+        seen = start.project(stack_white(setting.whitener, record, own))
         root = cast(Array, np.linalg.qr(np.concatenate([root, seen / noise]), mode="r"))
-    held_out = {i: record for i, record in enumerate(data.records) if record.held_out().any()}
-    columns = {i: turn.columns(record.u, rest) for i, record in held_out.items()}
+    columns |= {i: turn.columns(data.records[i].u, rest) for i in held_out.values() if i not in columns}
     # errors of that information are R^-1 times uncorrelated ones
     flat = {i: values.reshape(-1, count).T for i, values in columns.items()}
     errors = {i: scipy.linalg.solve_triangular(root, values, trans="T").T for i, values in flat.items()}

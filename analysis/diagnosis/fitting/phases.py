@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.diagnosis.noise.whitener import Mask, runs_of
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array
-
-Mask = NDArray[np.bool_]
 
 
 def in_phase(
@@ -48,7 +46,6 @@ def in_phase(
 def _hann_of_each(used: Mask) -> Array:
     """Return a Hann window (n,) over each stretch of rows that are `used` (n,)."""
     window = np.zeros(used.size)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], used.astype(int), [0]])))
-    for first, last in edges.reshape(-1, 2):
+    for first, last in runs_of(used):
         window[first:last] = np.hanning(last - first)
     return window

@@ -11,6 +11,7 @@ import json
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from analysis.diagnosis.records.checks import (
 from analysis.diagnosis.records.dataset import Dataset, Record, Window, period_within
 from analysis.diagnosis.records.holding import with_held_out
 from campaigns.facts import facts_of, remarks_on, usable_segments
+from campaigns.facts.unbroken import NAME as UNBROKEN
 from campaigns.log import Run, read_run, sha256_of, unit_named
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array
@@ -180,18 +182,24 @@ def _stretches(run: Run) -> list[_Stretch]:
     ]
     if not windows:
         windows = [Window("record", 0, run.rows)]
-    realisations = any("realisation" in s.settings for s in run.segments)
-    joined = _joined_by_a_map(run) or (realisations and run.header.bench.get("kind") == "imported")
-    told = () if realisations else facts_of(run)
-    goes_on = {fact.numbers.get("start") for fact in told if fact.name == "unbroken" and fact.numbers.get("found")}
+    goes_on = _going_on(run, windows)
     stretches: list[_Stretch] = []
     for w in windows:
-        last = stretches[-1] if stretches else None
-        if last and (not joined or (w.start == last.stop and w.start in goes_on)):
-            stretches[-1] = _Stretch(last.start, w.stop, (*last.windows, w))
+        if stretches and w.start in goes_on:
+            stretches[-1] = _Stretch(stretches[-1].start, w.stop, (*stretches[-1].windows, w))
         else:
             stretches.append(_Stretch(w.start, w.stop, (w,)))
     return stretches
+
+
+def _going_on(run: Run, windows: Sequence[Window]) -> set[int]:
+    """Return where windows start that go on with the recording of the one before."""
+    realisations = any("realisation" in s.settings for s in run.segments)
+    if not _joined_by_a_map(run) and not (realisations and run.header.bench.get("kind") == "imported"):
+        return {w.start for w in windows}
+    told = () if realisations else facts_of(run)
+    found = {fact.numbers.get("start") for fact in told if fact.name == UNBROKEN and fact.numbers.get("found")}
+    return {after.start for before, after in pairwise(windows) if before.stop == after.start and after.start in found}
 
 
 def _joined_by_a_map(run: Run) -> bool:

@@ -1,4 +1,4 @@
-"""A multisine has the lines of its band that there are, however far the band is asked to reach."""
+"""A multisine has the lines of its band that there are, however wide the band is said to be."""
 
 from __future__ import annotations
 
