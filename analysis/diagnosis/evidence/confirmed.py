@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from analysis.diagnosis.evidence.gain import size_on_held_out
+from analysis.diagnosis.evidence.gain import errors_in_noise, size_on_held_out
 from analysis.diagnosis.evidence.tuning_errors import tuning_errors
 from analysis.diagnosis.fitting.balance import again, iterated_gls, score
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of, explained_by
@@ -50,7 +50,8 @@ def _worst(found: Found, data: Dataset) -> _Worst | None:
     setting, best, known = found.setting, found.best, found.setting.whitener.repeats
     after = residuals_on(data, setting, best)
     noise = setting.whitener if known and not setting.added else whitener_from(data, list(after))
-    errors, last = tuning_errors(data, setting, best), linear_of(setting, best)
+    last = linear_of(setting, best)
+    errors = errors_in_noise(data, tuning_errors(data, setting, best), noise, last)
     worst: _Worst | None = None
     for i, candidate in enumerate(best.candidates):
         rest = _without(found, i)

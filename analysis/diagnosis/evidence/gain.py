@@ -114,17 +114,24 @@ def size_on_held_out(
     whitener: Whitener,
     first: ModalModel,
     extended: ModalModel,
-    errors: Mapping[int, Array],
+    errors: Array,
 ) -> tuple[float, float]:
     """Return how many times as large, for held-out rows, what was added should be, and the standard deviation of that.
 
-    Arguments as of `gain_of`; every output counts in units of its noise.
+    Arguments as of `gain_of`, `errors` as `errors_in_noise` gives them; every output counts in units of its noise.
     """
     windows = [(i, w) for i, w in data.windows if w.held_out]
     left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
     every = np.ones(data.n_outputs, dtype=bool)
+    white = [_in_noise(clean, data, windows, whitener, every) for clean in left]
+    return _times(white[0], white[1], errors)
+
+
+def errors_in_noise(data: Dataset, errors: Mapping[int, Array], whitener: Whitener, extended: ModalModel) -> Array:
+    """Return the `errors` of `tuning_errors` on held-out rows as `size_on_held_out` compares them, (rows, k)."""
+    windows = [(i, w) for i, w in data.windows if w.held_out]
     wrong = _cleaned(data, errors, extended, windows) if errors else {}
-    return _times(*(_in_noise(c, data, windows, whitener, every) for c in (*left, wrong)))
+    return _in_noise(wrong, data, windows, whitener, np.ones(data.n_outputs, dtype=bool))
 
 
 def _output_size(data: Dataset, windows: Sequence[tuple[int, Window]]) -> Array:

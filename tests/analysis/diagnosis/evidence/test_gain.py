@@ -3,7 +3,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from analysis.diagnosis.evidence.gain import gain_of, model_rms, size_on_held_out
+from analysis.diagnosis.evidence.gain import errors_in_noise, gain_of, model_rms, size_on_held_out
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import free_responses
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
@@ -266,4 +266,5 @@ def test_outputs_that_rest_on_the_held_out_rows_tell_nothing(oscillator):
     data, linear, left = Dataset(RATE_HZ, (record(y, windows),)), oscillator.linear(), np.zeros((1000, 1))
     errors = {0: np.ones((1000, 1, 2))}
     assert gain_of(data, [left], [left], WHITENER, linear, linear, ["x"], errors=errors) is None
-    assert size_on_held_out(data, [left], [left], WHITENER, linear, linear, errors) == (1.0, np.inf)
+    wrong = errors_in_noise(data, errors, WHITENER, linear)
+    assert size_on_held_out(data, [left], [left], WHITENER, linear, linear, wrong) == (1.0, np.inf)

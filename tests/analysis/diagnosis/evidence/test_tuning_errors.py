@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.gain import size_on_held_out
+from analysis.diagnosis.evidence.gain import errors_in_noise, size_on_held_out
 from analysis.diagnosis.evidence.tuning_errors import tuning_errors
 from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting, linear_of, residuals_on
@@ -76,11 +76,13 @@ def test_a_size_on_unseen_rows_is_as_uncertain_as_it_is_said(part, right):
         fitted, left = residuals_on(data, setting, tuned)
         before, after = (fitted, left + part * line), (fitted, left + (part - 1.0) * line)
         linear = linear_of(setting, tuned)
-        errors = tuning_errors(data, setting, tuned)
+        errors = errors_in_noise(data, tuning_errors(data, setting, tuned), WHITENER, linear)
         times, std = size_on_held_out(data, before, after, WHITENER, linear, linear, errors)
         off.append((times - part) / std)
         missed += surely_misses(times, std)
-        alone, bare = size_on_held_out(data, before, after, WHITENER, linear, linear, {})
+        alone, bare = size_on_held_out(
+            data, before, after, WHITENER, linear, linear, errors_in_noise(data, {}, WHITENER, linear)
+        )
         narrow += abs(alone - part) > 3.0 * bare
     assert np.mean(np.square(off)) < 2.0 and np.max(np.abs(off)) < 4.0
     if right:
