@@ -44,7 +44,8 @@ def sentence(
 
     `evidence` is told of an unknown verdict: where what is not understood lives.
     """
-    parts = _verdict(verdict, causes, tied, gain, evidence), _left(remainder), _next(choice)
+    parts = _verdict(verdict, causes, tied, gain, evidence), _left(remainder), _allowed(verdict, gain, remainder)
+    parts = *parts, _next(choice)
     return without_exponents(" ".join(filter(None, parts)))
 
 
@@ -109,6 +110,12 @@ def _gained(gain: Gain | None, what: str) -> str:
     if gain is None:
         return ""
     before, after = share(gain.rms_before), share(gain.rms_after)
+    if gain.measurable and gain.rms_after > gain.rms_before:
+        grows = f"; with {what} the held-out error grows from {before} to {after} of the output"
+        if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
+            return f"{grows}, of which {share(gain.noise_floor)} is noise"
+        size = f"{readable(gain.times, 2)} ± {readable(gain.times_std, 1)}"
+        return f"{grows}, but slow noise is part of it: allowing for that, these rows want {size} times what was added"
     if gain.measurable:
         return f"; adding {what} takes the held-out error from {before} to {after} of the output"
     return (
@@ -120,7 +127,10 @@ def _gained(gain: Gain | None, what: str) -> str:
 def _missed(gain: Gain | None) -> str:
     if gain is None:
         return ""
-    return f"; it misses {share(gain.rms_before)} of the held-out output, of which {share(gain.noise_floor)} is noise"
+    missed = f"; it misses {share(gain.rms_before)} of the held-out output"
+    if not gain.noise_floor < gain.rms_before:  # the noise is taken from what is left, so that its size says nothing
+        return f"{missed}, which by its size alone could all be noise"
+    return f"{missed}, of which {share(gain.noise_floor)} is noise"
 
 
 def _little(gain: Gain | None) -> str:
@@ -132,11 +142,24 @@ def _little(gain: Gain | None) -> str:
             f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
         )
     if gain.rms_after > ABOVE_NOISE * gain.noise_floor:
-        return (
-            f", and of held-out rows it misses {share(gain.rms_after)} where {share(gain.noise_floor)} is usual, "
-            "no more than slow noise and what is uncertain of its own numbers allow"
-        )
+        return f", and of held-out rows it misses {_above_usual(gain)}"
     return ""
+
+
+def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -> str:
+    """Return what named causes leave beside the usual noise and why it is no remainder, where they leave that much."""
+    if verdict not in ("named", "ambiguous") or remainder is not None or gain is None:
+        return ""
+    if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
+        return ""
+    return f"Of held-out rows it still misses {_above_usual(gain)}."
+
+
+def _above_usual(gain: Gain) -> str:
+    return (
+        f"{share(gain.rms_after)} where {share(gain.noise_floor)} is usual, no more than slow noise and what is "
+        "uncertain of its own numbers allow"
+    )
 
 
 def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> str:

@@ -98,6 +98,33 @@ def test_a_gain_that_noise_may_be_is_said_to_be_none() -> None:
     )
 
 
+def test_an_error_that_grows_on_held_out_rows_is_told_with_the_reason_why_the_name_stands() -> None:
+    slow = Gain(("run#a",), 0.0256, 0.0278, 0.00278, -0.083, (-0.105, -0.062), times=0.91, times_std=0.22)
+    text = sentence("named", (cause("delay", "the residual leads"),), (), slow, {})
+    assert "with it the held-out error grows from 2.56 % to 2.78 % of the output, but slow noise is part of it" in text
+    assert "these rows want 0.91 ± 0.2 times what was added" in text
+    assert "Of held-out rows it still misses 2.78 % where 0.278 % is usual" in text
+    near = replace(slow, noise_floor=0.0256)
+    text = sentence("named", (cause("delay", "the residual leads"),), (), near, {})
+    assert "grows from 2.56 % to 2.78 % of the output, of which 2.56 % is noise." in text
+    assert "still misses" not in text
+
+
+def test_what_named_causes_leave_beside_the_usual_noise_is_told_once() -> None:
+    causes = (cause("delay", "the residual leads"),)
+    assert "it still misses 1.25 % where 1.00 % is usual" in sentence("named", causes, (), GAIN, {})
+    rest = Remainder(0.06, 1e-9, "the held-out rows")
+    assert "still misses" not in sentence("named", causes, (), GAIN, {}, remainder=rest)
+    assert "still misses" not in sentence("named", causes, (), replace(GAIN, rms_after=GAIN.noise_floor), {})
+
+
+def test_an_error_as_large_as_its_noise_is_not_said_to_be_wrong_and_noise_at_once() -> None:
+    same = replace(GAIN, rms_before=0.45, rms_after=0.45, noise_floor=0.45)
+    text = sentence("unknown", (), (), same, {})
+    assert "it misses 45.0 % of the held-out output, which by its size alone could all be noise." in text
+    assert "of which 1.00 % is noise" in sentence("unknown", (), (), GAIN, {})
+
+
 @pytest.mark.parametrize("sure", [(), (cause("delay", "the residual leads"),)])
 def test_ambiguous_tells_the_tie_what_is_sure_beside_it_and_the_gain(sure: tuple[Cause, ...]) -> None:
     text = sentence("ambiguous", sure, (("cubic-stiffness", "backlash"),), GAIN, {})
