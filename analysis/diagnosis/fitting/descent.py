@@ -307,10 +307,12 @@ def _around(objective: Callable[[float], float], at: float, distances: Array, cl
 def _deviation(distances: Array, higher: Array) -> float:
     """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways.
 
-    Infinite where the likelihood does not end there: the data say nothing then.
+    Infinite where the likelihood does not end there: the data say nothing then. Never less than the finest distance:
+    within that nothing was asked.
     """
     if float(np.min(higher[:, 0])) < _FLAT:
         return np.inf
     at = np.concatenate([[0.0], distances[::-1]])
     likelihood = np.append(2.0, np.exp(-0.5 * np.maximum(higher[:, ::-1], 0.0)).sum(axis=0))
-    return float(np.sqrt(np.trapezoid(likelihood * at**2, at) / np.trapezoid(likelihood, at)))
+    squared = np.trapezoid(likelihood * at**2, at) / np.trapezoid(likelihood, at)
+    return max(float(np.sqrt(squared)), float(distances[-1]))

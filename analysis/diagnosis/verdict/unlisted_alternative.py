@@ -1,8 +1,7 @@
 """What was found is held against an unlisted torque, fitted in its place with as much effort.
 
-Two or three listed causes at one place may share out what none of them is. And where no period repeats, the noise is
-what a fit leaves, so that whatever it misses passes for noise: only another fit can show it. The unlisted
-torque is a few terms of command, position and rate, those that explain most; one that is an effect itself, in other
+One listed cause may be the neighbour of what no list has, two or three may share it out. And where no period repeats,
+the noise is what a fit leaves and absorbs whatever that misses: only another fit can show it. The unlisted torque is a few terms of command, position and rate, those that explain most; one that is an effect itself, in other
 words, is none of them.
 """
 
@@ -21,7 +20,7 @@ from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.forward import other_than, taken_from
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.screening import gram_of
-from analysis.diagnosis.search.shortlist import beside, views_of
+from analysis.diagnosis.search.shortlist import SURE_LEAD, beside, views_of
 from analysis.diagnosis.search.stage import Progress
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.unlisted_torque import UnlistedTorque
@@ -37,8 +36,9 @@ def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progre
     for place in places:
         progress(f"fitting a force that is no listed cause at {place}", _AT)
         alternative = _alternative(found, place, scales, own)
-        if alternative is not None:
-            leads.append((place, _lead(found, *alternative, own)))
+        lead = np.inf if alternative is None else _lead(found, *alternative, own)
+        if lead < (0.0 if _stands_alone(found, place) else SURE_LEAD):
+            leads.append((place, lead))
     return replace(found, unlisted_leads=tuple(leads))
 
 
@@ -54,17 +54,27 @@ def _doubtful(found: Found) -> Sequence[str]:
     return [p for p in places if p in found.setting.places.inputs and _in_doubt(found, p)]
 
 
+def _stands_alone(found: Found, place: str) -> bool:
+    """Tell whether what is in doubt at `place` is one torque, beside noise that is known from repetitions.
+
+    A misfit of that shows by itself (`verdict.lack_of_fit`), so terms that are chosen freely have to be better than it:
+    where a cause is small they come near it by that freedom.
+    """
+    return found.setting.whitener.repeats and len(_in_doubt(found, place)) == 1
+
+
 def _in_doubt(found: Found, place: str) -> list[int]:
     """Return the numbers of the effects at `place` that an unlisted torque could be, if any.
 
     These are its torques, two or more of them, or one beside own noise. Where there are fewer, what changes the model
     there counts as well, if there are two or more in all: modes without number imitate whatever is no listed cause.
+    Otherwise it is the one torque there, if any.
     """
     there = [i for i, e in enumerate(found.best.effects) if _input_of(e) == place]
     torques = [i for i in there if found.best.effects[i].site <= Site.STRUCTURE]
     if len(torques) >= (2 if found.setting.whitener.repeats else 1):
         return torques
-    return there if len(there) >= 2 else []
+    return there if len(there) >= 2 else torques
 
 
 def _input_of(effect: Effect) -> str:

@@ -56,3 +56,9 @@ def test_an_approach_ends_near_and_asks_a_third_as_often() -> None:
     assert abs(approached(counted, TRUE, 0.01, CLOSE) - TRUE) <= 0.1 / SLOPE
     assert len(asked) == 1 + 2 * 16
     assert abs(approached(roof, TRUE + 1e-3, 0.01, CLOSE) - TRUE) < 1e-6
+
+
+def test_a_cusp_that_is_sharper_than_anything_asked_is_known_to_the_finest_distance_and_no_better() -> None:
+    """Without noise the next grain may cost all: the deviation was zero then, and its inverse no number."""
+    deviation = sharpened(lambda x: 1e30 * abs(x - TRUE), TRUE, 0.01, CLOSE)[1]
+    assert 0.0 < deviation <= 0.01

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.fitting.discrepancy import Discrepancy
 from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.pipeline import Options, diagnose
@@ -14,8 +15,10 @@ from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
+from analysis.diagnosis.verdict import unlisted_alternative
 from analysis.diagnosis.verdict.judging import failed_check, judge
 from analysis.diagnosis.verdict.lack_of_fit import LackOfFit
+from sim_backend.effects.cubic_stiffness import CubicStiffness
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, setting_of
 
 ROWS = 4000
@@ -71,6 +74,25 @@ def test_an_unlisted_torque_that_comes_near_fails_a_check() -> None:
     """A lead of log 99 = 4.6 is needed, as against any rival."""
     assert "x" in failed_check(_found(leads=(("x", 4.0),)), ())
     assert failed_check(_found(leads=(("x", 5.0),)), ()) == ""
+
+
+@pytest.mark.parametrize(("lead", "told"), [(-1.0, True), (1.0, False)])
+def test_one_torque_beside_known_noise_is_doubted_where_an_unlisted_one_is_better(
+    monkeypatch: pytest.MonkeyPatch, lead: float, told: bool
+) -> None:
+    """Where it comes near, a small cause keeps its name; two causes do not, nor does one where noise is not known."""
+    spring = CubicStiffness(where="x", stiffness=1.0)
+    found = _found()
+    found = replace(found, best=replace(found.best, effects=(spring,)))
+    monkeypatch.setattr(unlisted_alternative, "_alternative", lambda *_: (found.best, 0.0))
+    monkeypatch.setattr(unlisted_alternative, "_lead", lambda *_: lead)
+    assert found.setting.whitener.repeats
+    scales = Scales.__new__(Scales)
+    against = unlisted_alternative.against_unlisted_alternatives(found, scales, lambda *_: None)
+    assert against.unlisted_leads == ((("x", lead),) if told else ())
+    shared = replace(found, best=replace(found.best, effects=(spring, replace(spring, stiffness=2.0))))
+    two = unlisted_alternative.against_unlisted_alternatives(shared, scales, lambda *_: None)
+    assert two.unlisted_leads == (("x", lead),)
 
 
 def _played(law) -> Dataset:
