@@ -22,6 +22,15 @@ SHARED: Final = ("bench", "seed")
 
 HERE: Final = Path("mccd.toml")
 
+_LIFTED: Final = {
+    "allow-outside": "that lets maps read files outside their folder",
+    "allow-remote": "that opens a bench to other machines",
+    "force": "that replaces what is there",
+    "host": "that opens a bench to other machines",
+    "token-file": "that decides who may command a bench",
+}
+"""Options that lift a limit for whoever sets them, with what they do."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -152,7 +161,7 @@ def _refuse_from_the_folder(settings: Settings, options: Mapping[str, click.Opti
         name = key[-1].replace("_", "-")
         if file == HERE and key[:-1] in (path, (FOR_ALL,)) and name in options:
             value: Any = settings.table(key[:-1])[key[-1]]
-            why = getattr(options[name].type, "risk_of", lambda _: "")(value)
+            why = _LIFTED.get(name) or getattr(options[name].type, "risk_of", lambda _: "")(value)
             if why:
                 raise ConfigError(
                     f"{file} sets {'.'.join(key)} = {value!r}, and {why}: a file of the current folder may not, as "

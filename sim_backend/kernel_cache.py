@@ -7,6 +7,7 @@ entry is never out of date; an entry that cannot be trusted is treated as absent
 from __future__ import annotations
 
 import os
+import re
 import stat
 import time
 import warnings
@@ -25,6 +26,9 @@ MOST_BYTES = 64 * 2**20
 
 KEPT_DAYS = 90
 """Entries written longer ago are removed, so that code of old versions does not pile up."""
+
+_OURS = re.compile(r"\.?\w[\w-]*-[0-9a-f]{32}(\.|$)")
+"""Names of entries (`sim_backend.jit.entry_name`), and of what a writer that was killed leaves of one."""
 
 _DIGEST_BYTES = sha256().digest_size
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
@@ -127,9 +131,11 @@ def _of_the_user() -> Path:
 
 
 def _remove_old(place: Path) -> None:
+    """Remove old entries, told by their names from what else a chosen folder may hold."""
     limit = time.time() - KEPT_DAYS * 86_400
     try:
-        old = [entry.path for entry in os.scandir(place) if entry.stat(follow_symlinks=False).st_mtime < limit]
+        ours = [entry for entry in os.scandir(place) if _OURS.match(entry.name)]
+        old = [entry.path for entry in ours if entry.stat(follow_symlinks=False).st_mtime < limit]
         for path in old:
             os.unlink(path)
     except OSError:

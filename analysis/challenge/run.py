@@ -29,7 +29,7 @@ RESULTS, OUTCOME, DIAGNOSIS = "results", "run.json", "diagnosis.json"
 
 INTERRUPTED = 130
 
-DIAGNOSE = (sys.executable, "-m", "mccdcli", "diagnose", "--no-page")
+DIAGNOSE = (sys.executable, "-P", "-m", "mccdcli", "diagnose", "--no-page")
 """The command that is judged; the case's files and options follow. Pages of hundreds of cases take half of the time."""
 
 

@@ -13,7 +13,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ SCHEMA = "mccd-study-trials/1"
 _OWN = ("trial", "status", "reason", "wall_s")
 _TYPES = {"number": "REAL", "flag": "INTEGER", "text": "TEXT"}
 _KEPT_AS = {"number": "'real', 'null'", "flag": "'integer', 'null'", "text": "'text', 'null'"}
+_STUDY = "CREATE TABLE study (part TEXT PRIMARY KEY, value TEXT NOT NULL)"
+_LONGEST_BYTES = 2**26
+"""No text of a store comes near this size; SQLite refuses a longer one before it is made."""
+
 _RESTORE = "restore it from a copy, or begin anew with another --out"
 
 
@@ -51,6 +55,11 @@ class Store:
         existed = self.path.exists()
         if existed and not resume:
             raise ConfigError(f"{folder} holds trials already; go on with --resume, or choose another --out")
+        journal = folder / f"{FILE}-journal"
+        if journal.exists() and journal.lstat().st_size:  # SQLite would play it back, and delete a file that it names
+            raise DataError(
+                f"{journal} is no file of a study, which keeps a write-ahead log; delete it, or choose another --out"
+            )
         try:
             # the store, and what SQLite keeps beside it, is opened by SQLite, which asks for no kind of file
             for name in (FILE, f"{FILE}-wal", f"{FILE}-shm", f"{FILE}-journal"):
@@ -83,12 +92,10 @@ class Store:
         self._file.execute("COMMIT")
 
     def _claim(self, parts: dict[str, str]) -> None:
-        tables = {name for (name,) in self._file.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        self._file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_BYTES)
+        tables = self._tables()
         if "study" not in tables:
             return self._begin(parts)
-        (sound,) = self._file.execute("PRAGMA quick_check(1)").fetchone()
-        if sound != "ok":
-            raise DataError(f"{self.path} is damaged ({sound}); {_RESTORE}")
         found = dict(self._file.execute("SELECT CAST(part AS TEXT), CAST(value AS TEXT) FROM study").fetchall())
         if found.get("schema") != SCHEMA:
             raise DataError(f"{self.path}: its schema is {found.get('schema')}, not {SCHEMA}; choose another --out")
@@ -97,16 +104,38 @@ class Store:
             raise DataError(f"{self.path}: it does not say which study it is of; {_RESTORE}")
         fix = "go on with the study and the programs as they were, or begin anew with another --out"
         require_same(before, parts, str(self.path), fix)
+        if tables.get("trials") != self._trials_as_made():
+            self._refuse_columns()
+        (sound,) = self._file.execute("PRAGMA quick_check(1)").fetchone()
+        if sound != "ok":
+            raise DataError(f"{self.path} is damaged ({sound}); {_RESTORE}")
         self._require_trials()
 
-    def _require_trials(self) -> None:
-        """Raise DataError unless the trials stand in the columns and types in which this program keeps them."""
+    def _tables(self) -> dict[str, str]:
+        """Return how each table was made; raises DataError for a file that holds anything but plain tables of ours.
+
+        A view, a trigger or an expression in a table is a program, which may run without end as soon as it is read.
+        """
+        made = {}
+        for kind, name, statement in self._file.execute("SELECT type, name, sql FROM sqlite_master"):
+            if kind == "table" and (name == "trials" or (name == "study" and statement == _STUDY)):
+                made[name] = str(statement)
+            elif statement is not None:  # the index that SQLite keeps for a primary key has none
+                raise DataError(
+                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another form than any study; {_RESTORE}"
+                )
+        return made
+
+    def _refuse_columns(self) -> NoReturn:
         wanted = [*_OWN, *self._varied, *(column.name for column in self._columns)]
         there = [str(name) for _, name, *_ in self._file.execute("PRAGMA table_info(trials)")]
-        if there != wanted:
-            raise DataError(
-                f"{self.path}: its trials have the columns {', '.join(there)}, not {', '.join(wanted)}; {_RESTORE}"
-            )
+        raise DataError(
+            f"{self.path}: its trials have the columns {', '.join(there)[:1000]}, not {', '.join(wanted)}, or in "
+            f"another form; {_RESTORE}"
+        )
+
+    def _require_trials(self) -> None:
+        """Raise DataError unless the trials stand in the types in which this program keeps them."""
         kept = {"trial": "'integer'", "status": "'text'", "reason": "'text'", "wall_s": "'real'"}
         kept |= {column.name: _KEPT_AS[column.kind] for column in self._columns}
         wrong = " OR ".join(f"typeof({_quoted(name)}) NOT IN ({kinds})" for name, kinds in kept.items())
@@ -116,15 +145,18 @@ class Store:
 
     def _begin(self, parts: dict[str, str]) -> None:
         """Make the tables and bind them to the study, in one step: a kill leaves both or neither."""
+        with self._file:
+            self._file.execute("BEGIN")
+            self._file.execute(_STUDY)
+            self._file.execute(self._trials_as_made())
+            rows = [("schema", SCHEMA), ("fingerprint", json.dumps(parts))]
+            self._file.executemany("INSERT INTO study VALUES (?, ?)", rows)
+
+    def _trials_as_made(self) -> str:
         columns = ["trial INTEGER PRIMARY KEY", "status TEXT NOT NULL", "reason TEXT NOT NULL", "wall_s REAL NOT NULL"]
         columns += [_quoted(name) for name in self._varied]
         columns += [f"{_quoted(c.name)} {_TYPES[c.kind]}" for c in self._columns]
-        with self._file:
-            self._file.execute("BEGIN")
-            self._file.execute("CREATE TABLE study (part TEXT PRIMARY KEY, value TEXT NOT NULL)")
-            self._file.execute(f"CREATE TABLE trials ({', '.join(columns)})")
-            rows = [("schema", SCHEMA), ("fingerprint", json.dumps(parts))]
-            self._file.executemany("INSERT INTO study VALUES (?, ?)", rows)
+        return f"CREATE TABLE trials ({', '.join(columns)})"
 
     def add(self, outcomes: Sequence[Outcome]) -> None:
         """Keep finished trials: when this returns they are on the disk. Raises DataError when they cannot be."""

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.importing.clock import Clock, Stamps, clock_start, cost_text, resampled
-from campaigns.importing.dialect import read_number
 from campaigns.importing.gathering import Files, Part, stamps_of
 from campaigns.importing.mapping import ImportMap, PartMap
 from campaigns.importing.record import Layout, to_si, unwrapped
@@ -35,25 +34,26 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     source = files.source(None, part, f"{where}archive")
     if not isinstance(source, TextSource):
         raise ConfigError(f"{source.path} is no text table: an archive has a line of text per reading")
-    columns = {key: source.cells(getattr(log.archive, key)) for key in ("name", "value")}
-    for key, cells in columns.items():
-        if cells is None:
+    named, values = source.coded(log.archive.name), source.numbers(log.archive.value)
+    for key, column in (("name", named), ("value", values)):
+        if column is None:
             there = ", ".join(source.names())
             raise DataError(
                 f"{source.path} has no column '{getattr(log.archive, key)}' for the archive: it has {there}"
             )
     found_stamps, read_as = stamps_of(source, log.archive.time, log.time_unit, f"{where}time '{log.archive.time}'")
-    time_s, names = found_stamps.after_s, np.array(columns["name"], dtype=object)
+    assert named is not None and values is not None
+    time_s, (codes, names) = found_stamps.after_s, named
     series = {}
     for i, (channel, wanted) in enumerate(_selected(found, part).items()):
         report(i, len(found.channels), f"reading {where}channel '{channel}'")
-        rows = np.flatnonzero(names == wanted)
+        rows = np.flatnonzero(codes == names.index(wanted)) if wanted in names else np.zeros(0, np.intp)
         if rows.size < 2:
-            some = ", ".join(dict.fromkeys(names.tolist()[:1000]))
+            some = ", ".join(names)
             raise DataError(
                 f"{source.path} has {rows.size} reading(s) of '{wanted}', two are needed; it has {some[:200]}"
             )
-        series[channel] = _one(source, rows, time_s, columns["value"] or [], wanted)
+        series[channel] = _one(source, log.archive.value, rows, time_s, values, wanted)
     first, last = max(t[0] for t, _ in series.values()), min(t[-1] for t, _ in series.values())
     count = int((last - first) * log.sample_rate_hz + 1e-6) + 1
     if count > MOST_ROWS:
@@ -62,10 +62,10 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
         raise DataError(f"{where}the channels of the archive have no time in common: select others, or import apart")
     grid = first + np.arange(count) / log.sample_rate_hz
     filled, remarks = {}, []
-    for channel, (stamps, values) in series.items():
+    for channel, (stamps, readings) in series.items():
         settings = found.channels[channel]
-        values = values if settings.unwrap is None else unwrapped(values, settings.unwrap)
-        drawn, cost = resampled(stamps, values, grid, log.resample)
+        readings = readings if settings.unwrap is None else unwrapped(readings, settings.unwrap)
+        drawn, cost = resampled(stamps, readings, grid, log.resample)
         filled[channel] = to_si(drawn, settings, units[channel], f"{where}channel '{channel}'")
         rate_hz = 1.0 / float(np.median(np.diff(stamps)))
         remarks.append(
@@ -89,17 +89,18 @@ def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:
     return chosen
 
 
-def _one(source: TextSource, rows: NDArray[np.intp], time_s: Array, cells: list[str], name: str) -> tuple[Array, Array]:
+def _one(
+    source: TextSource, column: str, rows: NDArray[np.intp], time_s: Array, values: Array, name: str
+) -> tuple[Array, Array]:
     """Return stamps and values of one name, in order of time; of several readings at one time the last counts."""
-    decimal = source.dialect.decimal
-    values = [read_number(cells[row], decimal) for row in rows]
-    bad = next((row for row, value in zip(rows, values, strict=True) if value is None), None)
-    if bad is not None:
+    bad = rows[np.isnan(values[rows])]
+    if bad.size:
+        cell = source.cell(column, int(bad[0]))
         raise DataError(
-            f"{source.path}: the reading of '{name}' in row {bad + 1} of the data is '{cells[bad][:40]}', which is no "
+            f"{source.path}: the reading of '{name}' in row {bad[0] + 1} of the data is '{cell[:40]}', which is no "
             "finite number: repair it or take the line out"
         )
     order = np.argsort(time_s[rows], kind="stable")
-    stamps, numbers = time_s[rows][order], np.array(values, dtype=np.float64)[order]
+    stamps, numbers = time_s[rows][order], values[rows][order]
     last = np.append(np.diff(stamps) > 0.0, True)
     return stamps[last], numbers[last]

@@ -1,4 +1,4 @@
-"""Files whose parsers may not survive hostile bytes (HDF5, NetCDF, MATLAB, TDMS, Parquet), in a child process alone.
+"""Files whose parsers hostile bytes may crash, block or fill the memory with, in a child process alone.
 
 `isolated` starts that process and talks with it.
 """
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from campaigns.importing.hdf5 import Hdf5Source, as_meant
 from campaigns.importing.kinds import is_packaged
 from campaigns.importing.matlab_objects import Variable, refusal, unpacked_bytes, variables_in
+from campaigns.importing.npz import NpySource, NpzSource
 from campaigns.importing.packaged import PackagedSource, importer_of
 from campaigns.importing.packing import PACKING
 from campaigns.importing.pieces import Pieces, boxes, of_array
@@ -252,7 +253,7 @@ class MatSource:
             raise unreadable(self.path, error) from None
 
 
-Foreign = Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource | PackagedSource
+Foreign = NpySource | NpzSource | Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource | PackagedSource
 
 
 def child() -> None:
@@ -273,7 +274,7 @@ def child() -> None:
                 pass  # what is refused in the middle has cost nobody memory
         except DataError as error:
             answer, found = {"refused": str(error)}, None
-        except MemoryError as error:
+        except (MemoryError, RecursionError) as error:
             answer, found = {"refused": str(unreadable(path, error))}, None
         _say(answer, found)
 
@@ -345,6 +346,8 @@ def _source(path: Path, *, bounded: bool = False) -> Foreign:
     kind = path.suffix.lower()
     if is_packaged(path):
         return PackagedSource(path)
+    if kind in (".npy", ".npz"):
+        return NpySource(path) if kind == ".npy" else NpzSource(path)
     if kind == ".tdms":
         return TdmsSource(path)
     if kind == ".parquet":

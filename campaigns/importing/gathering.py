@@ -88,7 +88,7 @@ class Files:
         return self.opened[name]
 
     def take(self, size: int, what: str) -> None:
-        """Count `size` more bytes that were read; raises DataError where it is too much in all.
+        """Count `size` more bytes that a channel takes; raises DataError where it is too much in all.
 
         Each array may unpack to much: forty of them, or one that forty channels select, would fill the memory.
         """
@@ -125,7 +125,6 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
         report(i, len(channels), f"reading {what}")
         try:
             columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
-            files.take(columns[name].nbytes, what)
         except CellError as error:
             raise DataError(f"{what}: {error}") from None
     apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}
@@ -164,7 +163,10 @@ def _column(
     given = {part.select[name]: 1.0} if part and name in part.select else channel.selections
     summed: Array | None = None
     for selection, factor in given.items():
-        values, layout = flatten(select(source, selection), files.map.log.axes, what)
+        found = select(source, selection)
+        if summed is None:
+            files.take(8 * found.size, what)  # before it is copied
+        values, layout = flatten(found, files.map.log.axes, what)
         _check_unit(source, variable_of(source, selection), channel, what)
         if channel.unwrap is not None:
             values = unwrapped(values, channel.unwrap)

@@ -7,10 +7,10 @@ from pathlib import Path
 from sim_backend.plugins import plugin_names
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
-APART = (".mat", ".h5", ".hdf5", ".nc", ".tdms", ".parquet")
+APART = (".npy", ".npz", ".mat", ".h5", ".hdf5", ".nc", ".tdms", ".parquet")
 """What is parsed in a process of its own, see `isolated`."""
 
-SUFFIXES = (*TEXT, ".npy", ".npz", *APART)
+SUFFIXES = (*TEXT, *APART)
 """What is read without another package."""
 
 

@@ -1,10 +1,14 @@
-"""Arrays in numpy's zip archives, unpacked as a stream: no size that the archive tells of itself is believed."""
+"""Numpy's own files, read as a stream: no size that a file tells of itself is believed.
+
+Only the process of `foreign` reads them, whose memory and time are bounded: an archive may list millions of members.
+"""
 
 from __future__ import annotations
 
 import math
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
@@ -17,14 +21,45 @@ from numpy.typing import NDArray
 from campaigns.importing.pieces import PIECE_BYTES, Pieces
 from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.log.guard import refuse, stored_bytes
-from sim_backend.errors import DataError
 
-_ERRORS = (OSError, ValueError, TypeError, EOFError, SyntaxError, RuntimeError, MemoryError, zipfile.BadZipFile)
+_ERRORS = (
+    OSError,
+    ValueError,
+    TypeError,
+    EOFError,
+    SyntaxError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    zipfile.BadZipFile,
+)
 _LONGEST_HEADER = 2**16
 """Bytes of a header, which tells shape and type: numpy refuses one of more than 10,000 characters, once it has it."""
 
 _PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """What numpy writes. Others are unpacked by Python without a bound on what comes out at once."""
+
+
+@dataclass(frozen=True)
+class NpySource:
+    """One array without a name; every name selects it."""
+
+    path: Path
+
+    def names(self) -> list[str]:
+        """Return no names: any will do."""
+        return []
+
+    def pieces(self, name: str) -> Pieces:
+        """Return the array; raises DataError when the file is damaged or holds Python objects."""
+        with _told(self.path), self.path.open("rb") as stream:
+            shape, turned, dtype = described(stream)
+        check_expansion(self.path, name, math.prod(shape) * dtype.itemsize, stored_bytes(self.path))
+        return _array(self.path, name, (shape, turned, dtype), lambda: self.path.open("rb"))
+
+    def unit(self, name: str) -> str | None:
+        """Return None: numpy's files name no units."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -54,7 +89,7 @@ class NpzSource:
         """Return the names of the members."""
         return list(self._members)
 
-    def array(self, name: str) -> NDArray[Any] | None:
+    def pieces(self, name: str) -> Pieces | None:
         """Return the array of that name, None when there is none; raises DataError when it cannot be read."""
         entry = self._members.get(name)
         if entry is None:
@@ -63,29 +98,47 @@ class NpzSource:
         check_expansion(self.path, name, entry.file_size, stored)
         if entry.compress_type not in _PLAIN:
             raise refuse(self.path, name, f"is packed by method {entry.compress_type}", "save it again with numpy")
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                with archive.open(entry) as stream:
-                    shape, turned, dtype = described(stream)
-                if dtype.hasobject:
-                    raise refuse(self.path, name, "holds Python objects", "save real numbers")
-                found = Pieces(
-                    shape[::-1] if turned else shape, dtype, lambda: self._read(archive, entry, dtype), turned
-                )
-                if found.nbytes > entry.file_size:
-                    what = f"claims shape {shape} in {entry.file_size} bytes"
-                    raise refuse(self.path, name, what, "restore the file from a copy")
-                for _ in found.read():
-                    pass  # what is refused in the middle has cost no memory
-                return found.whole()
-        except DataError:
-            raise
-        except _ERRORS as error:
-            raise unreadable(self.path, error) from None
+        with _told(self.path), zipfile.ZipFile(self.path) as archive, archive.open(entry) as stream:
+            shape, turned, dtype = described(stream)
+        found = _array(self.path, name, (shape, turned, dtype), lambda: self._open(entry))
+        if found.nbytes > entry.file_size:
+            what = f"claims shape {shape} in {entry.file_size} bytes"
+            raise refuse(self.path, name, what, "restore the file from a copy")
+        return found
 
-    def _read(self, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-        with archive.open(entry) as stream:
-            shape, _, _ = described(stream)
+    @contextmanager
+    def _open(self, entry: zipfile.ZipInfo) -> Iterator[IO[bytes]]:
+        with zipfile.ZipFile(self.path) as archive, archive.open(entry) as stream:
+            yield stream
+
+    def unit(self, name: str) -> str | None:
+        """Return None: numpy's files name no units."""
+        return None
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Turn whatever a damaged file raises into a DataError that names it."""
+    try:
+        yield
+    except _ERRORS as error:
+        raise unreadable(path, error) from None
+
+
+def _array(
+    path: Path,
+    name: str,
+    what: tuple[tuple[int, ...], bool, np.dtype[Any]],
+    opened: Callable[[], AbstractContextManager[IO[bytes]]],
+) -> Pieces:
+    """Return the array of this shape, order and type that the stream holds which `opened` gives anew each time."""
+    shape, turned, dtype = what
+    if dtype.hasobject:
+        raise refuse(path, name, "holds Python objects", "save real numbers")
+
+    def read() -> Iterator[NDArray[Any]]:
+        with _told(path), opened() as stream:
+            described(stream)
             left = math.prod(shape) * dtype.itemsize
             while left:
                 # whole numbers only: a stream gives what it has, not what it is asked for
@@ -95,15 +148,13 @@ class NpzSource:
             if stream.read(1):
                 raise ValueError("there is more than its shape tells")
 
-    def unit(self, name: str) -> str | None:
-        """Return None: numpy's files name no units."""
-        return None
+    return Pieces(shape[::-1] if turned else shape, dtype, read, turned)
 
 
 def described(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     """Return shape, whether it is in Fortran's order, and type; raises ValueError for a header beyond all need.
 
-    A header may claim 4 GiB, and numpy reads it before it looks at its length.
+    A header may claim 4 GiB, and numpy reads it before it looks at its length; it may claim less than nothing.
     """
     version = np.lib.format.read_magic(stream)
     count = _exactly(stream, 2 if version == (1, 0) else 4)
@@ -113,7 +164,10 @@ def described(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     read_header: Callable[..., tuple[tuple[int, ...], bool, np.dtype[Any]]] = (
         np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     )
-    return read_header(BytesIO(count + _exactly(stream, length)))
+    shape, turned, dtype = read_header(BytesIO(count + _exactly(stream, length)))
+    if any(n < 0 for n in shape):
+        raise ValueError(f"its header claims the shape {shape}")
+    return shape, turned, dtype
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:

@@ -1,7 +1,6 @@
 """Files that data can be imported from: one class per kind, all asked for arrays by name.
 
-The parsers of text and of numpy's files are Python's own and cannot crash; all others are used by a process of its
-own, see `isolated`.
+Text is read piece by piece, whatever it holds; all other kinds are parsed in a process of its own, see `isolated`.
 """
 
 from __future__ import annotations
@@ -17,11 +16,8 @@ from numpy.typing import NDArray
 
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.kinds import APART, SUFFIXES, TEXT, is_packaged, packaged
-from campaigns.importing.npz import NpzSource, described
-from campaigns.importing.refusals import check_expansion, unreadable
 from campaigns.importing.selecting import column_of, parse_selection
 from campaigns.importing.text import TextSource
-from campaigns.log.guard import stored_bytes
 from sim_backend.errors import ConfigError, DataError
 
 AnyArray = NDArray[Any]
@@ -44,32 +40,6 @@ class Source(Protocol):
         """Return the unit that the file itself names for an array that was read, None where it names none."""
 
 
-@dataclass(frozen=True)
-class NpySource:
-    """One array without a name, mapped from disk; every name selects it."""
-
-    path: Path
-
-    def names(self) -> list[str]:
-        """Return no names: any will do."""
-        return []
-
-    def array(self, name: str) -> AnyArray | None:
-        """Return the array; raises DataError when the file is damaged or holds Python objects."""
-        try:
-            with self.path.open("rb") as stream:
-                described(stream)
-            found: AnyArray = np.load(self.path, mmap_mode="r", allow_pickle=False)
-        except (OSError, ValueError, TypeError, EOFError, SyntaxError, OverflowError, MemoryError) as error:
-            raise unreadable(self.path, error) from None
-        check_expansion(self.path, name, found.nbytes, stored_bytes(self.path))
-        return found
-
-    def unit(self, name: str) -> str | None:
-        """Return None: numpy's files name no units."""
-        return None
-
-
 def open_source(
     path: Path,
     closing: ExitStack,
@@ -88,10 +58,6 @@ def open_source(
     kind = path.suffix.lower()
     if kind in TEXT:
         return TextSource(path, separator, decimal, header)
-    if kind == ".npy":
-        return NpySource(path)
-    if kind == ".npz":
-        return NpzSource(path)
     if kind in APART or is_packaged(path):
         return closing.enter_context(IsolatedSource(path))
     raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join((*SUFFIXES, *packaged()))}")

@@ -45,6 +45,9 @@ FRAME_CELLS = 2**20
 KEPT_BYTES = 256 * 2**20
 """What takes more is parsed twice: to see which columns hold numbers, and then to keep these."""
 
+MOST_NAMES = 2**16
+"""Different texts in a column of names: one that has more holds something else."""
+
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 
 
@@ -90,6 +93,46 @@ class TextSource:
         if columns is None or len(columns) != 1:
             return None
         return [cell.strip() for frame in self._frames(usecols=columns, dtype=str) for cell in frame.iloc[:, 0]]
+
+    def coded(self, name: str) -> tuple[NDArray[np.int32], list[str]] | None:
+        """Return the different texts of a column, and the place in them of every row's (n,); None without such a column.
+
+        Raises DataError as `array` does, and for more than `MOST_NAMES` different ones.
+        """
+        columns = self._columns(name)
+        if columns is None or len(columns) != 1:
+            return None
+        places: dict[str, int] = {}
+        codes = [np.zeros(0, np.int32)]
+        for frame in self._frames(usecols=columns, dtype=str):
+            found = frame.iloc[:, 0].str.strip()
+            own = [places.setdefault(text, len(places)) for text in found.unique()]
+            if len(places) > MOST_NAMES:
+                raise DataError(
+                    f"{self.path} has more than {MOST_NAMES} different texts in column '{name}': check that it holds names"
+                )
+            codes.append(np.array(own, np.int32)[found.factorize()[0]])
+        return np.concatenate(codes), list(places)
+
+    def numbers(self, name: str) -> NDArray[np.float64] | None:
+        """Return a column as (n,), not-a-number where a cell is none; None without such a column."""
+        columns = self._columns(name)
+        if columns is None or len(columns) != 1:
+            return None
+        return np.concatenate([np.zeros(0), *self._frames_of_numbers(columns[0])])
+
+    def cell(self, name: str, row: int) -> str:
+        """Return the text of a column's cell in a row of the data, from 0; raises DataError as `array` does."""
+        columns = self._columns(name) or []
+        for frame in self._frames(usecols=columns, dtype=str):
+            if row < len(frame):
+                return str(frame.iloc[row, 0]).strip()
+            row -= len(frame)
+        raise DataError(f"{self.path} has no row {row} more of data: it was changed while it was read")
+
+    def _frames_of_numbers(self, index: int) -> Iterator[NDArray[np.float64]]:
+        for frame in self._frames(usecols=[index], dtype=str):
+            yield np.array([_number(cell, self.dialect.decimal) for cell in frame[index]], dtype=np.float64)
 
     def first_cell(self, name: str) -> str | None:
         """Return the text of a column's first cell, without the rest being read; None without such a column."""
@@ -254,20 +297,15 @@ class TextSource:
                 if bad.size:
                     self._refuse_cell(index, int(bad[0]), str(values[bad[0]]), bad.size)
             return values
-        # cells that pandas takes for text: numbers of another hand, or none
-        pieces: list[NDArray[np.float64]] = []
-        rows, count, first = 0, 0, (0, "")
-        for frame in self._frames(usecols=[index], dtype=str):
-            numbers = np.array([_number(cell, self.dialect.decimal) for cell in frame[index]], dtype=np.float64)
+        # cells that pandas takes for text: numbers of another hand, or none, and then nothing of them is kept
+        row, count, first = 0, 0, 0
+        for numbers in self._frames_of_numbers(index):
             bad = np.flatnonzero(np.isnan(numbers))
-            if bad.size and not count:
-                first = rows + int(bad[0]), str(frame[index].iloc[bad[0]])
-            count += bad.size
-            pieces = [] if count else [*pieces, numbers]
-            rows += len(frame)
+            first = first if count or not bad.size else row + int(bad[0])
+            count, row = count + bad.size, row + numbers.size
         if count:
-            self._refuse_cell(index, *first, count)
-        return np.concatenate(pieces)
+            self._refuse_cell(index, first, self.cell(f"\0{index}", first), count)
+        return np.concatenate(list(self._frames_of_numbers(index)))
 
     def _refuse_cell(self, index: int, row: int, cell: str, count: int) -> NoReturn:
         line = next(islice((number for number, _, data in self._rows() if data is not None), row, None))

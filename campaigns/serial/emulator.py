@@ -22,7 +22,7 @@ START_S = 120.0
 """The first start ever compiles the simulated bench's loop, for half a minute on a busy machine."""
 
 STOP_S = 30.0
-COMMAND = (sys.executable, "-m", "campaigns.serial")
+COMMAND = (sys.executable, "-P", "-m", "campaigns.serial")  # nothing from the folder it is started in
 PTY_BAUD = 4_000_000
 """A pseudo-terminal takes any; this one only bounds how long a transfer may take."""
 

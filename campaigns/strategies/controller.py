@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from sim_backend.bench import Bench
+from sim_backend.bench import MAX_TAPS, Bench
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.repetitive import q_taps
@@ -24,6 +24,12 @@ from sim_backend.errors import ConfigError
 from sim_backend.model import Model, check_model
 
 FILE_NAME = "controller.toml"
+
+MOST_MOVE_SAMPLES = 100_000
+"""Longest move: ten seconds of the chopper's bench, and seconds of work to shape."""
+
+MOST_TAPS_ASIDE = (MAX_TAPS - 1) // 2
+"""Taps of the low pass on either side that a bench can hold."""
 
 MOST_WAIT_S = 600.0
 """Longest wait before learning: no mechanism rings for longer."""
@@ -82,8 +88,15 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     shrinks_to: float = 0.5
 
     def samples(self, distance_rad: float) -> int:
-        """Return how many samples a move over a distance takes."""
-        return math.ceil(self.move_samples * math.sqrt(max(abs(distance_rad) / self.reach_rad, 1.0)) - 1e-9)
+        """Return how many samples a move over a distance takes; raises ConfigError for more than a move may take."""
+        longer = self.move_samples * math.sqrt(max(abs(distance_rad) / self.reach_rad, 1.0))
+        if not longer <= MOST_MOVE_SAMPLES:
+            raise ConfigError(
+                f"axis '{self.dof}': a move of {abs(distance_rad):g} rad takes {longer:.3g} samples where one of "
+                f"{self.reach_rad:g} rad takes {self.move_samples}, at most {MOST_MOVE_SAMPLES} are allowed; move less, "
+                "or design a controller for that reach"
+            )
+        return math.ceil(longer - 1e-9)
 
 
 class Controller(_Strict, frozen=True, kw_only=True):
@@ -155,6 +168,11 @@ def _check(one: AxisControl, rate_hz: float, where: str) -> None:
         raise ConfigError(
             f"{place}: a wait of {one.wait_s} s and a lead of {one.lead_samples} samples; neither may be negative, nor "
             f"the wait beyond {MOST_WAIT_S:g} s"
+        )
+    if one.move_samples > MOST_MOVE_SAMPLES or one.q_half_length > MOST_TAPS_ASIDE:
+        raise ConfigError(
+            f"{place}: a move of {one.move_samples} samples and a low pass of {one.q_half_length} taps aside; at most "
+            f"{MOST_MOVE_SAMPLES} and {MOST_TAPS_ASIDE} are allowed"
         )
     try:
         concentrated_move(one.move_samples, one.concentration)

@@ -123,14 +123,22 @@ def test_a_full_disk_leaves_no_part_of_an_entry(folder: Path, monkeypatch: pytes
     assert [entry.name for entry in folder.iterdir()] == ["other"]
 
 
-def test_entries_of_long_ago_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("old", "new"):
+def test_entries_of_long_ago_are_removed_and_nothing_else(folder: Path) -> None:
+    """A chosen folder may hold other files, however old."""
+    old, new = f"loop-{'0' * 32}", f"add_products-{'1' * 32}"
+    for name in (old, new):
         keep_entry(name, DATA)
+    others = ["thesis.tex", "loop-1", f"notes-{'0' * 33}", ".profile"]
+    for name in others:
+        (folder / name).write_bytes(b"mine")
+    killed = f".{old}.{'a' * 16}.tmp"
+    (folder / killed).write_bytes(b"a writer was killed")
     long_ago = time.time() - (KEPT_DAYS + 1) * 86_400
-    os.utime(folder / "old", (long_ago, long_ago))
+    for name in (old, killed, *others):
+        os.utime(folder / name, (long_ago, long_ago))
     kernel_cache._checked.cache_clear()  # noqa: SLF001 as in a new process
-    assert read_entry("new") == DATA
-    assert [entry.name for entry in folder.iterdir()] == ["new"]
+    assert read_entry(new) == DATA
+    assert {entry.name for entry in folder.iterdir()} == {new, *others}
 
 
 def test_a_user_without_a_home_has_no_cache_and_no_crash(tmp_path: Path) -> None:
