@@ -9,8 +9,11 @@ from sim_backend.errors import ConfigError
 
 BYTES_PER_VALUE = 8
 
-MOST_IN_WAVEFORM = 2**25
-"""Samples of a waveform, which lies in memory for all axes and a few times over: 56 minutes at 10 kHz."""
+MOST_IN_WAVEFORM = 2**22
+"""Samples of a waveform, which lies in memory for all axes and a few times over, in 1 GB: 7 minutes at 10 kHz."""
+
+MOST_IN_WAIT = 2**25
+"""Samples for which one value is held: 56 minutes at 10 kHz."""
 
 MOST_AT_ONCE_BYTES = 4e9
 """What a segment may record: it lies in memory until it is written."""
@@ -27,17 +30,32 @@ MOST_SEGMENTS = 100_000
 
 
 def samples_of(duration_s: float, rate_hz: float) -> int:
-    """Return the whole number of samples nearest to a duration, at least one; raises ConfigError as `wave_samples`."""
+    """Return the whole number of samples nearest to a duration for which one value is held, at least one.
+
+    Raises ConfigError for more than a wait may have.
+    """
+    return max(_whole(duration_s * rate_hz, rate_hz, "a wait", MOST_IN_WAIT), 1)
+
+
+def samples_of_wave(duration_s: float, rate_hz: float) -> int:
+    """Return the whole number of samples nearest to the duration of a waveform, at least one.
+
+    Raises ConfigError for more than a waveform may have.
+    """
     return max(wave_samples(duration_s * rate_hz, rate_hz), 1)
 
 
 def wave_samples(wanted: float, rate_hz: float) -> int:
     """Return `wanted` as a whole number of samples; raises ConfigError for more than a waveform may have."""
-    if not wanted <= MOST_IN_WAVEFORM:
+    return _whole(wanted, rate_hz, "a waveform", MOST_IN_WAVEFORM)
+
+
+def _whole(wanted: float, rate_hz: float, what: str, most: int) -> int:
+    if not wanted <= most:
         wanted = min(wanted, sys.float_info.max)
         raise ConfigError(
-            f"a waveform or a wait would take {wanted / rate_hz:.4g} s, {wanted:.3g} samples at {rate_hz:g} Hz; the "
-            f"limit is {MOST_IN_WAVEFORM / rate_hz:.4g} s, {MOST_IN_WAVEFORM} samples: shorten it"
+            f"{what} would take {wanted / rate_hz:.4g} s, {wanted:.3g} samples at {rate_hz:g} Hz; the limit is "
+            f"{most / rate_hz:.4g} s, {most} samples: shorten it"
         )
     return round(wanted)
 

@@ -118,7 +118,12 @@ def run(tree: click.Group, arguments: list[str]) -> object:
     is the code of a failed check.
     """
     if completing := os.environ.get(COMPLETION_VARIABLE):
-        return shell_complete(tree, {}, "mccd", COMPLETION_VARIABLE, completing)
+        try:
+            return shell_complete(tree, {}, "mccd", COMPLETION_VARIABLE, completing)
+        except (KeyError, ValueError):  # a shell tells the words of the line in other variables
+            raise click.UsageError(
+                f"{COMPLETION_VARIABLE} is set, but not what a shell sets beside it; unset it"
+            ) from None
     settings = load_settings(GROUPS, COMMANDS)
     with tree.make_context("mccd", arguments, obj=settings, auto_envvar_prefix=PREFIX) as ctx:
         return tree.invoke(ctx)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from campaigns.plans.base import Plan, channels_of, open_loop, rate_of, smooth_ramp
-from campaigns.sizes import samples_of
+from campaigns.sizes import samples_of, samples_of_wave
 from sim_backend.bench import Bench, Segment
 
 
@@ -42,7 +42,8 @@ class EndStops(Plan, frozen=True, kw_only=True):
         rate, record = rate_of(bench), self.channels(bench)
         to_current = bench.limits.to_current
         to_command = np.linalg.pinv(to_current)
-        ramp, settle, hold = (samples_of(t, rate) for t in (self.ramp_s, self.settle_s, self.hold_s))
+        ramp, settle = (samples_of_wave(t, rate) for t in (self.ramp_s, self.settle_s))
+        hold = samples_of(self.hold_s, rate)
         at = np.zeros(len(bench.axes))
         for signs in product((1.0, -1.0), repeat=to_current.shape[0]):
             there = to_command @ (self.current_a * np.array(signs))

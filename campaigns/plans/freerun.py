@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, smooth_ramp
 from campaigns.plans.multisine import orthogonal
-from campaigns.sizes import samples_of
+from campaigns.sizes import MOST_SEGMENTS, samples_of_wave
 from sim_backend.bench import Bench, Segment
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class FreeRun(Plan, frozen=True, kw_only=True):
         self.require_positive("torque_nm", "force_n", "move_s", "dwell_s", "steps_s", "noise_s", "noise_stop_hz")
         self.require_positive("held_out_gain", "held_out_s")
         self.require(self.seed >= 0, "seed", "zero or more")
-        self.require(bool(self.axes), "axes", "at least one axis")
+        self.require(0 < len(self.axes) == len(set(self.axes)), "axes", "at least one axis, each once")
 
     @classmethod
     def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
@@ -69,7 +69,7 @@ class FreeRun(Plan, frozen=True, kw_only=True):
         where = [axis_of(bench, axis) for axis in self.axes]
         size = np.array([self.force_n if axis == "z" else self.torque_nm for axis in self.axes])
         rng = np.random.default_rng(self.seed)
-        steps, noise, held_out = (samples_of(t, rate) for t in (self.steps_s, self.noise_s, self.held_out_s))
+        steps, noise, held_out = (samples_of_wave(t, rate) for t in (self.steps_s, self.noise_s, self.held_out_s))
         waves = {
             "steps": size * self._steps(steps, rate, rng),
             "noise": 0.2 * size * self._noise(noise, rate, rng),
@@ -83,7 +83,10 @@ class FreeRun(Plan, frozen=True, kw_only=True):
 
     def _steps(self, n: int, rate_hz: float, rng: np.random.Generator) -> Array:
         """Levels within ±1, shape (n, axes), beginning and ending at zero."""
-        move, dwell = samples_of(self.move_s, rate_hz), samples_of(self.dwell_s, rate_hz)
+        move, dwell = samples_of_wave(self.move_s, rate_hz), samples_of_wave(self.dwell_s, rate_hz)
+        self.require(
+            n / (move + dwell) <= MOST_SEGMENTS, "dwell_s", f"so long that there are at most {MOST_SEGMENTS} steps"
+        )
         out, at = np.zeros((n, len(self.axes))), np.zeros(len(self.axes))
         for first in range(0, n, move + dwell):
             last = first + move + dwell >= n

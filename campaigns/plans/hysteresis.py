@@ -19,7 +19,7 @@ from campaigns.plans.base import (
     rounded,
     smooth_ramp,
 )
-from campaigns.sizes import samples_of
+from campaigns.sizes import samples_of_wave
 from sim_backend.bench import Bench, Segment
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
     def segments(self, bench: Bench) -> Iterator[Segment]:
         """Yield one segment per loop and three per step; raises ConfigError for an axis or model that does not fit."""
         rate, record = rate_of(bench), self.channels(bench)
-        period = samples_of(1.0 / self.frequency_hz, rate)
+        period = samples_of_wave(1.0 / self.frequency_hz, rate)
         self.require_run(bench, len(self.torques_nm) * self.cycles * period, len(self.torques_nm))
         sine = on_axis(bench, self.axis, np.sin(2.0 * np.pi * np.arange(period) / period))
         for i, torque_nm in enumerate(self.torques_nm):
@@ -98,8 +98,10 @@ class Hysteresis(Plan, frozen=True, kw_only=True):
     def _steps(self, bench: Bench, rate_hz: float, record: tuple[str, ...]) -> Iterator[Segment]:
         from campaigns.strategies.design import Design  # brings all effects: only a plan that is counted needs them
 
-        unit = Design.load(self.model, rate_hz).unit_step(self.axis, samples_of(self.move_s, rate_hz))
-        ramp, settle = samples_of(self.ramp_s, rate_hz), samples_of(self.settle_s, rate_hz)
+        unit = Design.load(self.model, rate_hz).unit_step(self.axis, samples_of_wave(self.move_s, rate_hz))
+        ramp, settle = samples_of_wave(self.ramp_s, rate_hz), samples_of_wave(self.settle_s, rate_hz)
+        steps = len(self.offsets_rad) * self.repeats
+        self.require_run(bench, steps * 2 * (ramp + settle), 3 * steps)
         for i, offset_rad in enumerate(self.offsets_rad * self.repeats):
             holding = float(unit.holding[0]) * offset_rad
             end = holding + float(unit.holding[0]) * self.step_rad

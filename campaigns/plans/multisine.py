@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.plans.base import Plan, Reach, axis_of, channels_of, open_loop, rate_of, rounded
-from campaigns.sizes import samples_of
+from campaigns.sizes import samples_of_wave
 from sim_backend.bench import Bench, Segment
 from sim_backend.errors import ConfigError
 
@@ -48,7 +48,7 @@ class Multisine(Plan, frozen=True, kw_only=True):
         self.require_positive("torque_rms_nm", "force_rms_n", "start_hz", "stop_hz", "period_s", "periods")
         self.require_positive("realisations", "held_out_gain")
         self.require(self.transient_periods >= 0 and self.seed >= 0, "transient_periods", "zero or more, as the seed")
-        self.require(bool(self.axes), "axes", "at least one axis")
+        self.require(0 < len(self.axes) == len(set(self.axes)), "axes", "at least one axis, each once")
         self.require(self.stop_hz >= self.start_hz, "stop_hz", f"at least start_hz, {self.start_hz:g}")
 
     @classmethod
@@ -76,7 +76,7 @@ class Multisine(Plan, frozen=True, kw_only=True):
         where = [axis_of(bench, axis) for axis in self.axes]
         rms = np.array([self.force_rms_n if axis == "z" else self.torque_rms_nm for axis in self.axes])
         rng = np.random.default_rng(self.seed)
-        period = samples_of(self.period_s, rate)
+        period = samples_of_wave(self.period_s, rate)
         experiments = (self.realisations + 1) * len(where)
         self.require_run(bench, experiments * (self.transient_periods + self.periods) * period, experiments)
         for realisation in range(self.realisations + 1):

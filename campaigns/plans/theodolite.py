@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from campaigns.plans.base import Plan, Reach, axis_of, channels_of, rate_of, rounded, smooth_ramp
-from campaigns.sizes import samples_of
+from campaigns.sizes import samples_of, samples_of_wave
 from sim_backend.bench import Bench, Gate, Segment
 
 
@@ -62,7 +62,8 @@ class Theodolite(Plan, frozen=True, kw_only=True):
         x, y = axis_of(bench, "theta_x"), axis_of(bench, "theta_y")
         feedback = tuple(feedback_of(dof, rate) for dof in bench.axes)
         gates = tuple(Gate(0, axis, True) for axis in range(len(bench.axes)))
-        move, settle, hold = (samples_of(t, rate) for t in (self.move_s, self.settle_s, self.hold_s))
+        move, settle = (samples_of_wave(t, rate) for t in (self.move_s, self.settle_s))
+        hold = samples_of(self.hold_s, rate)
         at = np.zeros(len(bench.axes))
         for i, (x_rad, y_rad) in enumerate(self.points()):
             there = np.zeros(len(bench.axes))

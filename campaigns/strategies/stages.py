@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.sizes import samples_of
+from campaigns.sizes import samples_of_wave
 from sim_backend.bench import Gate, Learning, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.chop import AxisProgram, Chop
@@ -175,4 +175,4 @@ def stage_of(
 
 def move_samples(task: Task, design: Design) -> int:
     """Return the samples in which a move is made, one at least."""
-    return samples_of(task.tuning.move_s, design.rate_hz)
+    return samples_of_wave(task.tuning.move_s, design.rate_hz)

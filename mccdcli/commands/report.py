@@ -99,8 +99,9 @@ def report(
     prepare_junit(junit, folder)
     from campaigns.playing.campaign_run import STATE_FILE  # brings the logs
 
-    logs = folder / "campaign"
-    then = f", and then about {OWN_LOGS} in {folder / 'designed'}" if own else ""
+    # whoever made the folder may have put links in it
+    logs, designed = unnamed_folder(folder / "campaign"), unnamed_folder(folder / "designed")
+    then = f", and then about {OWN_LOGS} in {designed}" if own else ""
     played = play_campaign(loaded, logs, bench, seed, resume=(logs / STATE_FILE).exists(), then=then)
     if played.exit_code:
         return played.exit_code
@@ -109,7 +110,7 @@ def report(
     from analysis.report import report_of
 
     with Measured(logs) as measured:
-        if own and (code := _play_design(measured, folder / "designed", bench, seed, loaded.levels())):
+        if own and (code := _play_design(measured, designed, bench, seed, loaded.levels())):
             return code
         with progress("report") as advance:
             built = report_of(measured, folder, advance)

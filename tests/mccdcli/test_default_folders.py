@@ -32,6 +32,20 @@ settings = { torques_nm = [0.05, 0.08] }
 """
 
 
+@pytest.mark.parametrize("inside", ["campaign", "designed"])
+def test_a_link_within_the_folder_of_a_report_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], inside: str
+) -> None:
+    here, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
+    (here / "mine").mkdir(parents=True)
+    elsewhere.mkdir()
+    (here / "mine" / inside).symlink_to(elsewhere)
+    monkeypatch.chdir(here)
+    assert main(["report", "-o", "mine"]) == 2
+    assert "is a link or a file" in capsys.readouterr().err
+    assert list(elsewhere.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("folder", "arguments"),
     [

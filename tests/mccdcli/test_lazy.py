@@ -120,6 +120,20 @@ def test_completing_an_option_imports_nothing_heavy(modules_after: Modules, name
     assert roots(modules) & HEAVY == set()
 
 
+@pytest.mark.parametrize("beside", [{}, {"COMP_WORDS": "mccd", "COMP_CWORD": "x"}, {"COMP_WORDS": "mccd 'a"}])
+def test_a_variable_of_completion_that_no_shell_has_set_is_a_usage_error(beside: dict[str, str]) -> None:
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("COMP_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "mccdcli"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=clean | {"_MCCD_COMPLETE": "bash_complete"} | beside,
+    )
+    assert done.returncode == 2, done.stderr
+    assert "unset it" in done.stderr
+
+
 def test_completion_offers_names_and_options() -> None:
     def offered(words: str, index: int) -> set[str]:
         environment = {"_MCCD_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(index)}

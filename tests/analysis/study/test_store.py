@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
+import struct
 import subprocess
 import sys
 from functools import partial
@@ -128,6 +129,28 @@ def test_a_database_of_another_kind_is_refused(tmp_path: Path) -> None:
         opened(tmp_path, resume=True)
 
 
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i, i FROM n"
+
+
+def test_a_journal_that_would_be_played_back_is_refused_and_deletes_nothing(tmp_path: Path) -> None:
+    """SQLite deletes the file that a journal names at its end."""
+    study, victim = tmp_path / "study", tmp_path / "thesis.tex"
+    victim.write_text("mine")
+    opened(study).close()
+    file = sqlite3.connect(study / FILE)
+    file.execute("PRAGMA journal_mode=DELETE")
+    (page_bytes,) = file.execute("PRAGMA page_size").fetchone()
+    file.close()
+    magic, name = bytes([0xD9, 0xD5, 0x05, 0xF9, 0x20, 0xA1, 0x63, 0xD7]), str(victim).encode()
+    pages = (study / FILE).stat().st_size // page_bytes
+    head = (magic + struct.pack(">IIIII", 0, 1, pages, 512, page_bytes)).ljust(512, b"\0")
+    tail = struct.pack(">I", 0x40000000 // page_bytes + 1) + name + struct.pack(">II", len(name), sum(name)) + magic
+    (study / f"{FILE}-journal").write_bytes(head + tail)
+    with pytest.raises(DataError, match="which keeps a write-ahead log"):
+        opened(study, resume=True)
+    assert victim.read_text() == "mine"
+
+
 @pytest.mark.parametrize(
     ("statement", "said"),
     [
@@ -143,6 +166,11 @@ def test_a_database_of_another_kind_is_refused(tmp_path: Path) -> None:
         ("DELETE FROM study WHERE part = 'fingerprint'", "not valid JSON"),
         ("UPDATE study SET value = x'00ff'", "Could not decode"),
         ("DROP TABLE study; CREATE TABLE study (a)", "another form"),
+        (f"DROP TABLE trials; CREATE VIEW trials AS {ENDLESS}", "the view 'trials' in another form"),
+        (f"DROP TABLE study; CREATE VIEW study AS {ENDLESS}", "the view 'study' in another form"),
+        (f"CREATE TRIGGER t AFTER INSERT ON trials BEGIN INSERT INTO study {ENDLESS}; END", "the trigger 't'"),
+        ("CREATE INDEX i ON trials (hex(zeroblob(x)))", "the index 'i'"),
+        ("ALTER TABLE trials ADD COLUMN more AS (hex(zeroblob(500000000)))", "in another form"),
     ],
 )
 def test_what_no_program_of_ours_has_written_is_refused(tmp_path: Path, statement: str, said: str) -> None:

@@ -175,12 +175,50 @@ def parquet_of_one_value(path: Path) -> None:
             writer.write_table(table)
 
 
+def npz_of_millions_of_members(path: Path) -> None:
+    """Each takes 51 bytes of the directory, and some hundred of memory."""
+    entry = struct.pack("<IHHHHHHIIIHHHHHII", 0x02014B50, 20, 20, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0)
+    directory = b"".join(entry + f"{i:05x}".encode() for i in range(2**20))
+    # more than 65,535 need the longer form
+    end = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, 2**20, 2**20, len(directory), 0)
+    end += struct.pack("<IIQI", 0x07064B50, 0, len(directory), 1)
+    end += struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, 0xFFFF, 0xFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
+    path.write_bytes(directory + end)
+
+
+def header(shape: str) -> bytes:
+    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
+
+
+def npz_of_less_than_nothing(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x.npy", header("(-1,)") + bytes(80))
+
+
+def array_of_a_deep_header(path: Path) -> None:
+    path.write_bytes(header(f"({'-' * 9000}1,)") + bytes(80))
+
+
+def text_of_numbers_but_the_last(path: Path) -> None:
+    """Of 80 million numbers the last is none: what is refused is not kept until then."""
+    with path.open("w") as file:
+        file.write("x\n")
+        for _ in range(80):
+            file.write("1\n2\n" * 500_000)
+        file.write("x1\n")
+
+
 BOMBS: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "npz-two-names": (npz_of_two_names, "npz", "x"),
     "npz-lies": (npz_that_lies, "npz", "x"),
     "npz-short-claim": (npz_of_a_short_claim, "npz", "x"),
     "npz-other-method": (npz_of_another_method, "npz", "x"),
     "npz-many-members": (npz_of_many_members, "npz", "x00"),
+    "npz-millions-of-members": (npz_of_millions_of_members, "npz", "00000"),
+    "npz-less-than-nothing": (npz_of_less_than_nothing, "npz", "x"),
+    "npy-deep-header": (array_of_a_deep_header, "npy", "x"),
+    "text-one-bad-cell": (text_of_numbers_but_the_last, "csv", "x"),
     "npy-holes": (array_with_holes, "npy", "x"),
     "npy-long-header": (array_of_a_long_header, "npy", "x"),
     "text-holes": (text_without_lines, "csv", "x"),

@@ -47,6 +47,12 @@ def test_longer_moves_take_longer_by_the_root_of_their_length():
     assert [AXIS.samples(x * 8.5e-3) for x in (0.1, -1.0, 4.0, 1.21)] == [47, 47, 94, 52]
 
 
+def test_a_move_that_would_take_for_ever_is_refused():
+    short = msgspec.structs.replace(AXIS, reach_rad=5e-324)
+    with pytest.raises(ConfigError, match="axis 'theta_y': a move of 0.0085 rad takes inf samples"):
+        short.samples(8.5e-3)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -62,6 +68,8 @@ def test_longer_moves_take_longer_by_the_root_of_their_length():
         ({"wait_s": -0.1}, "neither may be negative"),
         ({"lead_samples": -1}, "neither may be negative"),
         ({"reach_rad": 0.0}, "reach_rad"),
+        ({"move_samples": 30_000_000}, "move of 30000000 samples"),
+        ({"q_half_length": 60_000_000}, "60000000 taps aside"),
         ({"concentration": 40.0}, "concentration"),
         ({"q_cutoff_hz": 6000.0}, "Q filter"),
         (
