@@ -122,7 +122,8 @@ class Store:
                 made[name] = str(statement)
             elif statement is not None:  # the index that SQLite keeps for a primary key has none
                 raise DataError(
-                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another form than any study; {_RESTORE}"
+                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another form than any study; "
+                    f"{_RESTORE}"
                 )
         return made
 

@@ -95,7 +95,7 @@ class TextSource:
         return [cell.strip() for frame in self._frames(usecols=columns, dtype=str) for cell in frame.iloc[:, 0]]
 
     def coded(self, name: str) -> tuple[NDArray[np.int32], list[str]] | None:
-        """Return the different texts of a column, and the place in them of every row's (n,); None without such a column.
+        """Return every row's place (n,) in the different texts of a column, and these; None without such a column.
 
         Raises DataError as `array` does, and for more than `MOST_NAMES` different ones.
         """
@@ -109,7 +109,8 @@ class TextSource:
             own = [places.setdefault(text, len(places)) for text in found.unique()]
             if len(places) > MOST_NAMES:
                 raise DataError(
-                    f"{self.path} has more than {MOST_NAMES} different texts in column '{name}': check that it holds names"
+                    f"{self.path} has more than {MOST_NAMES} different texts in column '{name}': check that it "
+                    "holds names"
                 )
             codes.append(np.array(own, np.int32)[found.factorize()[0]])
         return np.concatenate(codes), list(places)

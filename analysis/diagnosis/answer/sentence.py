@@ -44,8 +44,12 @@ def sentence(
 
     `evidence` is told of an unknown verdict: where what is not understood lives.
     """
-    parts = _verdict(verdict, causes, tied, gain, evidence), _left(remainder), _allowed(verdict, gain, remainder)
-    parts = *parts, _next(choice)
+    parts = (
+        _verdict(verdict, causes, tied, gain, evidence),
+        _left(remainder),
+        _allowed(verdict, gain, remainder),
+        _next(choice),
+    )
     return without_exponents(" ".join(filter(None, parts)))
 
 

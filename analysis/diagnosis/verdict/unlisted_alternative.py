@@ -1,8 +1,9 @@
 """What was found is held against an unlisted torque, fitted in its place with as much effort.
 
 One listed cause may be the neighbour of what no list has, two or three may share it out. And where no period repeats,
-the noise is what a fit leaves and absorbs whatever that misses: only another fit can show it. The unlisted torque is a few terms of command, position and rate, those that explain most; one that is an effect itself, in other
-words, is none of them.
+the noise is what a fit leaves and absorbs whatever that misses: only another fit can show it. The unlisted torque is a
+few terms of command, position and rate, those that explain most; one that is an effect itself, in other words, is none
+of them.
 """
 
 from __future__ import annotations
