@@ -95,7 +95,7 @@ def test_a_child_is_a_copy_only_where_that_is_safe(unsealed, monkeypatch):
         probe._end()  # noqa: SLF001
         with read_run(copy) as again:
             np.testing.assert_array_equal(again.read("angle_x"), run.read("angle_x"))
-        assert probe._kept[0].process.args[1] == "-c"  # noqa: SLF001
+        assert probe._kept[0].process.args[1:3] == ["-P", "-c"]  # noqa: SLF001
     stop = threading.Event()
     other = threading.Thread(target=stop.wait)
     other.start()
