@@ -49,7 +49,7 @@ def test_it_is_designed_from_the_benchs_own_logs_and_meets_what_is_required(home
     logs = {"sweep-theta_x", "sweep-theta_y", "rest", "hysteresis-theta_x", "hysteresis-theta_y"}
     assert {path.stem for path in folder.glob("*.h5")} == logs
     assert json.loads((folder / "design.json").read_text(encoding="utf-8"))["controller"] == "controller.toml"
-    with read_run(home / "settle.h5") as run:
+    with read_run(home / "settling.h5") as run:
         assert run.status == "complete" and run.segments[-1].settings["strategy"] == "designed"
 
 
