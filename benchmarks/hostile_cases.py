@@ -7,6 +7,8 @@ import os
 import random
 import re
 import sqlite3
+import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -67,6 +69,8 @@ BASES: tuple[tuple[str, ...], ...] = (
     ("identify", "--log", "run.h5", "-o", "fit.toml", "--only", "theta_x"),
     ("identify", "--frf", "response.csv", "--rate", "1000", "--modes", "1", "-o", "fit.toml"),
     ("import", "map.toml", "-o", "imported.h5"),
+    ("import", "map-npz.toml", "-o", "imported-npz.h5"),
+    ("import", "map-npy.toml", "-o", "imported-npy.h5"),
     ("import", "data.csv", "--guess", "-o", "guessed.toml"),
     ("investigate", "--model", "nominal.toml", "--dry-run"),
     ("log", "check", "run.h5"),
@@ -126,6 +130,10 @@ def drawn(seed: int) -> tuple[list[str], list[Callable[[], None]], str]:
             told.append(_argument(arguments, base, rng))
         elif kind < 0.54:
             name, change = _settings(base, rng)
+            changes.append(change)
+            told.append(name)
+        elif kind < 0.6:
+            name, change = _beside(arguments, rng)
             changes.append(change)
             told.append(name)
         else:
@@ -210,6 +218,33 @@ def _file(arguments: list[str], rng: random.Random) -> tuple[str, Callable[[], N
     return f"{file} changed", lambda: changed(file, random.Random(seed))
 
 
+OURS = (
+    "index.html", "report.json", "diagnosis.json", "explore.json", "study.json", "trials.csv", "trials.sqlite",
+    "trials.sqlite-journal", "trials.sqlite-wal", "campaign.json", ".campaign.lock", "campaign", "designed", "figures",
+    "controller.toml", "design.json", "extended.toml", "run-1.h5", "run-1.h5.sha256", "rest.h5.sha256", "results",
+)  # fmt: skip
+"""Names that commands give to what they write, and that libraries look for beside it."""
+
+
+def _beside(arguments: list[str], rng: random.Random) -> tuple[str, Callable[[], None]]:
+    """Return what puts a link or a pipe where a command, or a library of it, would read or write."""
+    folders = [Path(word) for word in arguments if word in ("played", "studied", "hidden", "report", "small", "mine")]
+    folder, kind = rng.choice([*folders, Path(".")]), rng.choice(("../elsewhere", "..", "pipe"))
+    path = folder / rng.choice(OURS)
+
+    def put() -> None:
+        path.parent.mkdir(exist_ok=True)
+        if path.is_dir() and not path.is_symlink():
+            return
+        path.unlink(missing_ok=True)
+        if kind == "pipe":
+            os.mkfifo(path)
+        else:
+            path.symlink_to(os.path.join(*[".."] * len(folder.parts), kind))
+
+    return f"{path} is {'a pipe' if kind == 'pipe' else f'a link to {kind}'}", put
+
+
 def _write(path: Path, content: bytes) -> None:
     if path.is_symlink() or path.is_file() or not path.exists():
         path.unlink(missing_ok=True)
@@ -235,6 +270,8 @@ def changed(path: Path, rng: random.Random) -> None:
         _write(path, _json(content, rng))
     elif path.suffix == ".sqlite":
         _sqlite(path, rng)
+    elif path.suffix in (".npy", ".npz") and rng.random() < 0.7:
+        _numpy(path, rng)
     else:
         out = bytearray(content)
         for _ in range(rng.randrange(1, 9)):
@@ -263,6 +300,31 @@ def _text(content: bytes, rng: random.Random) -> bytes:
         )
         text = "".join(lines)
     return text.encode("utf-8", "surrogateescape")
+
+
+SHAPES = "(-1,)", "(2, -3)", "(1073741824,)", "(9223372036854775807,)", "(0,)", "()", "(", "(((", "(1.5,)", "(True,)"
+TYPES = "'<f8'", "'|O'", "'<U1000000000'", "[('a', '<f8')]", "'>f4'", "'V0'", "'nonsense'", "None"
+
+
+def _numpy(path: Path, rng: random.Random) -> None:
+    """Write an array, or an archive of some, whose header claims what it does not hold."""
+    shape = rng.choice((*SHAPES, f"({'-' * 9000}1,)", f"({'(' * 5000}"))
+    text = (
+        f"{{'descr': {rng.choice(TYPES)}, 'fortran_order': {rng.choice(('True', 'False', '7'))}, 'shape': {shape}}}\n"
+    )
+    length = rng.choice((len(text), len(text), 65535, 0))
+    array = b"\x93NUMPY\x01\x00" + length.to_bytes(2, "little") + text.encode() + bytes(rng.choice((0, 7, 320)))
+    if path.suffix == ".npy":
+        return _write(path, array)
+    path.unlink()
+    names = rng.choice(
+        (("x",), ("x", "x"), ("x", "x.npy"), ("../x", "x"), tuple(f"{i}" for i in range(70_000)) + ("x",))
+    )
+    with warnings.catch_warnings(), zipfile.ZipFile(path, "w", rng.choice((0, 8, 12, 14))) as archive:
+        warnings.simplefilter("ignore")  # of two members of one name
+        for name in names:
+            archive.writestr(f"{name}.npy", array if len(names) < 9 else b"")
+    return None
 
 
 VALUES = (
@@ -304,6 +366,7 @@ def _json(content: bytes, rng: random.Random) -> bytes:
     return json.dumps(top[""]).encode()
 
 
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i, i FROM n"
 STATEMENTS = (
     "DROP TABLE study", "DROP TABLE trials", "DELETE FROM study", "UPDATE study SET value = 'x'", "DELETE FROM trials",
     "UPDATE study SET value = '[1, 2]' WHERE part = 'fingerprint'", "UPDATE study SET value = x'00ff'",
@@ -312,7 +375,11 @@ STATEMENTS = (
     "ALTER TABLE trials DROP COLUMN reason",
     "UPDATE trials SET drift_m_s = 'text', noise_3sigma_m = x'ff'", "UPDATE trials SET noise_3sigma_m = NULL",
     "UPDATE trials SET noise_3sigma_m = 9e999", "ALTER TABLE trials RENAME COLUMN noise_3sigma_m TO other",
-    "CREATE TABLE more (a)", "DROP TABLE trials; CREATE TABLE trials (a)",
+    "CREATE TABLE more (a)", f"DROP TABLE trials; CREATE VIEW trials AS {ENDLESS}",
+    f"DROP TABLE study; CREATE VIEW study AS {ENDLESS}",
+    f"CREATE TRIGGER t AFTER INSERT ON trials BEGIN INSERT INTO study {ENDLESS}; END",
+    "CREATE INDEX i ON trials (hex(zeroblob(trial + 500000000)))",
+    "ALTER TABLE trials ADD COLUMN more AS (hex(zeroblob(500000000)))", "DROP TABLE trials; CREATE TABLE trials (a)",
     "DROP TABLE study; CREATE TABLE study (part, value)",
     "UPDATE trials SET status = x'ff'", "UPDATE trials SET reason = 7", "PRAGMA user_version = 7",
     "UPDATE study SET value = '\"text\"' WHERE part = 'fingerprint'",

@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 from platformdirs import user_cache_path
 
 from benchmarks.hostile_cases import BASES, drawn
@@ -117,6 +118,12 @@ def make_kit(folder: Path) -> None:
     (folder / "readings.csv").write_text("theta_x,theta_y\n" + "0.001,0.0\n" * 13, encoding="utf-8")
     curve = "".join(f"{10 * i},{1 / (1 + i * i)},{-3 * i}\n" for i in range(1, 30))
     (folder / "response.csv").write_text("frequency_hz,magnitude,phase_deg\n" + curve, encoding="utf-8")
+    u, x = np.arange(40) % 5 - 2.0, np.arange(40) % 7 / 7.0
+    np.savez(folder / "data.npz", u=u, x=x)
+    np.save(folder / "data.npy", np.stack([u, x], axis=1))
+    (folder / "map-npz.toml").write_text(MAP.replace("data.csv", "data.npz"), encoding="utf-8")
+    columns = MAP.replace("data.csv", "data.npy").replace('"x"\nunit', '"[:, 1]"\nunit').replace('"u"\n', '"[:, 0]"\n')
+    (folder / "map-npy.toml").write_text(columns, encoding="utf-8")
     for arguments in SOUND:
         code, said = in_child(lambda words=arguments: mccd(list(words)), folder, LIMIT_S)
         if code:
