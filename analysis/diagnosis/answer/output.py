@@ -34,7 +34,7 @@ SCHEMA = "mccd-diagnosis/1"
 DOMAINS = ("frequency", "amplitude", "position", "direction", "rate", "time", "temperature")
 """The domains of the contract; a diagnosis may look at further ones, which follow."""
 
-GAINS = ("held_out", "rms_before", "rms_after", "noise_floor", "reduction", "ci95")
+GAINS = ("held_out", "rms_given", "rms_before", "rms_after", "noise_floor", "reduction", "ci95")
 """What of a gain stands in `gain`; its segments and outputs follow by themselves."""
 
 LISTED_RUNS = 4

@@ -15,11 +15,10 @@ from analysis.diagnosis.answer.figures import (
     Drawn,
     bode_figure,
     evidence_figures,
-    opening_figure,
-    opening_output,
     residual_figures,
 )
 from analysis.diagnosis.answer.mechanism import mechanism_figure
+from analysis.diagnosis.answer.opening import opening_figure, opening_output
 from analysis.diagnosis.answer.output import DOMAINS, Change, changes, extended_model
 from analysis.diagnosis.answer.sentence import SIGNIFICANT, surety
 from analysis.diagnosis.evidence.domains import evidence
@@ -154,6 +153,7 @@ def render(
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
             symptoms={e.reported(): e.symptom for e in reversed(named())},
             held_out=_held_out(diagnosis, files),
+            improved=_improved(diagnosis),
             chops=chops,
             version=f"{tool_version()} ({tool_commit()})",
         )
@@ -182,7 +182,7 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     after = evidence(data, diagnosis.after, whitener, model)
     output = opening_output(data, before, diagnosis.after, noise_rms)
     figures = Figures(
-        opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
+        opening=_those(opening_figure(data, diagnosis.nominal, before, diagnosis.after, noise_rms, model)),
         response=_those(bode_figure(diagnosis, model, output)),
         mechanism=_those(mechanism_figure(diagnosis, model, whitener)),
         evidence=tuple(evidence_figures(diagnosis.evidence, after, model)),
@@ -193,6 +193,16 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
         evidence_explorer(diagnosis.evidence, after, model, files),
     )
     return figures, {one.key: one for one in explorers if one is not None}
+
+
+def _improved(diagnosis: Diagnosis) -> bool:
+    """Tell whether an extended model is told of: a cause is named, or tied ones gain more than chance does.
+
+    What does not explain the residual is no better model, however little it leaves.
+    """
+    gain = diagnosis.gain
+    better = gain is not None and gain.measurable and gain.rms_after < gain.rms_before
+    return bool(diagnosis.causes) or (diagnosis.verdict == "ambiguous" and better)
 
 
 def _those(*figures: Drawn | None) -> tuple[Drawn, ...]:

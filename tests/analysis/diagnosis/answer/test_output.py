@@ -79,6 +79,7 @@ def test_the_document_is_that_of_the_contract(diagnosis):
     assert found["ambiguous"] == [["delay", "amplifier-lag"]]
     assert found["gain"] == {
         "held_out": ["uid-1#held-out <b>noise</b>"],
+        "rms_given": None,
         "rms_before": 0.5,
         "rms_after": 0.1,
         "noise_floor": 0.09,
@@ -193,7 +194,7 @@ def test_the_figures_hold_the_residuals_they_are_drawn_from(diagnosis, oscillato
     drawn = pd.read_csv(tmp_path / "figures" / "residual-x.csv")
     # the first segment and the second have the same size; whichever was drawn, before is five times after
     largest = drawn.groupby("series")["y"].apply(lambda y: np.abs(y).max())
-    assert largest["nominal"] == pytest.approx(5.0 * largest["extended"], rel=1e-9)
+    assert largest["adjusted"] == pytest.approx(5.0 * largest["extended"], rel=1e-9)
     assert set(drawn["y_quantity"]) == {"measured − simulated (µm)"}
 
 
