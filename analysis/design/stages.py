@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.pages.axes import axis_text
+from sim_backend.axis_names import axis_text
 from analysis.recorded.settle import SettleTest, settle_of
 from campaigns.log import read_run
 from campaigns.plans import make_plan

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis.pages.formats import readable
+from sim_backend.axis_names import with_axes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,6 +79,7 @@ class Canvas:
     _titles: dict[int, str] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.title = with_axes(self.title)
         import matplotlib as mpl
         from matplotlib.figure import Figure
 
@@ -95,8 +98,9 @@ class Canvas:
     def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
         """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas.
 
-        One that is longer than its axes is broken into lines.
+        One that is longer than its axes is broken into lines. Degrees of freedom read as people write them: θx.
         """
+        title, x_label, y_label = map(with_axes, (title, x_label, y_label))
         axes, (width_in, height_in) = self.axes[i], self.size
         self._titles[i] = title
         with self._styled():
@@ -117,7 +121,7 @@ class Canvas:
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
-            (drawn,) = self.axes[i].plot(xs, ys, label=series, **style)
+            (drawn,) = self.axes[i].plot(xs, ys, label=with_axes(series), **style)
         if "linestyle" not in style:
             drawn.set_linestyle(_own(DASHES, drawn.get_color()))
 
@@ -126,7 +130,8 @@ class Canvas:
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            (drawn,) = self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+            look = {"linestyle": "none", "marker": "o", "label": with_axes(series), **style}
+            (drawn,) = self.axes[i].plot(xs, ys, **look)
         if "marker" not in style:
             drawn.set_marker(_own(MARKS, drawn.get_color()))
 
@@ -135,7 +140,7 @@ class Canvas:
         xs, ys = np.asarray(centre, dtype=float), np.asarray(height, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].bar(xs, ys, width=width, label=series, linewidth=0, **style)
+            self.axes[i].bar(xs, ys, width=width, label=with_axes(series), linewidth=0, **style)
 
     def band(self, i: int, low: float, high: float, label: str) -> None:
         """Shade the allowed band of panel `i`."""
@@ -219,15 +224,33 @@ class Canvas:
 
 
 def _plain_ticks(axes: Axes) -> None:
-    """Let the numbers along logarithmic axes be text of one size: superscripts of formulas are too small to read."""
-    from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter
+    """Let the numbers along axes be whole, and text of one size: superscripts of formulas are too small to read."""
+    from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter, ScalarFormatter
 
     for axis in (axes.xaxis, axes.yaxis):
+        formatter = axis.get_major_formatter()
+        if isinstance(formatter, ScalarFormatter):
+            formatter.format_ticks(axis.get_majorticklocs().tolist())
+            if formatter.get_offset():  # a power of ten or a number beside the axis, to be added to each along it
+                axis.set_major_formatter(FuncFormatter(_whole(axis.get_majorticklocs())))
+            continue
         if axis.get_scale() != "log" or not isinstance(axis.get_major_formatter(), LogFormatter):
             continue
         low, high = axis.get_view_interval()
         axis.set_major_formatter(FuncFormatter(_power_of_ten))
         axis.set_minor_formatter(NullFormatter() if high >= 10.0 * low else FuncFormatter(_power_of_ten))
+
+
+def _whole(ticks: Array) -> Callable[[float, Any], str]:
+    """Return what writes each of the `ticks` (n,) whole, with the digits that tell it from the next."""
+    apart = np.diff(np.unique(ticks))
+    last = int(np.floor(np.log10(apart.min()))) - 1 if apart.size else -4
+
+    def written(value: float, _at: Any = None) -> str:
+        size = int(np.floor(np.log10(abs(value)))) if value else last
+        return readable(round(value, -last), max(size - last + 1, 1))
+
+    return written
 
 
 def _power_of_ten(value: float, _at: int | None = None) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from analysis.pages.axes import with_axes
+from sim_backend.axis_names import with_axes
 from analysis.pages.formats import fit_percent
 from mccdcli.schema import schema_of
 from tests import headless

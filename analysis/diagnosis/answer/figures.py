@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from analysis.diagnosis.records.dataset import Dataset
-from analysis.diagnosis.response.predicted import Predictor, changes_the_response
+from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.frequency.averaged_spectra import averaged_spectra
 from analysis.frequency.frf import FrequencyResponse
-from analysis.pages.axes import axis_text
+from sim_backend.axis_names import axis_text
 from analysis.pages.bode import bode_canvas, per, scale_axes
 from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled

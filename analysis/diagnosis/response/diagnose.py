@@ -15,7 +15,7 @@ from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal
 from analysis.diagnosis.response.levels import compare_levels, depends_on_level, describe_levels
 from analysis.diagnosis.response.lines import EVERY, Lines, Noise, noise_of
-from analysis.diagnosis.response.predicted import Predictor, changes_the_response
+from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.diagnosis.response.search import Found, judged, of_levels, searched
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.shortlist import SURE_LEAD

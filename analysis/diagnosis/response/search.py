@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal, slopes
-from analysis.diagnosis.response.predicted import changes_the_response
+from analysis.linear.predicted import changes_the_response
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.search.stage import Progress

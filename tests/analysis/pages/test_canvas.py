@@ -137,3 +137,14 @@ def test_letters_of_a_wide_figure_are_read_at_the_width_of_a_telephone():
         sizes = [float(size) for size in re.findall(r"font-size: ([\d.]+)px", canvas.svg())]
         # 358 CSS pixels of 390; the view box is in points
         assert len(sizes) > 5 and min(sizes) * 358.0 / (72.0 * width) >= 7.5
+
+
+def test_axes_have_whole_numbers_and_the_signs_of_their_degrees_of_freedom():
+    canvas = Canvas("torque_x → theta_x", "")
+    canvas.panel(0, "theta_x", "time (s)", "temperature (K)")
+    canvas.line(0, "theta_x", np.arange(5.0), 1e-5 * np.arange(5.0))
+    canvas.legend(0)
+    labels = re.findall(r">([^<]+)</text>", canvas.svg())
+    assert canvas.title == "torque_x → θx"
+    assert "θx" in labels and "theta_x" not in labels
+    assert "2·10⁻⁵" in labels and not any(re.search(r"\de[-+−]?\d", label) for label in labels)
