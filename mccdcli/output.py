@@ -27,8 +27,8 @@ VERDICTS = {"The simulation is consistent": GOOD, "The simulation lacks": BAD, "
 def emit(result: object, *, as_json: bool, text: str, colours: Mapping[str, str] | None = None) -> None:
     """Print the result on standard output: `result` as one JSON document, or `text` for a person to read.
 
-    Numbers of the text have no exponents. On a terminal each of the words or phrases in `colours` has its colour, unless
-    NO_COLOR is set.
+    Numbers of the text have no exponents. On a terminal each of the words or phrases in `colours` has its colour,
+    unless NO_COLOR is set.
     """
     if as_json:
         click.echo(json.dumps(plain(result), indent=2, allow_nan=False))

@@ -8,13 +8,13 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from sim_backend.axis_names import axis_text
 from analysis.pages.canvas import Array, thinned
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.pages.formats import unit_text
 from analysis.pages.quantities import scaled, time_left
 from analysis.recorded.watching import Misfit, Reading, Snapshot, Watch
 from campaigns.log import Run, read_run
+from sim_backend.axis_names import axis_text
 from sim_backend.readings import with_gaps
 
 MOST_PLOTS: Final = 8

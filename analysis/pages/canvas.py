@@ -52,6 +52,7 @@ LEGIBLE_IN = 5.0
 _OF_CELL, _LETTER_EM = 0.8, 0.62
 """Part of its cell in the grid that is left to a panel's axes; mean width of a letter in units of its size."""
 
+_STAMP_PT = 6.0
 _KEPT = "\N{NO-BREAK SPACE}"
 _LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 
@@ -172,6 +173,19 @@ class Canvas:
         """Show the legend of panel `i` above its axes, beside the title, where it covers no curve."""
         self.legend(i, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, borderpad=0.0, columnspacing=1.0)
 
+    def legend_outside(self, columns: int = 4) -> None:
+        """Show one legend of all panels above them, each name once: it covers no curve, whatever is drawn."""
+        named: dict[str, Any] = {}
+        for axes in self.axes:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                named.setdefault(label, handle)
+        with self._styled():
+            legend = self.figure.legend(
+                named.values(), named.keys(), loc="outside upper left", ncols=columns, columnspacing=1.4
+            )
+            for text in legend.get_texts():
+                text.set_parse_math(False)
+
     def numbers(self) -> pd.DataFrame:
         """Return every drawn point: panel, series, x with its label, y with its label."""
         import pandas as pd
@@ -193,7 +207,9 @@ class Canvas:
             for axes in self.axes:
                 _plain_ticks(axes)
             if stamp:
-                at_foot = {"x": 0.005, "ha": "left", "fontsize": 6, "color": QUIET}
+                most = int(72.0 * self.size[0] / (_LETTER_EM * _STAMP_PT))
+                stamp = "\n".join(textwrap.wrap(stamp, most, break_long_words=False))
+                at_foot = {"x": 0.005, "ha": "left", "fontsize": _STAMP_PT, "color": QUIET}
                 self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
             # `savefig` gives the same text, but draws a figure twice that is laid out by its contents
             FigureCanvasSVG(self.figure).print_svg(buffer, metadata={"Date": None, "Creator": "mccd"})

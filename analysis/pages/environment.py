@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
-from sim_backend.axis_names import axes_in
 from analysis.pages.formats import exact, printed, shown
+from sim_backend.axis_names import axes_in
 
 if TYPE_CHECKING:
     import jinja2

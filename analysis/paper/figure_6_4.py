@@ -33,5 +33,5 @@ def figure_6_4(measured: Measured) -> Canvas | None:
         canvas.line(2 + i, f"fit {100 * gain:.3f} %", span, (gain * span + offset * 1e3) * 1e3, color=OURS)
         paper = paper_tables()["text"].value(f"theodolite {axis}")
         canvas.line(2 + i, f"paper {100 * paper:.1f} %", span, paper * span * 1e3, color=PAPER, linestyle="--")
-        canvas.legend(2 + i, loc="upper left")
+    canvas.legend_outside()
     return canvas

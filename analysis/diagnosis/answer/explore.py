@@ -16,10 +16,10 @@ from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categorie
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
-from sim_backend.axis_names import axis_text, with_axes
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.pages.formats import without_exponents
 from analysis.pages.quantities import LEAST_P, chance, scaled
+from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.linear import Array
 from sim_backend.model import Model, Port
 

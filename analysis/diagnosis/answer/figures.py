@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from analysis.diagnosis.records.dataset import Dataset
-from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.frequency.averaged_spectra import averaged_spectra
 from analysis.frequency.frf import FrequencyResponse
-from sim_backend.axis_names import axis_text
+from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.pages.bode import bode_canvas, per, scale_axes
 from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
 from sim_backend.assembly import places_of
+from sim_backend.axis_names import axis_text
 from sim_backend.effects.base import Site
 from sim_backend.errors import DataError
 from sim_backend.linear import Array, ComplexArray

@@ -11,9 +11,9 @@ import numpy as np
 from analysis.diagnosis.answer.figures import AFTER, BEFORE, GIVEN, MOST_POINTS, SWINGS, TALL, Drawn, swing_rows
 from analysis.diagnosis.evidence.as_given import left_as_given
 from analysis.diagnosis.records.dataset import Dataset, Window
-from sim_backend.axis_names import axis_text
 from analysis.pages.canvas import QUIET, Canvas, thinned
 from analysis.pages.quantities import scaled
+from sim_backend.axis_names import axis_text
 from sim_backend.linear import Array, ModalModel
 from sim_backend.model import Model
 

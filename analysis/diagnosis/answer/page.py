@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup, escape
 
+from analysis.diagnosis.answer.changes import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.answer.figures import (
     Drawn,
@@ -19,7 +21,7 @@ from analysis.diagnosis.answer.figures import (
 )
 from analysis.diagnosis.answer.mechanism import mechanism_figure
 from analysis.diagnosis.answer.opening import opening_figure, opening_output
-from analysis.diagnosis.answer.output import DOMAINS, Change, changes, extended_model
+from analysis.diagnosis.answer.output import DOMAINS, extended_model
 from analysis.diagnosis.answer.sentence import SIGNIFICANT, surety
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
@@ -163,6 +165,7 @@ def render(
 def _environment() -> jinja2.Environment:
     environment = page_environment("analysis.diagnosis.answer")
     environment.filters["quantity"] = quantity
+    environment.filters["visible_size"] = _visible_size
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["unit"] = unit_text
     environment.filters["readable"] = readable
@@ -213,8 +216,18 @@ def _by_effect(seen: Sequence[Visible]) -> dict[str, list[Visible]]:
     """Return the visible sizes by effect and the parameter that measures it."""
     out: dict[str, list[Visible]] = {}
     for one in seen:
-        out.setdefault(f"{one.effect}: {one.parameter}", []).append(one)
+        measure = _MEASURES.get(one.parameter, re.sub(r"_\d+$", "", one.parameter).replace("_", " "))
+        out.setdefault(f"{one.effect}, {measure}", []).append(one)
     return out
+
+
+_MEASURES = {"seconds": "time", "relative": "relative change"}
+"""Parameters whose names do not say by themselves what they measure."""
+
+
+def _visible_size(one: Visible) -> str:
+    """Return a size with its unit; a part of a whole in percent."""
+    return share(one.size) if one.parameter == "relative" else quantity(one.size, one.unit)
 
 
 def _overview(found: dict[str, tuple[Domain, ...]], domains: Sequence[str], files: dict[str, str]) -> list[OverviewRow]:

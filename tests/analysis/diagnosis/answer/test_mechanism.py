@@ -9,11 +9,11 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from analysis.diagnosis.answer.figures import bode_figure, swing_rows
+from analysis.diagnosis.answer.mechanism import SEEN, Quantity, drawn_over, explained, mechanism_figure
 from analysis.diagnosis.answer.opening import opening_figure, opening_output
 from analysis.diagnosis.answer.page import write_page
-from analysis.diagnosis.evidence.as_given import error_as_given
-from analysis.diagnosis.answer.mechanism import SEEN, Quantity, drawn_over, explained, mechanism_figure
 from analysis.diagnosis.answer.sentence import surety
+from analysis.diagnosis.evidence.as_given import error_as_given
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Remainder

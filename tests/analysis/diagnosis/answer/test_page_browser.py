@@ -376,3 +376,15 @@ def test_hours_of_data_make_a_page_that_can_be_sent(tmp_path):
     assert (
         "The 24 of 50 segments are listed" in text and "Of 8000 samples the smallest and the largest of every" in text
     )
+
+
+def test_what_could_have_been_seen_is_told_in_words_with_units(tmp_path):
+    seen = (
+        Visible("hysteresis", "x", "stiffness_1", 0.0123, "N m/rad"),
+        Visible("delay", "x", "seconds", 3.3e-5, "s"),
+        Visible("actuator-gain", "x", "relative", 0.119, "1"),
+    )
+    page = write_page(dataclasses.replace(found("named"), sensitivity=seen), two_axes(), SOURCES, tmp_path)
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page["index.html"].read_text()))
+    for told in ("hysteresis, stiffness x: 0.0123 N m/rad", "delay, time x: 33 µs", "relative change x: 11.9 %"):
+        assert told in text, told
