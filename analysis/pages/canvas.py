@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.pages.formats import readable
-from sim_backend.axis_names import with_axes
+from analysis.pages.formats import printed, readable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +51,9 @@ LEGIBLE_IN = 5.0
 _OF_CELL, _LETTER_EM = 0.8, 0.62
 """Part of its cell in the grid that is left to a panel's axes; mean width of a letter in units of its size."""
 
-_STAMP_PT = 6.0
+_STAMP_PT, _HANDLE_EM = 6.0, 4.2
+"""Size of the letters at the foot of a figure; room that a legend's entry takes beside its letters, of their size."""
+
 _KEPT = "\N{NO-BREAK SPACE}"
 _LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 
@@ -80,7 +81,7 @@ class Canvas:
     _titles: dict[int, str] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.title = with_axes(self.title)
+        self.title = printed(self.title)
         import matplotlib as mpl
         from matplotlib.figure import Figure
 
@@ -101,7 +102,7 @@ class Canvas:
 
         One that is longer than its axes is broken into lines. Degrees of freedom read as people write them: θx.
         """
-        title, x_label, y_label = map(with_axes, (title, x_label, y_label))
+        title, x_label, y_label = map(printed, (title, x_label, y_label))
         axes, (width_in, height_in) = self.axes[i], self.size
         self._titles[i] = title
         with self._styled():
@@ -122,7 +123,7 @@ class Canvas:
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
-            (drawn,) = self.axes[i].plot(xs, ys, label=with_axes(series), **style)
+            (drawn,) = self.axes[i].plot(xs, ys, label=printed(series), **style)
         if "linestyle" not in style:
             drawn.set_linestyle(_own(DASHES, drawn.get_color()))
 
@@ -131,7 +132,7 @@ class Canvas:
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            look = {"linestyle": "none", "marker": "o", "label": with_axes(series), **style}
+            look = {"linestyle": "none", "marker": "o", "label": printed(series), **style}
             (drawn,) = self.axes[i].plot(xs, ys, **look)
         if "marker" not in style:
             drawn.set_marker(_own(MARKS, drawn.get_color()))
@@ -141,7 +142,7 @@ class Canvas:
         xs, ys = np.asarray(centre, dtype=float), np.asarray(height, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].bar(xs, ys, width=width, label=with_axes(series), linewidth=0, **style)
+            self.axes[i].bar(xs, ys, width=width, label=printed(series), linewidth=0, **style)
 
     def band(self, i: int, low: float, high: float, label: str) -> None:
         """Shade the allowed band of panel `i`."""
@@ -179,6 +180,9 @@ class Canvas:
         for axes in self.axes:
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 named.setdefault(label, handle)
+        letter_pt = float(self._style["legend.fontsize"])
+        widest_pt = letter_pt * (_LETTER_EM * max(map(len, named), default=0) + _HANDLE_EM)
+        columns = max(min(columns, int(72.0 * self.size[0] / widest_pt)), 1)
         with self._styled():
             legend = self.figure.legend(
                 named.values(), named.keys(), loc="outside upper left", ncols=columns, columnspacing=1.4
