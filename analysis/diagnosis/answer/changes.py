@@ -82,22 +82,16 @@ def _of_mode(mode: Mode, model: Model) -> Iterator[tuple[str, str, Value, Value]
     units = {port.name: port.unit for port in (*model.inputs, *model.outputs)}
     most = max(mode.output, key=lambda name: abs(number(mode.output[name])), default="")
     own = units.get(most, "1")
-    for what, table, unit in (
-        ("driven by", mode.input, lambda port: per(f"{own}/s^2", units.get(port, "1"))),
-        ("driven directly by", mode.input_direct, lambda port: per(f"{own}/s", units.get(port, "1"))),
-        ("seen in", mode.output, lambda port: _ratio(units.get(port, "1"), own)),
-        (
-            "rate seen in",
-            mode.output_rate,
-            lambda port: " ".join(filter(None, ("s", _ratio(units.get(port, "1"), own)))),
-        ),
+    for what, table, driven in (
+        ("driven by", mode.input, f"{own}/s^2"),
+        ("driven directly by", mode.input_direct, f"{own}/s"),
     ):
         for port, value in table.items():
-            yield f"{what} {port}", unit(port), value, value
-
-
-def _ratio(over: str, under: str) -> str:
-    return "" if over == under else per(over, under)
+            yield f"{what} {port}", per(driven, units.get(port, "1")), value, value
+    for what, table, time in (("seen in", mode.output, ""), ("rate seen in", mode.output_rate, "s")):
+        for port, value in table.items():
+            seen = units.get(port, "1")
+            yield f"{what} {port}", f"{time} {'' if seen == own else per(seen, own)}".strip(), value, value
 
 
 def _change(place: str, what: str, before: Value | None, after: Value, unit: str) -> Change:
