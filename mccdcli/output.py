@@ -27,11 +27,15 @@ VERDICTS = {"The simulation is consistent": GOOD, "The simulation lacks": BAD, "
 def emit(result: object, *, as_json: bool, text: str, colours: Mapping[str, str] | None = None) -> None:
     """Print the result on standard output: `result` as one JSON document, or `text` for a person to read.
 
-    On a terminal each of the words or phrases in `colours` has its colour, unless NO_COLOR is set.
+    Numbers of the text have no exponents. On a terminal each of the words or phrases in `colours` has its colour,
+    unless NO_COLOR is set.
     """
     if as_json:
         click.echo(json.dumps(plain(result), indent=2, allow_nan=False))
     else:
+        from analysis.pages.formats import without_exponents
+
+        text = without_exponents(text)
         click.echo(painted(visible(text), colours or {}) if in_colour(sys.stdout) else visible(text))
 
 
@@ -125,8 +129,13 @@ def plain(value: object) -> Any:
 
 
 def table(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
-    """Set `rows` in columns, two spaces apart, the last one ragged; the `heads`, if given, above them."""
-    lines = [heads, *rows] if heads else list(rows)
+    """Set `rows` in columns, two spaces apart, the last one ragged; the `heads`, if given, above them.
+
+    Numbers have no exponents.
+    """
+    from analysis.pages.formats import without_exponents
+
+    lines = [list(map(without_exponents, line)) for line in ([heads, *rows] if heads else rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines

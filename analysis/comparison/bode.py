@@ -54,7 +54,7 @@ def bode_figures(names: tuple[str, str], curves: tuple[Sequence[Curve], Sequence
                 draw_response(canvas, name, one.frequency_hz, one.response, **style)
         scale_axes(canvas)
         canvas.axes[1].set_yticks(PHASES_DEG)
-        canvas.legend(0, loc="best")
+        canvas.legend_outside(2)
         figures.append(canvas)
     return tuple(figures)
 
@@ -62,4 +62,4 @@ def bode_figures(names: tuple[str, str], curves: tuple[Sequence[Curve], Sequence
 def labels(names: tuple[str, str]) -> tuple[str, str]:
     """Return short names for a legend: the last parts of the paths that differ."""
     short = [name.rstrip("/").rpartition("/")[2] for name in names]
-    return (short[0], short[1]) if short[0] != short[1] else (f"first: {short[0]}", f"second: {short[1]}")
+    return (short[0], short[1]) if short[0] != short[1] else (f"A: {short[0]}", f"B: {short[1]}")

@@ -161,7 +161,7 @@ def _figures(names: tuple[str, str], documents: tuple[_Document, _Document]) -> 
                 canvas.line(0, name, f, level, **style)
         canvas.axes[0].set_xscale("log")
         canvas.axes[0].set_yscale("log")
-        canvas.legend(0, loc="best")
+        canvas.legend_outside(2)
         figures.append(canvas)
     return tuple(figures)
 

@@ -10,6 +10,7 @@ import scipy.optimize
 
 from analysis.comparison.bode import Curve, bode_figures
 from analysis.comparison.table import Comparison, Part, Row, Value, beside
+from analysis.diagnosis.answer.changes import unit_of
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array
 from sim_backend.model import Mode, Model, load_model, number, with_std
@@ -128,22 +129,23 @@ def _effects(one: Model, other: Model) -> tuple[Row, ...]:
     found = [_parameters(model) for model in (one, other)]
     rows = []
     for name in dict.fromkeys(name for each in found for name in each):
-        both = [each.get(name, _NOTHING) for each in found]
-        rows.append(beside(name, (value for value, _ in both), "", (std for _, std in both)))
+        both = [each.get(name, (None, None, "")) for each in found]
+        unit = next(filter(None, (unit for *_, unit in both)), "")
+        rows.append(beside(name, (value for value, *_ in both), unit, (std for _, std, _ in both)))
     return tuple(rows)
 
 
-def _parameters(model: Model) -> dict[str, tuple[Value, float | None]]:
-    """Return every parameter of every effect; an effect without any says that it is there."""
-    told: dict[str, tuple[Value, float | None]] = {}
+def _parameters(model: Model) -> dict[str, tuple[Value, float | None, str]]:
+    """Return every parameter of every effect with deviation and unit; an effect without any says that it is there."""
+    told: dict[str, tuple[Value, float | None, str]] = {}
     for entry in model.effects:
         place = f"{entry.effect} at {entry.where}"
         while any(name.startswith(place) for name in told):  # several of one kind at one location
             place += " '"
         for name, value in entry.parameters.items():
-            told[f"{place}: {name}"] = with_std(value)
+            told[f"{place}: {name}"] = *with_std(value), unit_of(entry, name, model)
         if not entry.parameters:
-            told[place] = "yes", None
+            told[place] = "yes", None, ""
     return told
 
 

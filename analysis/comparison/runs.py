@@ -8,16 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from analysis.comparison.bode import Curve, bode_figures
+from analysis.comparison.bode import MOST_FIGURES, SIZE, STYLES, Curve, bode_figures, labels
 from analysis.comparison.table import Comparison, Part, Row, Value, beside, rows_of
 from analysis.identification.bode import curves_of_run
+from analysis.pages.canvas import Canvas
+from analysis.pages.formats import unit_text
+from analysis.pages.quantities import scaled
 from campaigns.log import Run, read_run
 from campaigns.log.summary import summarise
 from sim_backend.errors import MccdError
+from sim_backend.readings import with_gaps
 
 STATISTICS = ("mean", "std", "smallest", "largest")
 LINES = 400
 """Frequencies at which two responses are compared, spread evenly over the logarithm of what both have measured."""
+
+
+SHOWN_S = 1.0
+"""How much of two runs without a frequency response is drawn."""
 
 
 def compare_runs(first: str, second: str) -> Comparison:
@@ -30,8 +38,33 @@ def compare_runs(first: str, second: str) -> Comparison:
             Part("Channels", _channels(one, other)),
             Part("Frequency response", _apart(curves, _units(one, other)), why),
         )
-    figures = bode_figures((first, second), curves)
+        moving = () if any(curves) else _over_time((first, second), (one, other))
+    figures = (*bode_figures((first, second), curves), *moving)
     return Comparison("run", (first, second), tuple(p for p in parts if p.rows or p.remark), figures)
+
+
+def _over_time(names: tuple[str, str], runs: tuple[Run, Run]) -> tuple[Canvas, ...]:
+    """Return a figure for every output of both: the first seconds of the last segment of each."""
+    figures = []
+    for output in [name for name in runs[0].names("output") if name in runs[1].names("output")][:MOST_FIGURES]:
+        units = [run.channels[output].unit for run in runs]
+        if units[0] != units[1]:
+            continue
+        title = f"{output} over time"
+        canvas = Canvas(title, f"The first {SHOWN_S:g} s of the last segment, where there is one.", size=SIZE)
+        parts = []
+        for run in runs:
+            start = run.segments[-1].start if run.segments else 0
+            values = with_gaps(run.stored(output, start, min(start + round(SHOWN_S * run.sample_rate_hz), run.rows)))
+            parts.append((np.arange(values.size) / run.sample_rate_hz, values))
+        largest = max(float(np.nanmax(np.abs(y), initial=0.0)) for _, y in parts)
+        factor, unit = scaled(largest, units[0])
+        canvas.panel(0, output, "time in the segment (s)", f"{output} ({unit_text(unit)})")
+        for name, style, (time_s, values) in zip(labels(names), STYLES, parts, strict=True):
+            canvas.line(0, name, time_s, values * factor, **style)
+        canvas.legend_outside(2)
+        figures.append(canvas)
+    return tuple(figures)
 
 
 def _header(run: Run) -> dict[str, Value]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from analysis.pages.canvas import Canvas
-from analysis.pages.formats import NONE, shown
+from analysis.pages.formats import NONE, readable, shown, unit_text
 
 Value = float | int | str | None
 
@@ -57,15 +57,17 @@ class Row:
         told = (
             ""
             if change is None or not math.isfinite(change) or not self.differs
-            else f"{change:.0f}"
+            else f"{change:.0f}".replace("-", "−")
             if whole
             else shown(change)
         )
         if told and self.first:
-            told += f" ({100.0 * (change or 0.0) / abs(float(self.first)):+.3g} %)"
+            relative = readable(100.0 * (change or 0.0) / abs(float(self.first)))
+            told += f" ({relative if relative.startswith('−') else f'+{relative}'} %)"
         if self.sigmas is not None:
-            told += f" = {self.sigmas:.2g} σ" if told else ""
-        return self.what, _text(self.first, self.std[0]), _text(self.second, self.std[1]), told, self.unit
+            told += f" = {readable(self.sigmas, 2)} σ" if told else ""
+        unit = unit_text(self.unit)
+        return self.what, _text(self.first, self.std[0]), _text(self.second, self.std[1]), told, unit
 
     def as_json(self) -> dict[str, Any]:
         """Return the row as JSON can hold it; numbers that are not finite are None."""

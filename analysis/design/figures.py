@@ -11,8 +11,8 @@ from analysis.design.feedback import PEAK_DB, frequency_grid
 from analysis.design.learning import LARGEST_FACTOR, SURE_FACTOR
 from analysis.design.price import PAPER
 from analysis.design.uncertainty import drawn_plants
-from analysis.pages.axes import axis_text
 from analysis.pages.canvas import COLOURS, OURS, Canvas
+from sim_backend.axis_names import axis_text
 from sim_backend.linear import discretise
 
 

@@ -14,13 +14,13 @@ from analysis.design.api import AxisDesign, Designed
 from analysis.design.figures import design_figures
 from analysis.design.learning import SURE_FACTOR
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows, stages_csv
-from analysis.pages.axes import axis_text
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
 from analysis.recorded.requirements import POWER_W, SETTLING_S, STABILITY_RAD
 from campaigns.spreadsheet import inert_frame
 from campaigns.strategies.controller import FILE_NAME, dump_controller
 from campaigns.version import tool_commit, tool_version
+from sim_backend.axis_names import axis_text
 from sim_backend.errors import ConfigError
 from sim_backend.safe_write import folder_within, write_text
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.pages.axes import axis_text
 from analysis.recorded.settle import SettleTest, settle_of
 from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
 from campaigns.progress import Report, unheard
+from sim_backend.axis_names import axis_text
 from sim_backend.bench import Bench
 
 ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}

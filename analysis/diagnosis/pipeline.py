@@ -11,6 +11,7 @@ import numpy as np
 from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.dominant import dominant_cause, judge_dominant, large_discrepancy, remainder, still_large
+from analysis.diagnosis.evidence.as_given import error_as_given
 from analysis.diagnosis.evidence.confirmed import confirmed
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
@@ -315,7 +316,11 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
     noise = setting.whitener if own else remaining
     first, last = (linear_of(setting, fit) for fit in (tuned, best))
     errors = {} if setting.whitener.even else tuning_errors(data, setting, best)
-    gain = gain_of(data, before, after, noise, first, last, [p.dof for p in model.outputs], seed, errors)
+    names = [p.dof for p in model.outputs]
+    gain = gain_of(data, before, after, noise, first, last, names, seed, errors)
+    if gain is not None:
+        moving = [one.output for one in gain.outputs]
+        gain = replace(gain, rms_given=error_as_given(data, model.linear(), names, moving))
     return _Answer(before, after, remaining, gain)
 
 

@@ -118,6 +118,7 @@ class Gain:
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
     below on other rows of the same kind, `most_noise` what noise, and the errors that tuned numbers have there, hardly
     exceed on these. What was added should have `times` its size for the held-out rows, which is known to `times_std`.
+    `rms_given` is the error of the model as given, before its own numbers were adjusted; None where it is not known.
     """
 
     held_out: tuple[str, ...]
@@ -132,6 +133,7 @@ class Gain:
     most_noise: float = 0.0
     times: float = 1.0
     times_std: float = np.inf
+    rms_given: float | None = None
 
     @property
     def likelier(self) -> bool:

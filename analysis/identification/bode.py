@@ -17,6 +17,7 @@ from analysis.recorded.sweep import sweep_of
 from campaigns.facts import measured_segments
 from campaigns.log import ROLES, LogSegment, Run
 from campaigns.log.plot import write_picture
+from sim_backend.axis_names import with_axes
 from sim_backend.errors import DataError
 from sim_backend.intersample import hold_response
 from sim_backend.model import Model
@@ -113,7 +114,7 @@ def bode(model: Model, curves: Sequence[ResponseCurve]) -> Figure:
             if np.any(response[:, k, j]):  # an entry that nothing drives has no magnitude to draw
                 size.loglog(f, np.abs(response[:, k, j]), color="C1", linewidth=1.2, label="model")
                 phase.semilogx(f, np.degrees(np.angle(response[:, k, j])), color="C1", linewidth=1.2)
-            size.set_title(f"{input_} → {output}", fontsize=9)
+            size.set_title(with_axes(f"{input_} → {output}"), fontsize=9)
             size.set_ylabel(f"magnitude ({units[output]} per {units[input_]})", fontsize=8)
             phase.set_ylabel("phase (°)", fontsize=8)
             phase.set_yticks([-180, -90, 0, 90, 180])

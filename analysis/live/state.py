@@ -8,13 +8,13 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from analysis.pages.axes import axis_text
 from analysis.pages.canvas import Array, thinned
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.pages.formats import unit_text
 from analysis.pages.quantities import scaled, time_left
 from analysis.recorded.watching import Misfit, Reading, Snapshot, Watch
 from campaigns.log import Run, read_run
+from sim_backend.axis_names import axis_text
 from sim_backend.readings import with_gaps
 
 MOST_PLOTS: Final = 8
@@ -53,7 +53,8 @@ def _texts(seen: Snapshot) -> dict[str, str]:
     of = "" if not seen.expected_rows else f" of {seen.expected_rows} ({seen.rows / seen.expected_rows:.0%})"
     return {
         "test": seen.test,
-        "run": seen.run_uid,
+        "run": seen.run_uid[:8],
+        "note": seen.note,
         "status": seen.status,
         "reason": seen.status_reason,
         "segment": seen.segment or ("none yet" if seen.running else "none"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.pages.formats import readable
+from analysis.pages.formats import printed, readable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,6 +51,9 @@ LEGIBLE_IN = 5.0
 _OF_CELL, _LETTER_EM = 0.8, 0.62
 """Part of its cell in the grid that is left to a panel's axes; mean width of a letter in units of its size."""
 
+_STAMP_PT, _HANDLE_EM = 6.0, 4.2
+"""Size of the letters at the foot of a figure; room that a legend's entry takes beside its letters, of their size."""
+
 _KEPT = "\N{NO-BREAK SPACE}"
 _LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 
@@ -77,6 +81,7 @@ class Canvas:
     _titles: dict[int, str] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.title = printed(self.title)
         import matplotlib as mpl
         from matplotlib.figure import Figure
 
@@ -95,8 +100,9 @@ class Canvas:
     def panel(self, i: int, title: str, x_label: str, y_label: str) -> Axes:
         """Name the axes of panel `i`, counted row by row, and return them; names are text, never formulas.
 
-        One that is longer than its axes is broken into lines.
+        One that is longer than its axes is broken into lines. Degrees of freedom read as people write them: θx.
         """
+        title, x_label, y_label = map(printed, (title, x_label, y_label))
         axes, (width_in, height_in) = self.axes[i], self.size
         self._titles[i] = title
         with self._styled():
@@ -117,7 +123,7 @@ class Canvas:
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
-            (drawn,) = self.axes[i].plot(xs, ys, label=series, **style)
+            (drawn,) = self.axes[i].plot(xs, ys, label=printed(series), **style)
         if "linestyle" not in style:
             drawn.set_linestyle(_own(DASHES, drawn.get_color()))
 
@@ -126,7 +132,8 @@ class Canvas:
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            (drawn,) = self.axes[i].plot(xs, ys, **{"linestyle": "none", "marker": "o", "label": series, **style})
+            look = {"linestyle": "none", "marker": "o", "label": printed(series), **style}
+            (drawn,) = self.axes[i].plot(xs, ys, **look)
         if "marker" not in style:
             drawn.set_marker(_own(MARKS, drawn.get_color()))
 
@@ -135,7 +142,7 @@ class Canvas:
         xs, ys = np.asarray(centre, dtype=float), np.asarray(height, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
-            self.axes[i].bar(xs, ys, width=width, label=series, linewidth=0, **style)
+            self.axes[i].bar(xs, ys, width=width, label=printed(series), linewidth=0, **style)
 
     def band(self, i: int, low: float, high: float, label: str) -> None:
         """Shade the allowed band of panel `i`."""
@@ -167,6 +174,22 @@ class Canvas:
         """Show the legend of panel `i` above its axes, beside the title, where it covers no curve."""
         self.legend(i, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, borderpad=0.0, columnspacing=1.0)
 
+    def legend_outside(self, columns: int = 4) -> None:
+        """Show one legend of all panels above them, each name once: it covers no curve, whatever is drawn."""
+        named: dict[str, Any] = {}
+        for axes in self.axes:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                named.setdefault(label, handle)
+        letter_pt = float(self._style["legend.fontsize"])
+        widest_pt = letter_pt * (_LETTER_EM * max(map(len, named), default=0) + _HANDLE_EM)
+        columns = max(min(columns, int(72.0 * self.size[0] / widest_pt)), 1)
+        with self._styled():
+            legend = self.figure.legend(
+                named.values(), named.keys(), loc="outside upper left", ncols=columns, columnspacing=1.4
+            )
+            for text in legend.get_texts():
+                text.set_parse_math(False)
+
     def numbers(self) -> pd.DataFrame:
         """Return every drawn point: panel, series, x with its label, y with its label."""
         import pandas as pd
@@ -188,7 +211,9 @@ class Canvas:
             for axes in self.axes:
                 _plain_ticks(axes)
             if stamp:
-                at_foot = {"x": 0.005, "ha": "left", "fontsize": 6, "color": QUIET}
+                most = int(72.0 * self.size[0] / (_LETTER_EM * _STAMP_PT))
+                stamp = "\n".join(textwrap.wrap(stamp, most, break_long_words=False))
+                at_foot = {"x": 0.005, "ha": "left", "fontsize": _STAMP_PT, "color": QUIET}
                 self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
             # `savefig` gives the same text, but draws a figure twice that is laid out by its contents
             FigureCanvasSVG(self.figure).print_svg(buffer, metadata={"Date": None, "Creator": "mccd"})
@@ -219,15 +244,33 @@ class Canvas:
 
 
 def _plain_ticks(axes: Axes) -> None:
-    """Let the numbers along logarithmic axes be text of one size: superscripts of formulas are too small to read."""
-    from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter
+    """Let the numbers along axes be whole, and text of one size: superscripts of formulas are too small to read."""
+    from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter, ScalarFormatter
 
     for axis in (axes.xaxis, axes.yaxis):
+        formatter = axis.get_major_formatter()
+        if isinstance(formatter, ScalarFormatter):
+            formatter.format_ticks(axis.get_majorticklocs().tolist())
+            if formatter.get_offset():  # a power of ten or a number beside the axis, to be added to each along it
+                axis.set_major_formatter(FuncFormatter(_whole(axis.get_majorticklocs())))
+            continue
         if axis.get_scale() != "log" or not isinstance(axis.get_major_formatter(), LogFormatter):
             continue
         low, high = axis.get_view_interval()
         axis.set_major_formatter(FuncFormatter(_power_of_ten))
         axis.set_minor_formatter(NullFormatter() if high >= 10.0 * low else FuncFormatter(_power_of_ten))
+
+
+def _whole(ticks: Array) -> Callable[[float, Any], str]:
+    """Return what writes each of the `ticks` (n,) whole, with the digits that tell it from the next."""
+    apart = np.diff(np.unique(ticks))
+    last = int(np.floor(np.log10(apart.min()))) - 1 if apart.size else -4
+
+    def written(value: float, _at: Any = None) -> str:
+        size = int(np.floor(np.log10(abs(value)))) if value else last
+        return readable(round(value, -last), max(size - last + 1, 1))
+
+    return written
 
 
 def _power_of_ten(value: float, _at: int | None = None) -> str:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
-from analysis.pages.axes import axes_in, with_axes
-from analysis.pages.formats import exact, shown
+from analysis.pages.formats import exact, printed, shown
+from sim_backend.axis_names import axes_in
 
 if TYPE_CHECKING:
     import jinja2
@@ -22,7 +22,7 @@ NOTHING: Final = "'none'"
 def page_environment(package: str) -> jinja2.Environment:
     """Return the environment of the templates in `package`.
 
-    Every value is escaped, text prints axes as a reader knows them, and a missing value is an error.
+    Every value is escaped, text prints axes and numbers as a reader knows them, and a missing value is an error.
     """
     import jinja2  # with the first page, not with the first option that is read
 
@@ -32,7 +32,7 @@ def page_environment(package: str) -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=lambda value: with_axes(value) if type(value) is str else value,
+        finalize=lambda value: printed(value) if type(value) is str else value,
     )
     environment.filters["shown"] = shown
     environment.filters["exact"] = exact

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 
+from sim_backend.axis_names import with_axes
+
 NONE = "—"
 """What stands where there is no number."""
 
@@ -50,15 +52,20 @@ def readable(value: float, digits: int = 3) -> str:
     """Return a number with so many digits, never as 3.3e+04: 33,000, 3.3·10⁷ or 2.1·10⁻⁵."""
     text = f"{value:.{digits}g}"
     if "e" not in text:
-        return text
-    return f"{float(text):,.0f}" if 0 < int(text.partition("e")[2]) < 6 else _power(text, value)
+        return _signed(text)
+    return _signed(f"{float(text):,.0f}") if 0 < int(text.partition("e")[2]) < 6 else _power(text, value)
 
 
 def fit_percent(error: float) -> str:
-    """Return a relative error (rms ÷ rms) as the fit that it leaves, in percent to two digits of what is missing."""
+    """Return a relative error (rms ÷ rms) as the fit that it leaves, in percent to two digits of what is missing.
+
+    An error as large as the output leaves no fit.
+    """
     missing = abs(100.0 * error)
     if not math.isfinite(missing):
         return NONE
+    if missing >= 100.0:
+        return "no fit"
     digits = 1 if missing == 0.0 else min(max(1 - math.floor(math.log10(missing)), 1), 6)
     return _signed(f"{100.0 * (1.0 - error):.{digits}f} %")
 
@@ -68,17 +75,27 @@ def unit_text(unit: str) -> str:
     return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda found: "".join(_SUPER[c] for c in found[1]), unit)
 
 
-_EXPONENT = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?e[+-]?\d+(?!\w|\.\w)")
+_EXPONENT = re.compile(r"(?<![\w./-])-?\d+(?:\.\d+)?e[+-]\d+(?![\w/]|\.\w)")
+_MINUS = re.compile(r"(?:(?<=[\s(±])|^)-(?=\d)")
 
 
 def without_exponents(text: str) -> str:
-    """Return a text whose numbers like 3.3e+04 read 33,000, with the digits that they have."""
+    """Return a text whose numbers like 3.3e+04 read 33,000, with the digits that they have.
+
+    What has no sign before its exponent is none of Python's numbers: 12e45678 is the name of a run.
+    """
 
     def written(found: re.Match[str]) -> str:
         digits = len(found[0].partition("e")[0].replace("-", "").replace(".", ""))
-        return readable(float(found[0]), digits)
+        value = float(found[0])
+        return readable(value, digits) if math.isfinite(value) else found[0]
 
     return _EXPONENT.sub(written, text)
+
+
+def printed(text: str) -> str:
+    """Return a text as a page prints it: axes by their signs, numbers without exponents, minus signs for hyphens."""
+    return _MINUS.sub("−", with_axes(without_exponents(text)))
 
 
 def _power(text: str, value: float) -> str:

@@ -51,7 +51,7 @@ def span(low: float, high: float, unit: str) -> str:
 def time_left(left_s: float | None) -> str:
     """Return a time that is left as it is told."""
     if left_s is None:
-        return "unknown"
+        return "not yet known"
     minutes, seconds = divmod(round(left_s), 60)
     return f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
 

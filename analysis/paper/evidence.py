@@ -58,8 +58,8 @@ def learning_filter_order() -> Evidence:
         "The text inverts the 4th-order θy dynamics. Numerators over the same 4th-order Butterworth filter at 500 Hz:",
         ("L", "z⁴", "z³", "z²", "z", "1"),
         tuple(rows),
-        "The printed coefficients are the inverse of one mode, at 29.58 Hz with a decay of 4.79 1/s and a gain of 97.6 "
-        "mrad/N m, which is neither axis's. The learning here inverts one mode, that of the axis.",
+        "The printed coefficients are the inverse of one mode, at 29.58 Hz with a damping ratio ζ of 0.0258 and a gain "
+        "of 97.6 mrad/N m, which is neither axis's. The learning here inverts one mode, that of the axis.",
     )
 
 

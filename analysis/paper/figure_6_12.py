@@ -41,5 +41,5 @@ def figure_6_12(measured: Measured) -> Canvas | None:
         limit = 1.05 * max(float(np.max(np.abs(off))), BAND_RAD * 1e6)
         axes.set_xlim(-limit, limit)
         axes.set_ylim(-limit, limit)
-        canvas.legend(i, loc="upper right")
+    canvas.legend_outside()
     return canvas

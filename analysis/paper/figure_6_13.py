@@ -34,5 +34,5 @@ def figure_6_13(measured: Measured) -> Canvas | None:
             canvas.bars(i, "samples", fit.centre_rad * 1e6, fit.count, BIN_RAD * 0.9e6, color=OURS, alpha=0.55)
             x = np.linspace(fit.centre_rad[0], fit.centre_rad[-1], 300)
             canvas.line(i, "Gaussian fit", x * 1e6, fit.curve(x), color=PAPER)
-    canvas.legend(1, loc="upper right")
+    canvas.legend_outside()
     return canvas

@@ -40,5 +40,6 @@ def figure_6_15(measured: Measured) -> Canvas | None:
             drawn += 1
         canvas.band(i, -BAND_RAD * 1e6, BAND_RAD * 1e6, "±1.7 µrad")
         axes.set_ylim(-REACH_URAD, REACH_URAD)
-        canvas.legend(i, loc="upper right", ncols=2)
+    for i in range(2):
+        canvas.legend_above(i, 2)
     return canvas if drawn else None

@@ -39,7 +39,7 @@ def figure_6_17(measured: Measured) -> Canvas | None:
         )
         canvas.axes[left].set_xscale("log")
         canvas.axes[right].set_ylim(*_around(found.difference_db))
-        canvas.legend(left, loc="upper right")
+    canvas.legend_outside()
     return canvas
 
 

@@ -42,5 +42,5 @@ def figure_6_18(measured: Measured) -> Canvas | None:
         canvas.band(i, -BAND_RAD * 1e6, BAND_RAD * 1e6, "±1.7 µrad")
         axes.set_ylim(-REACH_URAD, REACH_URAD)
         axes.set_xlim(3.0, SHOWN_S * 1e3)
-        canvas.legend(i, loc="upper right")
+    canvas.legend_outside(3)
     return canvas if drawn else None

@@ -30,8 +30,8 @@ def figure_6_4(measured: Measured) -> Canvas | None:
         canvas.line(i, "gain one", span, span, color="#6b7280", linewidth=0.8)
         canvas.panel(2 + i, f"{name}: difference", "sensor angle (mrad)", "theodolite − sensor (µrad)")
         canvas.points(2 + i, "held points", sensor, (read - sensor) * 1e3, color=OURS)
-        canvas.line(2 + i, f"fit {100 * gain:.3f} %", span, (gain * span + offset * 1e3) * 1e3, color=OURS)
+        canvas.line(2 + i, f"{name}: fit {100 * gain:.3f} %", span, (gain * span + offset * 1e3) * 1e3, color=OURS)
         paper = paper_tables()["text"].value(f"theodolite {axis}")
-        canvas.line(2 + i, f"paper {100 * paper:.1f} %", span, paper * span * 1e3, color=PAPER, linestyle="--")
-        canvas.legend(2 + i, loc="upper left")
+        canvas.line(2 + i, f"{name}: paper {100 * paper:.1f} %", span, paper * span * 1e3, color=PAPER, linestyle="--")
+    canvas.legend_outside()
     return canvas

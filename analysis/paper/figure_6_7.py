@@ -35,7 +35,7 @@ def figure_6_7(measured: Measured) -> Canvas | None:
         slope = float(model_torque @ model_angle / (model_torque @ model_torque))
         deviation = (model_angle - model_angle.mean() - slope * model_torque) * 1e6
         canvas.line(i, "fitted model", model_torque, deviation, color="#1b1b1f", linestyle="--", linewidth=0.9)
-        canvas.legend(i, loc="lower right", fontsize=7)
+    canvas.legend_outside()
     return canvas
 
 

@@ -41,5 +41,5 @@ def figure_6_9(measured: Measured) -> Canvas | None:
             style = {"color": colour, "linestyle": DASHES[k], "linewidth": 1.1}
             canvas.line(i, name, time_s[shown] * 1e3, moved[shown] * 1e3, **style)
         canvas.axes[i].set_ylim(0.95, 1.05)
-        canvas.legend(i, loc="lower right", fontsize=7)
+    canvas.legend_outside()
     return canvas

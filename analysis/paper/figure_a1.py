@@ -48,6 +48,6 @@ def figure_a1(measured: Measured) -> Canvas:
     for axes in canvas.axes:
         axes.axvline(chosen, color=PAPER, linewidth=0.8, linestyle=":")
         axes.set_xticks(np.arange(40, 65 if axes is canvas.axes[2] else 58, 2))
-    canvas.legend(0, loc="upper right", ncols=2)
-    canvas.legend(2, loc="upper right", fontsize=7)
+    canvas.legend_above(0, 2)
+    canvas.legend_above(2, 1)
     return canvas

@@ -46,7 +46,7 @@ def figure_a2(measured: Measured) -> Canvas:
         axes.axhline(1.0, color=PAPER, linewidth=0.9, label="limit of monotonic convergence")
         axes.set_xscale("log")
         axes.set_ylim(*((0.8, 1.1) if axis == "theta_x" else (0.3, 1.3)))
-        canvas.legend(i, loc="lower left")
+    canvas.legend_outside()
     return canvas
 
 

@@ -73,15 +73,28 @@ def high_mode() -> Evidence:
         "Its denominator has the highest mode at 2000 Hz. Table 6.1 and the text put one near 1440 Hz. What the paper "
         "prints, with the range that rounding leaves it (its own and that of Table 6.2), and what plants give that "
         "differ in this mode alone (✗: outside the range):",
-        ("quantity", "printed in", "paper", "range", "as printed", "1440 Hz, 34 1/s", "solved from Table 6.4"),
+        (
+            "quantity",
+            "printed in",
+            "paper",
+            "range",
+            "as printed",
+            f"1440 Hz, ζ = {_zeta(BENCH_HZ, BENCH_DECAY_1_S):.2g}",
+            "solved from Table 6.4",
+        ),
         rows,
         f"Rows without the highest mode are the same for all three. Without them, the polynomial as printed misses "
         f"{_counted(missed[0])}, the bench's 1440 Hz {_counted(missed[1])}. The mode between the two measured "
         "resonances that gives both numbers of the 30+1500 row, with a feed-forward whose length was set by another "
-        f"row, stands at {frequency_hz:.0f} Hz with a decay of {decay_1_s:.1f} 1/s: the text has 1440 Hz, and θy's "
-        "mode 34 1/s. The complete plant's overshoot decides nothing: the rounding of its weak 125 Hz mode changes it "
+        f"row, stands at {frequency_hz:.0f} Hz with a damping ratio ζ of {_zeta(frequency_hz, decay_1_s):.2g}: the "
+        f"text has 1440 Hz, and θy's mode {_zeta(BENCH_HZ, BENCH_DECAY_1_S):.2g}. The complete plant's overshoot "
+        "decides nothing: the rounding of its weak 125 Hz mode changes it "
         "by half.",
     )
+
+
+def _zeta(frequency_hz: float, decay_1_s: float) -> float:
+    return decay_1_s / (2.0 * np.pi * frequency_hz)
 
 
 def _counted(missed: list[str]) -> str:

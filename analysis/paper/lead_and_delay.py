@@ -61,7 +61,7 @@ def lead_and_delay() -> Evidence:
     axes = {"theta_x": Leads("theta_x"), "theta_y": Leads("theta_y")}
     rows = [
         (
-            f"{delay:g} samples",
+            f"{delay:g} sample{'' if delay == 1 else 's'}",
             *(str(leads.best(delay)) + ("" if leads.best(delay) == leads.printed else " ✗") for leads in axes.values()),
         )
         for delay in SHOWN_SAMPLES
@@ -76,5 +76,5 @@ def lead_and_delay() -> Evidence:
         tuple(rows),
         f"θx's lead is the best one up to a delay of {most_x:.2f} samples, θy's from {least_y:.2f} to {most_y:.2f}: "
         "together they leave room for about a quarter of a sample, 0.03 ms, and none for a whole one. The bench has no "
-        "delay; `docs/bench-model.md` says what each would move.",
+        "delay; docs/bench-model.md says what each would move.",
     )

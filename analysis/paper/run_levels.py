@@ -67,7 +67,7 @@ def run_levels() -> Evidence:
     return Evidence(
         "The disturbance changed from run to run",
         "Position 1 of the runs from 0 is the same point, at rest under the same feedback. Its percentage differs all "
-        "the same. A level of the disturbance for each run, *calibrated* on position 1, *predicts* position 2:",
+        "the same. A level of the disturbance for each run, calibrated on position 1, predicts position 2:",
         ("run", "position 1 (%)", "3σ that it means (µrad)", "position 2, predicted (%)", "position 2, printed (%)"),
         tuple(rows),
         f"At that one point the runs mean {min(centre):.2f} to {max(centre):.2f} µrad. Position 2 is missed by "

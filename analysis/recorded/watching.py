@@ -77,6 +77,7 @@ class Snapshot:
     left_s: float | None
     readings: tuple[Reading, ...]
     misfits: tuple[Misfit, ...]
+    note: str = ""
 
     @property
     def running(self) -> bool:
@@ -94,7 +95,7 @@ class Watch:
     def __init__(self, path: Path, model: Model | None = None, *, window_s: float = 2.0) -> None:
         self.path, self.model, self.window_s = path, model, window_s
         self._follower: _Follower | None = None
-        self._first: tuple[float, int] | None = None
+        self._growth = _Growth()
         self._run_uid = ""
 
     def look(self, now_s: float) -> Snapshot:
@@ -111,7 +112,7 @@ class Watch:
         Raises as `look`.
         """
         if run.run_uid != self._run_uid:
-            self._follower, self._first, self._run_uid = None, None, run.run_uid
+            self._follower, self._growth, self._run_uid = None, _Growth(), run.run_uid
         if self.model is not None:
             self._follow(run, self.model)
         start = self.first_row(run)
@@ -128,6 +129,7 @@ class Watch:
             self._left(run, now_s),
             tuple(_reading(run, name, start) for name in run.names("output")) if run.rows > start else (),
             self._follower.misfits(run, start) if self._follower is not None and run.rows > start else (),
+            run.header.note,
         )
 
     def first_row(self, run: Run) -> int:
@@ -146,14 +148,53 @@ class Watch:
         self._follower.advance(run)
 
     def _left(self, run: Run, now_s: float) -> float | None:
+        self._growth.add(now_s, run.rows)
         if run.status != "running":
             return 0.0
-        if self._first is None:
-            self._first = (now_s, run.rows)
-        gained, passed = run.rows - self._first[1], now_s - self._first[0]
-        if run.expected_rows is None or gained <= 0 or passed <= 0.0:
+        return None if run.expected_rows is None else self._growth.left_s(run.expected_rows, now_s)
+
+
+@dataclass(frozen=True)
+class _Grown:
+    """New rows: by when they were there, how long before that nobody had looked, and how many there were then."""
+
+    at_s: float
+    unseen_s: float
+    rows: int
+
+
+class _Growth:
+    """How fast a log grows, from the moments at which new rows were seen: between them it stands still."""
+
+    def __init__(self) -> None:
+        self._seen: tuple[float, int] | None = None
+        self._first: _Grown | None = None
+        self._last: _Grown | None = None
+        self._longest_s = 0.0
+
+    def add(self, now_s: float, rows: int) -> None:
+        """Note how many rows there are now."""
+        if self._seen is not None and rows > self._seen[1]:
+            grown = _Grown(now_s, now_s - self._seen[0], rows)
+            self._first = self._first or grown
+            self._longest_s = max(self._longest_s, now_s - (self._last or grown).at_s)
+            self._last = grown
+        self._seen = now_s, rows
+
+    def left_s(self, expected: int, now_s: float) -> float | None:
+        """Return how long `expected` rows take from now; None until that is known within a factor of two.
+
+        It is not before rows came twice, the times of which are known to half of what passed between them, nor where
+        rows are overdue by twice the longest time between any.
+        """
+        first, last = self._first, self._last
+        if first is None or last is None or last.rows == first.rows:
             return None
-        return max(run.expected_rows - run.rows, 0) * passed / gained
+        passed = last.at_s - first.at_s
+        if passed < 2.0 * max(first.unseen_s, last.unseen_s) or now_s - last.at_s > 2.0 * self._longest_s:
+            return None
+        whole = max(expected - last.rows, 0) * passed / (last.rows - first.rows)
+        return max(whole - (now_s - last.at_s), 0.0)
 
 
 class _Follower:

@@ -88,9 +88,9 @@ def verdict_of(tables: dict[str, Table]) -> Verdict:
     )
 
 
-def exactly(value: float | None) -> str:
+def exactly(value: float | None) -> Markup:
     """Return every digit of a number for the page's machine-readable values; empty where JSON has null."""
-    return repr(float(value)) if value is not None and math.isfinite(value) else ""
+    return Markup(repr(float(value)) if value is not None and math.isfinite(value) else "")
 
 
 def _environment() -> jinja2.Environment:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.log.read import Run
+from sim_backend.axis_names import with_axes
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import whole_file
 
@@ -46,8 +47,9 @@ def picture(run: Run) -> Figure:
         low, high = envelope(np.where(np.isfinite(values), values, np.nan), COLUMNS)
         time_s = run.time_s(name)[np.linspace(0, run.rows - 1, low.size).astype(np.intp)]
         ax.fill_between(time_s, low, high, step="mid", linewidth=0.6, edgecolor="C0", facecolor="C0")
-        ax.set_ylabel(f"{name}\n({run.channels[name].unit})", fontsize=8)
+        ax.set_ylabel(f"{with_axes(name)}\n({run.channels[name].unit})", fontsize=8)
         ax.margins(x=0.0)
+        ax.ticklabel_format(axis="y", useOffset=False, useMathText=True)
         for segment in run.segments:
             start, stop = (
                 segment.start / run.sample_rate_hz + time_s[0],
@@ -56,7 +58,7 @@ def picture(run: Run) -> Figure:
             ax.axvspan(start, stop, color="C1" if segment.held_out else "C7", alpha=0.12, linewidth=0.0)
     for segment in run.segments if len(run.segments) <= 12 else ():
         axes[0].annotate(
-            segment.label,
+            with_axes(segment.label),
             (segment.start / run.sample_rate_hz + run.time_s(names[0], 0, 1)[0], 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(2, 2),

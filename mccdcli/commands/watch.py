@@ -139,7 +139,8 @@ def _text(one: Snapshot) -> str:
                 ("status", one.status + (f" ({one.status_reason})" if one.status_reason else "")),
                 ("segment", one.segment or "none yet"),
                 ("recorded", f"{one.recorded_s:.1f} s, {one.rows}{done or ' rows'}"),
-                ("time left", time_left(one.left_s)),
+                *([("note", one.note)] if one.note else []),
+                *([] if one.left_s is None else [("time left", time_left(one.left_s))]),
             ]
         )
     ]
@@ -171,7 +172,7 @@ def _line(one: Snapshot) -> str:
     parts = [
         one.status,
         f"{one.recorded_s:.1f} s recorded",
-        f"{time_left(one.left_s)} left" if one.running else "",
+        f"{time_left(one.left_s)} left" if one.running and one.left_s is not None else "",
         now,
         off,
     ]

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from analysis.pages.axes import with_axes
+from sim_backend.axis_names import with_axes
 from analysis.pages.formats import fit_percent
 from mccdcli.schema import schema_of
 from tests import headless
@@ -52,6 +52,6 @@ def check_page(path: Path, found: dict[str, Any]) -> None:
         assert tab.run("document.querySelector('.verdict').textContent") == found["verdict"]
         tiles = tab.run("[...document.querySelectorAll('.tiles data')].map(e => [Number(e.value), e.textContent])")
         gain = found["gain"]
-        assert tiles == [[gain[name], fit_percent(gain[name])] for name in ("rms_before", "rms_after")]
+        assert tiles == [[gain[name], fit_percent(gain[name])] for name in ("rms_given", "rms_before", "rms_after")]
         for figure in ("measured-and-simulated", "bode", "mechanism"):
             assert tab.run(f"document.querySelector('#{figure} svg') !== null"), figure

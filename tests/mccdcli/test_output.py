@@ -123,3 +123,13 @@ def test_a_terminal_gets_colours_unless_it_wants_none(environment: dict[str, str
 def test_a_pipe_gets_no_colours() -> None:
     done = subprocess.run([sys.executable, "-c", COLOURED], capture_output=True, text=True, timeout=60)
     assert done.stdout == "stability  ok\nbooks  FAILED\n"
+
+
+def test_a_person_reads_numbers_without_exponents_and_a_program_all_digits(capsys):
+    rows = table([("29.6 ± 8.6e-05", "1.39e+09"), ("run 12e45678", "a-1e-05.h5")], heads=("frequency", "x"))
+    emit({"x": 8.6e-05}, as_json=False, text=f"{rows}\n(+2.67e+09 %)")
+    said = capsys.readouterr().out
+    assert "29.6 ± 8.6·10⁻⁵  1.39·10⁹" in said and "(+2.67·10⁹ %)" in said
+    assert "run 12e45678     a-1e-05.h5" in said
+    emit({"x": 8.6e-05}, as_json=True, text="")
+    assert json.loads(capsys.readouterr().out) == {"x": 8.6e-05}

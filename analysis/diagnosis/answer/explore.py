@@ -16,10 +16,10 @@ from analysis.diagnosis.answer.figures import QUANTITIES, by_category, categorie
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.diagnosis.result import Domain
-from analysis.pages.axes import axis_text, with_axes
 from analysis.pages.explorer import Explorer, Facts, Panel, Series, View
 from analysis.pages.formats import without_exponents
 from analysis.pages.quantities import LEAST_P, chance, scaled
+from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.linear import Array
 from sim_backend.model import Model, Port
 
@@ -73,8 +73,8 @@ def residual_explorer(
         rows = slice(s.window.start, s.window.stop)
         for o in worst:
             port, y = model.outputs[int(o)], data.records[s.record].y[rows, o]
-            pair = {"nominal": before[s.record][rows, o], "extended": after[s.record][rows, o]}
-            factor, unit = scaled(float(np.max(np.abs(pair["nominal"]))), port.unit)
+            pair = {"adjusted": before[s.record][rows, o], "extended": after[s.record][rows, o]}
+            factor, unit = scaled(float(np.max(np.abs(pair["adjusted"]))), port.unit)
             facts = _sizes(pair, float(noise_rms[o]), factor, unit)
             in_time = _in_time(pair, y, data.rate_hz, 2.0 * float(noise_rms[o]), port, factor, unit, most)
             views[s.name, names[o], "time"] = View(in_time, facts, _thinning(y.size, most))
@@ -221,7 +221,7 @@ def _in_frequency(
     pair: Mapping[str, Array], noise: tuple[Array, Array], rate_hz: float, factor: float, unit: str
 ) -> Panel:
     curves = {name: density(e, rate_hz) for name, e in pair.items()} | {"noise": noise}
-    lowest = float(curves["nominal"][0][0])
+    lowest = float(curves["adjusted"][0][0])
     series = []
     for name, (f, level) in curves.items():
         seen = (level > 0.0) & (f >= lowest)
@@ -232,7 +232,7 @@ def _in_frequency(
 def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) -> View:
     bars = by_category(name)
     factor, unit = (1.0, "") if bars else scaled(float(np.max(np.abs(first.axis))), first.unit)
-    pairs = [("nominal", first)] + ([("extended", second)] if second is not None else [])
+    pairs = [("adjusted", first)] + ([("extended", second)] if second is not None else [])
     log_x, log_y = name == "frequency", is_steep(first)
     series: list[Series] = []
     rows: list[tuple[str, tuple[float | str | None, ...]]] = []
@@ -267,6 +267,6 @@ def _thinning(rows: int, most: int) -> str:
 def _remark(shown: int, of: int) -> str:
     which = "" if shown == of else f" The {shown} of {of} segments are listed where it misses most."
     return (
-        "“Nominal” is the given model with its own numbers adjusted; the segment where it misses most comes first."
+        "“Adjusted” is the given model with its own numbers fitted; the segment where it misses most comes first."
         f"{which} Shaded: the noise, ±2σ."
     )

@@ -11,15 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from analysis.diagnosis.records.dataset import Dataset, Window
+from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import Diagnosis, Domain
 from analysis.frequency.averaged_spectra import averaged_spectra
 from analysis.frequency.frf import FrequencyResponse
-from analysis.pages.axes import axis_text
+from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.pages.bode import bode_canvas, per, scale_axes
 from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
-from sim_backend.assembly import places_of, retuned
+from sim_backend.assembly import places_of
+from sim_backend.axis_names import axis_text
+from sim_backend.effects.base import Site
 from sim_backend.errors import DataError
 from sim_backend.linear import Array, ComplexArray
 from sim_backend.model import Model
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-BEFORE, AFTER = COLOURS[0], COLOURS[1]
-"""As in the interactive plots, whose colours follow the order."""
+BEFORE, AFTER, GIVEN = COLOURS[:3]
+"""The adjusted and the extended model as in the interactive plots, whose colours follow the order, and the given."""
 
 MOST_POINTS = 1500
 """Longest curve of a figure: each stretch of a longer one is drawn with its least and its greatest value."""
@@ -56,8 +58,6 @@ QUANTITIES = {
 
 SWINGS = 8
 """Swings of the measured output that are drawn: more would lie on each other."""
-
-LEAST_ROWS = 200
 
 PIECES = 5
 """Pieces, half overlapping, that the longest record is cut into: the more, the less noise and the coarser the lines."""
@@ -104,7 +104,7 @@ def residual_figures(
         canvas = Canvas(f"Residual of {name}", "", size=SIZE)
         canvas.panel(0, name, "time in the segment (s)", f"measured − simulated ({unit})")
         time_s = np.arange(w.stop - w.start) / data.rate_hz
-        canvas.line(0, "nominal", *thinned(time_s, old * factor, MOST_POINTS), color=BEFORE, linewidth=0.9)
+        canvas.line(0, "adjusted", *thinned(time_s, old * factor, MOST_POINTS), color=BEFORE, linewidth=0.9)
         canvas.line(0, "extended", *thinned(time_s, new * factor, MOST_POINTS), color=AFTER, linewidth=0.9)
         reach = 2.0 * float(noise_rms[o]) * factor
         canvas.band(0, -reach, reach, "noise, ±2σ")
@@ -112,7 +112,7 @@ def residual_figures(
         held = ", which no fit has seen" if w.held_out else ""
         step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1
         drawn_of = f" Of every {step} samples the smallest and the largest are drawn." if step > 1 else ""
-        caption = f"{name} in segment “{w.label}”{held}: where the nominal model misses most.{drawn_of}"
+        caption = f"{name} in segment “{w.label}”{held}: where the adjusted model misses most.{drawn_of}"
         drawn.append(Drawn(f"residual-{names[o]}", f"Residual of {name}", caption, canvas))
     return drawn
 
@@ -175,14 +175,14 @@ def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Can
 
 
 def _as_curves(canvas: Canvas, first: Domain, second: Domain | None, factor: float) -> None:
-    for label, curve, colour, mark in (("nominal", first, BEFORE, "o"), ("extended", second, AFTER, "s")):
+    for label, curve, colour, mark in (("adjusted", first, BEFORE, "o"), ("extended", second, AFTER, "s")):
         if curve is not None:
             canvas.line(0, label, curve.axis * factor, curve.level, color=colour, marker=mark, markersize=2.2)
 
 
 def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, names: Sequence[str]) -> None:
     at = np.arange(first.axis.size, dtype=float)
-    for label, curve, colour, shift in (("nominal", first, BEFORE, -0.2), ("extended", second, AFTER, 0.2)):
+    for label, curve, colour, shift in (("adjusted", first, BEFORE, -0.2), ("extended", second, AFTER, 0.2)):
         if curve is not None:
             canvas.bars(0, label, at + shift, curve.level, 0.38, color=colour)
     canvas.axes[0].set_xticks(at, names, parse_math=False)
@@ -202,84 +202,6 @@ def _floor(canvas: Canvas, first: Domain) -> None:
     else:
         axes.set_ylim(0.0, 1.15 * max(top, 1.3 * level))
     axes.axhline(level, color=QUIET, linewidth=1.0, linestyle=(0, (4, 3)), label="noise")
-
-
-@dataclass(frozen=True)
-class _Stretch:
-    """Rows of one output of one record."""
-
-    record: int
-    window: Window
-    output: int
-    rows: slice
-
-
-def opening_figure(
-    data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array, model: Model
-) -> Drawn | None:
-    """Return measured and simulated over each other where the extended model gains most, held-out rows if there are.
-
-    Where the two models are one it is where that misses most.
-
-    `before` and `after` are each record's residuals (n, n_y), `noise_rms` has shape (n_y,). None without a window.
-    """
-    place = _telling(data, before, after, noise_rms)
-    if place is None:
-        return None
-    record, port = data.records[place.record], model.outputs[place.output]
-    y = record.y[place.rows, place.output]
-    old, new = (x[place.record][place.rows, place.output] for x in (before, after))
-    pairs = [("nominal", old, BEFORE)] + ([] if np.array_equal(old, new) else [("extended", new, AFTER)])
-    time_s = (np.arange(place.rows.start, place.rows.stop) - place.window.start) / data.rate_hz
-    name = axis_text(port.dof)
-    canvas = Canvas(f"Measured and simulated, {name}", "", rows=2, size=TALL, share_x=True)
-    size, unit = scaled(float(np.max(np.abs(y))), port.unit)
-    canvas.panel(0, name, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
-    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=QUIET, linewidth=3.0, alpha=0.55)
-    factor, small = scaled(float(np.max(np.abs(old))), port.unit)
-    canvas.panel(1, "", "time in the segment (s)", f"measured − simulated ({small})")
-    for label, left, colour in pairs:
-        canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
-        canvas.line(1, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
-    reach = 2.0 * float(noise_rms[place.output]) * factor
-    canvas.band(1, -reach, reach, "noise, ±2σ")
-    for i in range(2):
-        canvas.legend_above(i, 4)
-    unseen = ", which no fit has seen" if place.window.held_out else ""
-    where = "the nominal model misses most" if len(pairs) == 1 else "the extended model gains most on the nominal one"
-    caption = (
-        f"{name} in segment “{place.window.label}”{unseen}: the stretch where {where}. “Nominal” is the given "
-        "model with its own numbers adjusted."
-    )
-    return Drawn("measured-and-simulated", canvas.title, caption, canvas)
-
-
-def _telling(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> _Stretch | None:
-    """Return where the extended model gains most in units of the noise, a few swings of the output long.
-
-    Where nothing was added it is where the nominal model misses most.
-    """
-    windows = data.judged
-    if not windows:
-        return None
-    gains = [b**2 - a**2 for b, a in zip(before, after, strict=True)]
-    if not any(np.any(gain > 0.0) for gain in gains):
-        gains = [b**2 for b in before]
-    size = np.where(noise_rms > 0.0, noise_rms, 1.0)
-    gained = [np.mean(gains[i][w.start : w.stop] / size**2, axis=0) for i, w in windows]
-    at = int(np.argmax([float(np.max(one)) for one in gained]))
-    (i, w), o = windows[at], int(np.argmax(gained[at]))
-    y = data.records[i].y[w.start : w.stop, o]
-    length = min(max(SWINGS * swing_rows(y), LEAST_ROWS), y.size)
-    total = np.concatenate([[0.0], np.cumsum(gains[i][w.start : w.stop, o])])
-    begin = w.start + int(np.argmax(total[length:] - total[:-length]))
-    return _Stretch(i, w, o, slice(begin, begin + length))
-
-
-def opening_output(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> int:
-    """Return the number of the output that the opening shows; the first where there is nothing to show."""
-    place = _telling(data, before, after, noise_rms)
-    return 0 if place is None else place.output
 
 
 def swing_rows(y: Array) -> int:
@@ -313,7 +235,7 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     canvas = bode_canvas(f"Frequency response {title}", title, per(target.unit, source.unit), TALL)
     curve_f = np.geomspace(f[good[0]], f[good[-1]], CURVE_POINTS)
     models = _models(diagnosis, model, curve_f, output, j)
-    # of all whole turns the one nearest to the nominal model, which has no gaps between its frequencies
+    # of all whole turns the one nearest to the given model, which has no gaps between its frequencies
     near = np.interp(f[good], curve_f, _degrees(models[0][2]))
     dots = {"color": INK, "marker": ".", "markersize": 2.5}
     canvas.points(0, "measured", f[good], np.abs(g[good]), **dots)
@@ -327,18 +249,19 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     canvas.legend_above(0)
     caption = (
         f"Response of {other} to {one}: measured (averaged spectra of all records; frequencies where it is "
-        f"known to {100.0 * KNOWN:.0f} % or better), the nominal model as given, and the linear part of the extended "
-        "one. What depends on amplitude shows here as a mean over what was played."
+        f"known to {100.0 * KNOWN:.0f} % or better), the model as given, and the linear part of the extended "
+        "one, found gains and delays included. What depends on amplitude shows here as a mean over what was played."
     )
     return Drawn("bode", canvas.title, caption, canvas)
 
 
 def _models(diagnosis: Diagnosis, model: Model, f: Array, output: int, j: int) -> list[tuple[str, str, ComplexArray]]:
     rate = diagnosis.data.rate_hz
-    extended = retuned(diagnosis.linear, diagnosis.effects, places_of(model))
+    linear = [e for e in diagnosis.effects if e.site is Site.MODEL or changes_the_response(type(e))]
+    extended = Predictor(places_of(model), f, rate).response(diagnosis.linear, linear)
     return [
-        ("nominal", BEFORE, diagnosis.nominal.frequency_response(f, rate)[:, output, j]),
-        ("extended", AFTER, extended.frequency_response(f, rate)[:, output, j]),
+        ("as given", GIVEN, diagnosis.nominal.frequency_response(f, rate)[:, output, j]),
+        ("extended", AFTER, extended[:, output, j]),
     ]
 
 

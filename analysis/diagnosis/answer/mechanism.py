@@ -20,9 +20,9 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.result import Diagnosis
-from analysis.pages.axes import axis_text, with_axes
 from analysis.pages.canvas import INK, Canvas
 from analysis.pages.quantities import scaled, share
+from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.effects.base import Effect, Site
 from sim_backend.linear import Array
 from sim_backend.model import Model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup, escape
 
+from analysis.diagnosis.answer.changes import Change, changes
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.answer.figures import (
     Drawn,
     bode_figure,
     evidence_figures,
-    opening_figure,
-    opening_output,
     residual_figures,
 )
 from analysis.diagnosis.answer.mechanism import mechanism_figure
-from analysis.diagnosis.answer.output import DOMAINS, Change, changes, extended_model
+from analysis.diagnosis.answer.opening import opening_figure, opening_output
+from analysis.diagnosis.answer.output import DOMAINS, extended_model
 from analysis.diagnosis.answer.sentence import SIGNIFICANT, surety
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
@@ -154,6 +155,7 @@ def render(
             changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
             symptoms={e.reported(): e.symptom for e in reversed(named())},
             held_out=_held_out(diagnosis, files),
+            improved=_improved(diagnosis),
             chops=chops,
             version=f"{tool_version()} ({tool_commit()})",
         )
@@ -163,6 +165,7 @@ def render(
 def _environment() -> jinja2.Environment:
     environment = page_environment("analysis.diagnosis.answer")
     environment.filters["quantity"] = quantity
+    environment.filters["visible_size"] = _visible_size
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["unit"] = unit_text
     environment.filters["readable"] = readable
@@ -182,7 +185,7 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     after = evidence(data, diagnosis.after, whitener, model)
     output = opening_output(data, before, diagnosis.after, noise_rms)
     figures = Figures(
-        opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
+        opening=_those(opening_figure(data, diagnosis.nominal, before, diagnosis.after, noise_rms, model)),
         response=_those(bode_figure(diagnosis, model, output)),
         mechanism=_those(mechanism_figure(diagnosis, model, whitener)),
         evidence=tuple(evidence_figures(diagnosis.evidence, after, model)),
@@ -195,6 +198,16 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     return figures, {one.key: one for one in explorers if one is not None}
 
 
+def _improved(diagnosis: Diagnosis) -> bool:
+    """Tell whether an extended model is told of: a cause is named, or tied ones gain more than chance does.
+
+    What does not explain the residual is no better model, however little it leaves.
+    """
+    gain = diagnosis.gain
+    better = gain is not None and gain.measurable and gain.rms_after < gain.rms_before
+    return bool(diagnosis.causes) or (diagnosis.verdict == "ambiguous" and better)
+
+
 def _those(*figures: Drawn | None) -> tuple[Drawn, ...]:
     return tuple(figure for figure in figures if figure is not None)
 
@@ -203,8 +216,18 @@ def _by_effect(seen: Sequence[Visible]) -> dict[str, list[Visible]]:
     """Return the visible sizes by effect and the parameter that measures it."""
     out: dict[str, list[Visible]] = {}
     for one in seen:
-        out.setdefault(f"{one.effect}: {one.parameter}", []).append(one)
+        measure = _MEASURES.get(one.parameter, re.sub(r"_\d+$", "", one.parameter).replace("_", " "))
+        out.setdefault(f"{one.effect}, {measure}", []).append(one)
     return out
+
+
+_MEASURES = {"seconds": "time", "relative": "relative change"}
+"""Parameters whose names do not say by themselves what they measure."""
+
+
+def _visible_size(one: Visible) -> str:
+    """Return a size with its unit; a part of a whole in percent."""
+    return share(one.size) if one.parameter == "relative" else quantity(one.size, one.unit)
 
 
 def _overview(found: dict[str, tuple[Domain, ...]], domains: Sequence[str], files: dict[str, str]) -> list[OverviewRow]:

@@ -15,7 +15,6 @@ from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal
 from analysis.diagnosis.response.levels import compare_levels, depends_on_level, describe_levels
 from analysis.diagnosis.response.lines import EVERY, Lines, Noise, noise_of
-from analysis.diagnosis.response.predicted import Predictor, changes_the_response
 from analysis.diagnosis.response.search import Found, judged, of_levels, searched
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.shortlist import SURE_LEAD
@@ -23,6 +22,7 @@ from analysis.diagnosis.search.stage import Progress, silent
 from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.diagnosis.verdict.causes import causes_of
 from analysis.diagnosis.verdict.judging import Judgement
+from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.pages.quantities import span
 from sim_backend.assembly import places_of, retuned, stated
 from sim_backend.effects import effect_class

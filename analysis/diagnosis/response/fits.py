@@ -19,7 +19,7 @@ from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.nominal.tuning import Nuisance, bounds_of, factor_of, turned
 from analysis.diagnosis.response.lines import Lines, Noise
-from analysis.diagnosis.response.predicted import Predictor
+from analysis.linear.predicted import Predictor
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ComplexArray, ModalModel

@@ -46,7 +46,7 @@ def bode_figures(drawn: Responses, model: Model) -> list[Drawn]:
         canvas.panel(2, "", "frequency (Hz)", "error ÷ response")
         _draw(canvas, drawn, rows)
         caption = (
-            f"The measured response {title}, the nominal model with its own numbers adjusted, and the extended model. "
+            f"The measured response {title}, the given model with its own numbers adjusted, and the extended model. "
             "Below: what each leaves over the size of the response, and the standard deviation of the noise (grey)."
         )
         levels = np.unique(lines.level[rows])
@@ -65,7 +65,7 @@ def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
     canvas.points(1, "measured", lines.frequency_hz[rows], np.degrees(np.angle(measured)), **dots)
     sigma = np.sqrt(np.mean(drawn.noise.sigma[rows] ** 2, axis=1)) / size
     canvas.points(2, "noise", lines.frequency_hz[rows], sigma, color=QUIET, marker="_", markersize=3.0)
-    for label, modelled, colour in (("nominal", drawn.nominal, BEFORE), ("extended", drawn.extended, AFTER)):
+    for label, modelled, colour in (("adjusted", drawn.nominal, BEFORE), ("extended", drawn.extended, AFTER)):
         # a model has one response: that at the lines of all levels together
         f, first = np.unique(lines.frequency_hz[rows], return_index=True)
         draw_response(canvas, label, f, modelled[rows][first], color=colour, linewidth=1.0)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal, slopes
-from analysis.diagnosis.response.predicted import changes_the_response
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.search.stage import Progress
 from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.judging import Judgement, confounder_in, names_of, tie_of
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
+from analysis.linear.predicted import changes_the_response
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.pages.axes import axis_text
 from analysis.pages.explorer import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import RATE_HZ, Measured
+from sim_backend.axis_names import axis_text
 from sim_backend.linear import ComplexArray, ModalModel
 
 AXES = ("theta_x", "theta_y", "z")

@@ -3,6 +3,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
 
 from analysis.pages.canvas import COLOURS, MAX_POINTS, Canvas, thinned
@@ -137,3 +138,34 @@ def test_letters_of_a_wide_figure_are_read_at_the_width_of_a_telephone():
         sizes = [float(size) for size in re.findall(r"font-size: ([\d.]+)px", canvas.svg())]
         # 358 CSS pixels of 390; the view box is in points
         assert len(sizes) > 5 and min(sizes) * 358.0 / (72.0 * width) >= 7.5
+
+
+def test_axes_have_whole_numbers_and_the_signs_of_their_degrees_of_freedom():
+    canvas = Canvas("torque_x → theta_x", "")
+    canvas.panel(0, "theta_x", "time (s)", "temperature (K)")
+    canvas.line(0, "theta_x", np.arange(5.0), 1e-5 * np.arange(5.0))
+    canvas.legend(0)
+    labels = re.findall(r">([^<]+)</text>", canvas.svg())
+    assert canvas.title == "torque_x → θx"
+    assert "θx" in labels and "theta_x" not in labels
+    assert "2·10⁻⁵" in labels and not any(re.search(r"\de[-+−]?\d", label) for label in labels)
+
+
+def test_a_legend_outside_covers_no_panel_and_a_long_stamp_stays_within_the_figure():
+    canvas = Canvas("t", "", columns=2, size=(7.2, 3.4))
+    for i in range(2):
+        canvas.panel(i, f"panel {i}", "x", "y")
+        for name in ("bench, 0.71 %", "a curve with a name that is long", f"only here {i}"):
+            canvas.line(i, name, np.arange(5.0), np.arange(5.0))
+    canvas.legend_outside()
+    stamp = "runs " + ", ".join(["16a2feb9"] * 14) + " · seed 1 · bench sim"
+    text = canvas.svg(stamp)
+    (legend,) = canvas.figure.legends
+    names = [one.get_text() for one in legend.get_texts()]
+    assert names == ["bench, 0.71 %", "a curve with a name that is long", "only here 0", "only here 1"]
+    renderer = FigureCanvasAgg(canvas.figure).get_renderer()
+    box, page = legend.get_window_extent(renderer), canvas.figure.bbox
+    assert not any(box.overlaps(axes.get_window_extent(renderer)) for axes in canvas.axes)
+    assert page.x0 <= box.x0 and box.x1 <= page.x1
+    (foot,) = canvas.figure.findobj(lambda one: one.get_gid() == "stamp")
+    assert foot.get_window_extent(renderer).x1 <= page.x1 and text.count("16a2feb9") >= 14

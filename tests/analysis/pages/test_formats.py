@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from analysis.pages.formats import exact, fit_percent, readable, shown, without_exponents
+from analysis.pages.formats import exact, fit_percent, printed, readable, shown, without_exponents
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_number_for_people_has_no_exponent(value, digits, text):
         (0.127, "87.3 %"),
         (1.73e-4, "99.983 %"),
         (0.0, "100.0 %"),
-        (1.34, "−34.0 %"),
+        (1.34, "no fit"),
         (0.999, "0.1 %"),
         (math.nan, "—"),
     ],
@@ -69,3 +69,18 @@ def test_a_text_loses_its_exponents_and_a_name_keeps_them():
     assert without_exponents("off by 3.3e+04 (p = 2e-09), see run-1e-5.h5 and 1e5.csv") == (
         "off by 33,000 (p = 2·10⁻⁹), see run-1e-5.h5 and 1e5.csv"
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("at most 1+4.6e-05 at 2434 Hz", "at most 1+4.6·10⁻⁵ at 2434 Hz"),
+        ("1.39e+09", "1.39·10⁹"),
+        ("0.2 (+2.67e+09 %)", "0.2 (+2.67·10⁹ %)"),
+        ("-0.5 to 0.5, theta_x (-3.189e-05)", "−0.5 to 0.5, θx (−3.189·10⁻⁵)"),
+        ("run 12e45678, /data/1e-05/run-2e-3.h5, 2026-11-28", "run 12e45678, /data/1e-05/run-2e-3.h5, 2026-11-28"),
+        ("1e+999", "1e+999"),
+    ],
+)
+def test_a_page_prints_numbers_and_axes_as_a_reader_knows_them(text, shown):
+    assert printed(text) == shown

@@ -47,5 +47,5 @@ def test_the_printed_leads_leave_no_room_for_a_sample():
     found = lead_and_delay()
     assert found.rows[0] == ("paper", "8", "9")
     by_delay = {row[0]: row[1:] for row in found.rows[1:]}
-    assert by_delay["1 samples"] == ("9 ✗", "9")
-    assert all("✗" not in cell for cell in (by_delay["0 samples"][0], by_delay["1 samples"][1]))
+    assert by_delay["1 sample"] == ("9 ✗", "9")
+    assert all("✗" not in cell for cell in (by_delay["0 samples"][0], by_delay["1 sample"][1]))

@@ -1,8 +1,10 @@
 import math
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
 from analysis.paper.numbers import PaperNumber, PaperTable
+from analysis.paper.pieces import Evidence
 from analysis.paper.rows import Ours, build_table
 from analysis.report.page import render_page, render_table, verdict_of
 from analysis.report.tables import display_frame, latex, write_table
@@ -117,3 +119,15 @@ def test_a_folded_table_stands_under_a_summary_and_not_in_the_contents():
     assert (
         "<summary>1 coefficients, of which 0 agree</summary>" in page and 'href="#table-6.2-coefficients"' not in page
     )
+
+
+def test_the_page_has_no_exponents_where_a_person_reads_and_all_digits_where_a_program_does():
+    evidence = Evidence("What", "Why at most 1+4.6e-05?", ("L", "z"), (("printed", "-6.253e-05"),), "k is 2.2e-3.")
+    paper = PaperTable(title="k", note="", rows=(number("a", unit="A"),))
+    table = build_table("6.6", paper, {"a": Ours(6.253e-05)}, ("0123456789abcdef",))
+    page = render_page([], {"6.6": table}, {}, [evidence])
+    read = re.sub(r"<[^>]+>", " ", re.sub(r"<(script|style|svg).*?</\1>", "", page, flags=re.S))
+    assert not re.search(r"\d[eE][-+]?\d", read)
+    for text in ("1+4.6·10⁻⁵", "−6.253·10⁻⁵", "k is 0.0022"):
+        assert text in read
+    assert 'value="6.253e-05"' in page

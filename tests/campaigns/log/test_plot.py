@@ -55,3 +55,15 @@ def test_a_log_without_rows_and_one_with_gaps(tmp_path):
     with read_run(tmp_path / "gaps.h5") as run:
         ((_, line, said),) = drawn(run)
     assert line[-1] == "█" and said == "1 to 299 V"
+
+
+def test_a_picture_has_the_sign_of_a_degree_of_freedom_and_whole_numbers(tmp_path):
+    channel = Channel("theta_x", "K", "output", "theta_x", 1e3)
+    with LogWriter.create(tmp_path / "a.h5", [channel], test="t", bench={}) as writer, writer.segment("theta_x", {}):
+        writer.append({"theta_x": 77.0 + 1e-5 * np.arange(100.0)})
+    with read_run(tmp_path / "a.h5") as run:
+        figure = picture(run)
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    assert axes.get_ylabel() == "θx\n(K)" and [text.get_text() for text in axes.texts] == ["θx"]
+    assert axes.yaxis.get_offset_text().get_text() == ""

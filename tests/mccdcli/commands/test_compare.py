@@ -298,3 +298,21 @@ def test_the_page_shows_the_rows_of_the_json_and_asks_for_nothing(kind: str, tmp
         assert browser.run("document.querySelectorAll('figure svg path').length") >= 2
         assert headless.nameless(browser) == 0
         assert headless.least_contrast(browser) >= 4.5
+
+
+def test_runs_without_a_response_are_drawn_over_time_and_units_are_printed(tmp_path, capsys):
+    paths = []
+    for name, size in (("a", 1e-3), ("b", 2e-3)):
+        path = tmp_path / f"{name}.h5"
+        channel = Channel("theta_x", "rad", "output", "theta_x", 1000.0)
+        with LogWriter.create(path, [channel], test="chop", bench={}) as writer, writer.segment("up", {}):
+            writer.append({"theta_x": np.full(3000, size)})
+        paths.append(path)
+    page = tmp_path / "page.html"
+    assert main(["compare", *map(str, paths), "--out", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "θx over time" in text and "<svg" in text and "A: solid; B: dashed" in text
+    assert not re.search(
+        r"\de[-+]\d\d", capsys.readouterr().out + re.sub(r"<(svg|script|style).*?</\1>", "", text, flags=re.S)
+    )
+    assert Row("stiffness", 1e-9, 2.5e4, "N m/rad^3").texts()[3:] == ("25000 (+2.5·10¹⁵ %)", "N m/rad³")

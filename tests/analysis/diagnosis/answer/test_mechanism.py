@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from analysis.diagnosis.answer.figures import bode_figure, opening_figure, opening_output, swing_rows
+from analysis.diagnosis.answer.figures import bode_figure, swing_rows
 from analysis.diagnosis.answer.mechanism import SEEN, Quantity, drawn_over, explained, mechanism_figure
+from analysis.diagnosis.answer.opening import opening_figure, opening_output
+from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.answer.sentence import surety
+from analysis.diagnosis.evidence.as_given import error_as_given
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Remainder
@@ -166,7 +169,7 @@ def test_an_input_that_never_moves_gives_no_response():
 
 def test_the_opening_shows_held_out_rows_where_the_extended_model_gains_most():
     found, *_ = diagnosed("cubic-stiffness")
-    figure = opening_figure(found.data, found.before, found.after, np.array([NOISE_RAD]), axis())
+    figure = opening_figure(found.data, found.nominal, found.before, found.after, np.array([NOISE_RAD]), axis())
     assert figure is not None
     t, shown, *_ = drawn(figure.canvas, "measured")
     y = found.data.records[0].y[10_000:, 0]
@@ -178,7 +181,7 @@ def test_the_opening_shows_held_out_rows_where_the_extended_model_gains_most():
     assert sums[rows[0]] == pytest.approx(sums.max(), rel=1e-6)
     simulated = 1e3 * (y - found.before[0][10_000:, 0])
     numbers = figure.canvas.numbers()
-    above = numbers[(numbers.series == "nominal") & (numbers.panel == "x")]
+    above = numbers[(numbers.series == "adjusted") & (numbers.panel == "x")]
     assert above.y.to_numpy() == pytest.approx(simulated[np.round(above.x * RATE_HZ).astype(int)])
 
 
@@ -208,9 +211,9 @@ def test_a_cause_is_drawn_over_its_own_motion_where_another_moves_with_it():
 
 def test_a_consistent_model_is_drawn_once():
     found, *_ = diagnosed("cubic-stiffness")
-    figure = opening_figure(found.data, found.after, found.after, np.array([NOISE_RAD]), axis())
+    figure = opening_figure(found.data, found.nominal, found.after, found.after, np.array([NOISE_RAD]), axis())
     assert figure is not None
-    assert set(figure.canvas.numbers().series) == {"measured", "nominal"}
+    assert set(figure.canvas.numbers().series) == {"measured", "as given", "adjusted"}
 
 
 def test_swings_are_those_of_the_motion_and_not_of_the_noise():
@@ -242,3 +245,57 @@ def test_why_an_answer_is_not_surer_is_told_beside_it():
     assert "10²⁰⁰ times" in surety(far).how[-1] and not any("10²⁰⁰" in text for text in surety(far).why_not)
     unknown = dataclasses.replace(more, verdict="unknown", causes=())
     assert surety(unknown).how == ("That the model is wrong: by rate, x at 3 mrad (p < 10⁻¹²).",)
+
+
+def test_the_opening_shows_the_model_as_given_and_the_response_a_found_gain():
+    found, *_ = diagnosed("cubic-stiffness")
+    record = found.data.records[0]
+    read = dataclasses.replace(record, y=1.3 * answer(record.u[:, 0])[:, None])
+    found = dataclasses.replace(
+        found, data=Dataset(RATE_HZ, (read,)), effects=(make_effect("sensor-gain", "x", {"relative": 0.3}),)
+    )
+    still = (np.full_like(read.y, NOISE_RAD),)
+    figure = opening_figure(found.data, found.nominal, still, still, np.array([NOISE_RAD]), axis())
+    assert figure is not None
+    _, measured, *_ = drawn(figure.canvas, "measured")
+    numbers = figure.canvas.numbers()
+    given = numbers[(numbers.series == "as given") & (numbers.panel == "x")].y.to_numpy()
+    assert given == pytest.approx(measured / 1.3, abs=1e-9 * np.abs(measured).max())
+    response = bode_figure(found, axis(), 0)
+    assert response is not None
+    curves = [drawn(response.canvas, name)[1] for name in ("extended", "as given")]
+    sizes = [curve[: curve.size // 2] for curve in curves]  # magnitude first, then phase
+    assert sizes[0] == pytest.approx(1.3 * sizes[1])
+
+
+def test_the_error_of_the_model_as_given_is_that_of_the_held_out_rows():
+    found, *_ = diagnosed("cubic-stiffness")
+    record = found.data.records[0]
+    read = dataclasses.replace(record, y=1.3 * answer(record.u[:, 0])[:, None])
+    data = Dataset(RATE_HZ, (read,))
+    error = error_as_given(data, found.nominal, ["x"], ["x"])
+    late = read.y[10_000:, 0]
+    expected = 0.3 / 1.3 * np.sqrt(np.mean(late**2)) / np.std(late)
+    assert error == pytest.approx(expected, rel=1e-6)
+    assert error_as_given(data, found.nominal, ["x"], []) is None
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ci95", "shown", "missing"),
+    [
+        ("ambiguous", (-0.1, 0.1), (), ("extended model:", "less error", "down to the noise")),
+        ("ambiguous", (0.7, 0.9), ("extended model:", "less error", "down to the noise"), ()),
+        ("unknown", (0.7, 0.9), ("the best that the library can do",), ("extended model:", "less error", "down to")),
+        ("named", (0.7, 0.9), ("extended model:", "less error", "down to the noise"), ("−435",)),
+    ],
+)
+def test_the_tiles_say_what_the_headline_says(tmp_path, verdict, ci95, shown, missing):
+    found, *_ = diagnosed("cubic-stiffness", verdict, rows=4000)
+    gain = Gain(("uid#held-out",), 5.351, 0.1, 0.09, 0.8, ci95, rms_given=5.5)
+    page = write_page(dataclasses.replace(found, gain=gain), axis(), (), tmp_path)["index.html"].read_text()
+    tiles = page[page.index('class="tiles"') : page.index("<nav")]
+    assert "no fit" in tiles and "fit of the model as given: error 550 %" in tiles
+    for text in shown:
+        assert text in tiles, text
+    for text in missing:
+        assert text not in tiles, text

@@ -1,9 +1,11 @@
 import json
 
+import msgspec
 import numpy as np
 import pytest
 
-from analysis.diagnosis.answer.output import changes, document, extended_model, prepare_folder, write_files
+from analysis.diagnosis.answer.changes import changes
+from analysis.diagnosis.answer.output import document, extended_model, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.calibration import calibrated
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
@@ -79,6 +81,7 @@ def test_the_document_is_that_of_the_contract(diagnosis):
     assert found["ambiguous"] == [["delay", "amplifier-lag"]]
     assert found["gain"] == {
         "held_out": ["uid-1#held-out <b>noise</b>"],
+        "rms_given": None,
         "rms_before": 0.5,
         "rms_after": 0.1,
         "noise_floor": 0.09,
@@ -113,7 +116,6 @@ def test_the_extended_model_says_where_each_new_number_comes_from(diagnosis, osc
 
 
 def test_effects_of_the_nominal_model_are_not_applied_twice(diagnosis, oscillator):
-    import msgspec
 
     known = (
         EffectEntry(effect="stiffness-shift", where="x", parameters={"relative": 0.1}),
@@ -135,11 +137,22 @@ def test_the_difference_lists_what_changed_and_nothing_else(diagnosis, oscillato
     assert changes(oscillator, oscillator) == []
 
 
+def test_a_changed_mode_is_told_by_its_damping_ratio_and_in_units(oscillator):
+    mode = oscillator.modes[0]
+    (port, value), (out, _) = *mode.input.items(), *mode.output.items()
+    decay = Quantity(value=2.0 * number(mode.decay_rate_1_s), std=0.1)
+    other = msgspec.structs.replace(mode, decay_rate_1_s=decay, input={port: 1.1 * number(value)})
+    zeta, driven = changes(oscillator, msgspec.structs.replace(oscillator, modes=[other]))
+    assert (zeta.what, zeta.unit) == ("damping ratio ζ", "")
+    assert zeta.before == pytest.approx(number(mode.decay_rate_1_s) / (2.0 * np.pi * 20.0))
+    assert zeta.after == pytest.approx(2.0 * zeta.before)
+    units = {p.name: p.unit for p in (*oscillator.inputs, *oscillator.outputs)}
+    assert (driven.what, driven.unit) == (f"driven by {port}", f"{units[out]}/s^2 per {units[port]}")
+
+
 def test_a_re_tuned_direct_path_is_in_the_extended_model_and_in_the_difference(diagnosis, oscillator):
     """A model that was fitted to the very runs may have one, and what was turned has to be what is simulated."""
     import dataclasses
-
-    import msgspec
 
     direct = msgspec.structs.replace(oscillator, feedthrough={"x": {"force": 0.02}})
     linear = diagnosis.linear.with_(d=np.array([[-0.01]]))
@@ -193,7 +206,7 @@ def test_the_figures_hold_the_residuals_they_are_drawn_from(diagnosis, oscillato
     drawn = pd.read_csv(tmp_path / "figures" / "residual-x.csv")
     # the first segment and the second have the same size; whichever was drawn, before is five times after
     largest = drawn.groupby("series")["y"].apply(lambda y: np.abs(y).max())
-    assert largest["nominal"] == pytest.approx(5.0 * largest["extended"], rel=1e-9)
+    assert largest["adjusted"] == pytest.approx(5.0 * largest["extended"], rel=1e-9)
     assert set(drawn["y_quantity"]) == {"measured − simulated (µm)"}
 
 
@@ -238,8 +251,6 @@ def test_several_of_one_kind_at_one_place_keep_their_own_deviations(diagnosis, o
 def test_a_delay_among_the_effects_of_the_nominal_model_stays_once(diagnosis, oscillator):
     import dataclasses
 
-    import msgspec
-
     entry = EffectEntry(effect="delay", where="x", parameters={"seconds": 2e-4})
     nominal = msgspec.structs.replace(oscillator, effects=[entry])
     delayed = dataclasses.replace(
@@ -251,8 +262,6 @@ def test_a_delay_among_the_effects_of_the_nominal_model_stays_once(diagnosis, os
 
 def test_a_delay_that_was_turned_is_fitted(diagnosis, oscillator):
     import dataclasses
-
-    import msgspec
 
     late = msgspec.structs.replace(oscillator, delay_s={oscillator.inputs[0].name: 3e-4})
     turned = late.linear().with_(delay_s=np.array([1e-4]))

@@ -176,7 +176,7 @@ def test_what_matters_most_is_shown_first_and_its_numbers_are_those_of_the_data(
     chosen = tab.run("[...document.querySelectorAll('#explore-residual select')].map(s => s.value)")
     assert chosen == [f"{FILE}.h5: steps", EVIL, "time"]
     rows = facts(tab, "residual")
-    assert [row[0] for row in rows] == ["nominal", "extended", "noise"]
+    assert [row[0] for row in rows] == ["adjusted", "extended", "noise"]
     # 5 µrad of tone and 1 of noise; 6000 rows tell a size to 1 / sqrt(2 · 6000) = 0.9 %, four times that
     assert float(rows[0][1]) == pytest.approx(np.sqrt(26.0), rel=0.037)
     assert float(rows[1][1]) == pytest.approx(1.0, rel=0.037)
@@ -188,12 +188,12 @@ def test_what_matters_most_is_shown_first_and_its_numbers_are_those_of_the_data(
 @needs_browser
 def test_the_evidence_is_that_of_the_json(tab):
     curve = document(found("named"), SOURCES)["evidence"]["position"]["curves"][1]
-    assert facts(tab, "evidence")[0] == ["nominal", "5.125", "1e-9"]
+    assert facts(tab, "evidence")[0] == ["adjusted", "5.125", "1e-9"]
     tab.run("document.querySelector('#explore-evidence details').open = true")
     rows = "[...document.querySelectorAll('#explore-evidence .values tbody tr')]"
     cells = f"{rows}.map(r => [...r.cells].map(c => c.textContent))"
     listed = tab.run(f"new Promise(r => setTimeout(() => r({cells}), 50))")
-    nominal = [(float(x), float(y)) for _, name, x, y in listed if name == "nominal"]
+    nominal = [(float(x), float(y)) for _, name, x, y in listed if name == "adjusted"]
     assert nominal == [(1e3 * x, y) for x, y in zip(curve["axis"], curve["level"], strict=True)]
     choose(tab, "evidence", "domain", "by direction")
     assert tab.run("document.querySelectorAll('#explore-evidence .panel g rect').length") >= 2
@@ -278,7 +278,7 @@ def test_zooming_by_drag_and_keyboard_in_time_and_frequency(tab):
     first = (500.0 * (1.0 / 6.0) ** 3) ** 0.25
     assert 0.98 * first <= min(x) <= first + 1.0 / 6.0
     tab.key("ArrowRight", 39, SHIFT)
-    assert "residual (µrad/√Hz): nominal" in tab.run("document.querySelector('#explore-residual output').textContent")
+    assert "residual (µrad/√Hz): adjusted" in tab.run("document.querySelector('#explore-residual output').textContent")
     tab.key("0", 48)
     assert max(seen_x(tab, "residual")) > 400.0
 
@@ -376,3 +376,15 @@ def test_hours_of_data_make_a_page_that_can_be_sent(tmp_path):
     assert (
         "The 24 of 50 segments are listed" in text and "Of 8000 samples the smallest and the largest of every" in text
     )
+
+
+def test_what_could_have_been_seen_is_told_in_words_with_units(tmp_path):
+    seen = (
+        Visible("hysteresis", "x", "stiffness_1", 0.0123, "N m/rad"),
+        Visible("delay", "x", "seconds", 3.3e-5, "s"),
+        Visible("actuator-gain", "x", "relative", 0.119, "1"),
+    )
+    page = write_page(dataclasses.replace(found("named"), sensitivity=seen), two_axes(), SOURCES, tmp_path)
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page["index.html"].read_text()))
+    for told in ("hysteresis, stiffness x: 0.0123 N m/rad", "delay, time x: 33 µs", "relative change x: 11.9 %"):
+        assert told in text, told

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.response.predicted import Predictor, changes_the_response
+from analysis.linear.predicted import Predictor, changes_the_response
 from sim_backend.assembly import places_of
 from sim_backend.effects import EFFECTS, make_effect
 from sim_backend.effects.base import Site

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.pages.axes import axes_in, with_axes
+from sim_backend.axis_names import axes_in, with_axes
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,120 @@
+"""The figure with which the page of a diagnosis opens: measured and simulated over each other, where it tells most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.diagnosis.answer.figures import AFTER, BEFORE, GIVEN, MOST_POINTS, SWINGS, TALL, Drawn, swing_rows
+from analysis.diagnosis.evidence.as_given import left_as_given
+from analysis.diagnosis.records.dataset import Dataset, Window
+from analysis.pages.canvas import QUIET, Canvas, thinned
+from analysis.pages.quantities import scaled
+from sim_backend.axis_names import axis_text
+from sim_backend.linear import Array, ModalModel
+from sim_backend.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LEAST_ROWS = 200
+"""Rows of the shortest stretch that is drawn."""
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Rows of one output of one record."""
+
+    record: int
+    window: Window
+    output: int
+    rows: slice
+
+
+def opening_figure(
+    data: Dataset,
+    given: ModalModel,
+    before: Sequence[Array],
+    after: Sequence[Array],
+    noise_rms: Array,
+    model: Model,
+) -> Drawn | None:
+    """Return measured and simulated over each other where the extended model gains most, held-out rows if there are.
+
+    Where the two models are one it is where that misses most. The model as `given` is drawn beside both.
+
+    `before` and `after` are each record's residuals (n, n_y), `noise_rms` has shape (n_y,). None without a window.
+    """
+    place = _telling(data, before, after, noise_rms)
+    if place is None:
+        return None
+    record, port = data.records[place.record], model.outputs[place.output]
+    y = record.y[place.rows, place.output]
+    old, new = (x[place.record][place.rows, place.output] for x in (before, after))
+    untouched = left_as_given(given, record, data.rate_hz)[place.rows, place.output]
+    found = [] if np.array_equal(old, new) else [("extended", new, AFTER)]
+    curves = [("as given", untouched, GIVEN), ("adjusted", old, BEFORE), *found]
+    time_s = (np.arange(place.rows.start, place.rows.stop) - place.window.start) / data.rate_hz
+    name = axis_text(port.dof)
+    canvas = Canvas(f"Measured and simulated, {name}", "", rows=2, size=TALL, share_x=True)
+    size, unit = scaled(float(np.max(np.abs(y))), port.unit)
+    canvas.panel(0, name, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
+    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=QUIET, linewidth=3.0, alpha=0.55)
+    seen = float(np.max(np.abs(y - y.mean())))
+    # a rigid body, played from rest, runs away
+    most = min(max(float(np.max(np.abs(left))) for _, left, _ in curves), 2.0 * seen)
+    factor, small = scaled(most, port.unit)
+    canvas.panel(1, "", "time in the segment (s)", f"measured − simulated ({small})")
+    for label, left, colour in curves:
+        canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
+        canvas.line(1, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
+    reach = 2.0 * float(noise_rms[place.output]) * factor
+    canvas.band(1, -reach, reach, "noise, ±2σ")
+    _within(canvas.axes[0], (float(y.min()) - seen) * size, (float(y.max()) + seen) * size)
+    _within(canvas.axes[1], -1.1 * most * factor, 1.1 * most * factor)
+    for i in range(2):
+        canvas.legend_above(i, 4)
+    unseen = ", which no fit has seen" if place.window.held_out else ""
+    where = "the extended model gains most on the adjusted one" if found else "the adjusted model misses most"
+    caption = (
+        f"{name} in segment “{place.window.label}”{unseen}: the stretch where {where}. “As given” is the model with "
+        "the numbers of its file, played from rest; “adjusted” is the same with its own numbers fitted."
+    )
+    return Drawn("measured-and-simulated", canvas.title, caption, canvas)
+
+
+def _telling(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> _Stretch | None:
+    """Return where the extended model gains most in units of the noise, a few swings of the output long.
+
+    Where nothing was added it is where the adjusted model misses most.
+    """
+    windows = data.judged
+    if not windows:
+        return None
+    gains = [b**2 - a**2 for b, a in zip(before, after, strict=True)]
+    if not any(np.any(gain > 0.0) for gain in gains):
+        gains = [b**2 for b in before]
+    size = np.where(noise_rms > 0.0, noise_rms, 1.0)
+    gained = [np.mean(gains[i][w.start : w.stop] / size**2, axis=0) for i, w in windows]
+    at = int(np.argmax([float(np.max(one)) for one in gained]))
+    (i, w), o = windows[at], int(np.argmax(gained[at]))
+    y = data.records[i].y[w.start : w.stop, o]
+    length = min(max(SWINGS * swing_rows(y), LEAST_ROWS), y.size)
+    total = np.concatenate([[0.0], np.cumsum(gains[i][w.start : w.stop, o])])
+    begin = w.start + int(np.argmax(total[length:] - total[:-length]))
+    return _Stretch(i, w, o, slice(begin, begin + length))
+
+
+def opening_output(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> int:
+    """Return the number of the output that the opening shows; the first where there is nothing to show."""
+    place = _telling(data, before, after, noise_rms)
+    return 0 if place is None else place.output
+
+
+def _within(axes: Axes, low: float, high: float) -> None:
+    """Show no more of an axis than from `low` to `high`."""
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low), min(top, high))
