@@ -314,7 +314,7 @@ def judge_dominant(found: Found) -> Judgement:
     inflation = float(found.setting.rows / rows)
     if _unlisted(best):
         places = ", ".join(c.where for c in best.candidates)
-        against = f"a smooth force of position and rate at {places} that is no listed cause explains most of it"
+        against = f"a smooth force of position and rate at {places} that is not a listed cause explains most of it"
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     if probability >= SURE:
         named = tuple(range(len(best.effects)))

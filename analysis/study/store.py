@@ -58,7 +58,7 @@ class Store:
         journal = folder / f"{FILE}-journal"
         if journal.exists() and journal.lstat().st_size:  # SQLite would play it back, and delete a file that it names
             raise DataError(
-                f"{journal} is no file of a study, which keeps a write-ahead log; delete it, or choose another --out"
+                f"{journal} is not a file of a study, which keeps a write-ahead log; delete it, or choose another --out"
             )
         try:
             # the store, and what SQLite keeps beside it, is opened by SQLite, which asks for no kind of file
@@ -122,7 +122,8 @@ class Store:
                 made[name] = str(statement)
             elif statement is not None:  # the index that SQLite keeps for a primary key has none
                 raise DataError(
-                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another form than any study; {_RESTORE}"
+                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another form "
+                    f"than any study; {_RESTORE}"
                 )
         return made
 

@@ -109,7 +109,7 @@ ATTRIBUTES = [
     ("run_uid", None, "is missing"),
     ("run_uid", "", "cannot be a name"),
     ("test", np.arange(3), "no single text"),
-    ("test", 5.0, "is no text"),
+    ("test", 5.0, "is not text"),
     ("test", np.bytes_(b"\xff\xfe"), "not UTF-8"),
     ("status", "splendid", "'splendid' is unknown"),
     ("started_utc", "2026-03-01", "zone"),
@@ -188,7 +188,7 @@ def test_a_damaged_table_of_segments_is_one_clear_line(plain_log, seal, rows, sa
         ("channels/x", np.array([b"a"] * 10), "no one-dimensional"),
         ("channels/x", None, "no channels"),
         ("channels", None, "'/channels' is missing"),
-        ("channels", np.arange(3), "is no group"),
+        ("channels", np.arange(3), "is not a group"),
     ],
 )
 def test_a_damaged_structure_is_one_clear_line(plain_log, seal, item, data, said):

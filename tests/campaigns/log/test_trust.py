@@ -199,7 +199,7 @@ def test_a_sidecar_that_is_no_file_is_refused_at_once(small_log, capsys, make, c
     make(sidecar_of(path))
     started_s = time.monotonic()
     assert main(["log", command, str(path)]) in (1, 4)
-    assert "is no checksum" in "".join(capsys.readouterr())
+    assert "is not a checksum" in "".join(capsys.readouterr())
     assert time.monotonic() - started_s < 10.0
 
 

@@ -103,7 +103,7 @@ def test_an_error_that_grows_on_held_out_rows_is_told_with_the_reason_why_the_na
     text = sentence("named", (cause("delay", "the residual leads"),), (), slow, {})
     assert "with it the held-out error grows from 2.56 % to 2.78 % of the output, but slow noise is part of it" in text
     assert "these rows want 0.91 ± 0.2 times what was added" in text
-    assert "Of held-out rows it still misses 2.78 % where 0.278 % is usual" in text
+    assert "On held-out samples it still misses 2.78 % where 0.278 % is usual" in text
     near = replace(slow, noise_floor=0.0256)
     text = sentence("named", (cause("delay", "the residual leads"),), (), near, {})
     assert "grows from 2.56 % to 2.78 % of the output, of which 2.56 % is noise." in text
@@ -113,7 +113,7 @@ def test_an_error_that_grows_on_held_out_rows_is_told_with_the_reason_why_the_na
 def test_what_named_causes_leave_beside_the_usual_noise_is_told_once() -> None:
     causes = (cause("delay", "the residual leads"),)
     assert "it still misses 1.25 % where 1.00 % is usual" in sentence("named", causes, (), GAIN, {})
-    rest = Remainder(0.06, 1e-9, "the held-out rows")
+    rest = Remainder(0.06, 1e-9, "the held-out samples")
     assert "still misses" not in sentence("named", causes, (), GAIN, {}, remainder=rest)
     assert "still misses" not in sentence("named", causes, (), replace(GAIN, rms_after=GAIN.noise_floor), {})
 

@@ -182,7 +182,7 @@ def test_a_number_that_is_not_finite_is_refused_with_its_row(write_log, motion, 
 def test_too_few_rows_are_refused(write_log, motion, oscillator):
     few = {k: v[: MIN_ROWS + 10] for k, v in motion.items()}
     segments: list[Segment] = [("a", 0, MIN_ROWS - 1, {}), ("held-out", MIN_ROWS - 1, MIN_ROWS + 10, {})]
-    with pytest.raises(DataError, match=f"{MIN_ROWS - 1} rows may be fitted, at least {MIN_ROWS}"):
+    with pytest.raises(DataError, match=f"{MIN_ROWS - 1} samples may be fitted, at least {MIN_ROWS}"):
         load_runs([write_log(few, segments)], oscillator)
 
 
