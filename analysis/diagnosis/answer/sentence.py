@@ -44,7 +44,11 @@ def sentence(
 
     `evidence` is told of an unknown verdict: where what is not understood lives.
     """
-    parts = _verdict(verdict, causes, tied, gain, evidence), _left(remainder), _allowed(verdict, gain, remainder)
+    parts: tuple[str, ...] = (
+        _verdict(verdict, causes, tied, gain, evidence),
+        _left(remainder),
+        _allowed(verdict, gain, remainder),
+    )
     parts = *parts, _next(choice)
     return without_exponents(" ".join(filter(None, parts)))
 
@@ -84,7 +88,7 @@ def _verdict(
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
     listed = _listed(causes)
-    sure = f" (probability {min((c.probability for c in causes), default=0.0):.1%})"
+    sure = f" (probability {100.0 * min((c.probability for c in causes), default=0.0):.1f} %)"
     if verdict == "ambiguous":
         choice = " or ".join(", ".join(group) for group in tied)
         start = f"The simulation lacks {listed}{sure}, and" if listed else "The simulation is wrong, but"
