@@ -291,7 +291,8 @@ def remainder(found: Found) -> str:
     part = 1.0 - found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
     return (
         f"the model misses the data it was fitted to by far more than noise; the best explanation takes "
-        f"{100.0 * part:.1f} % of the squared error, every record counting alike, and leaves {_noises(found):.2g} times the noise"
+        f"{100.0 * part:.1f} % of the squared error, every record counting alike, and leaves "
+        f"{_noises(found):.2g} times the noise"
     )
 
 
