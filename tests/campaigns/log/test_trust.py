@@ -206,7 +206,7 @@ def test_a_sidecar_that_is_no_file_is_refused_at_once(small_log, capsys, make, c
 @pytest.mark.parametrize("make", [pipe, endless, folder])
 def test_a_log_that_is_no_file_is_refused_at_once(tmp_path, make):
     make(tmp_path / "a.h5")
-    with pytest.raises(DataError, match="no file"):
+    with pytest.raises(DataError, match="not a file"):
         read_run(tmp_path / "a.h5")
     with pytest.raises(DataError, match=r"a\.h5"):
         verify(tmp_path / "a.h5")

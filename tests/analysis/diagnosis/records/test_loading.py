@@ -242,7 +242,7 @@ def test_long_runs_are_thinned_within_bounds_and_keep_whole_periods(write_log, m
     for record in loaded.data.records:
         (w,) = record.windows
         assert not w.period or (w.stop - w.start) % w.period == 0
-    assert "4000 rows were recorded" in loaded.notes[0]
+    assert "4000 samples were recorded" in loaded.notes[0]
 
 
 def test_of_many_short_segments_some_are_used_with_two_periods_each(write_log, motion, oscillator):
