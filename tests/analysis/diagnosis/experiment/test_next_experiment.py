@@ -81,7 +81,7 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     sigma = re.search(r"by (\S+) sigma", choice.reason)
     assert sigma is not None and float(sigma[1]) < LEAST
     assert f"no plan distinguishes {CUBIC} from {CONSTANT}" in choice.reason
-    assert "No plan tells" in sentence("unknown", (), (), None, {}, choice)
+    assert "No plan distinguishes" in sentence("unknown", (), (), None, {}, choice)
 
 
 def consistent_with(tied: Tied, gain: float) -> Tied:
