@@ -81,6 +81,27 @@ class RealRange(Real, click.FloatRange):
     """A finite number in a range; click's own lets through what is no number."""
 
 
+class Percent(RealRange):
+    """A share as `3%`, kept as a fraction; a bare number is in units of `bare`: 1 is a fraction, 0.01 percent."""
+
+    name = "percent"
+
+    def __init__(self, bare: float, *, most: float, min_open: bool = False, max_open: bool = False) -> None:
+        """`most` is the largest fraction."""
+        super().__init__(0.0, most, min_open=min_open, max_open=max_open)
+        self.bare = bare
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the fraction, else end with a usage error."""
+        text = str(value).strip()
+        number = Real().convert(text.removesuffix("%"), param, ctx)
+        return super().convert(number * (0.01 if text.endswith("%") else self.bare), param, ctx)
+
+    def typed(self, value: float) -> str:
+        """Return a fraction as one types it: the inverse of `convert`."""
+        return f"{100.0 * value:.12g}%"
+
+
 class WholeRange(click.IntRange):
     """A whole number in a range, and of 64 bits."""
 

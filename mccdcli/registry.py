@@ -146,7 +146,8 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "log check": Entry(
             "mccdcli.commands.log_check:check",
-            "Check what a log tells of itself: sizes, periods, samples at rest, slow sensors, steps, clipping, wraps.",
+            "Check what a log shows about itself: sizes, periods, samples at rest, slow "
+            "sensors, steps, clipping, wraps.",
         ),
         "log export": Entry(
             "mccdcli.commands.log_export:export",

@@ -36,4 +36,4 @@ def written(score: Score, target: Path, made_by: Sequence[str]) -> str:
         )
         for m in score.measures
     ]
-    return table(rows, ("measure", "value", "95 % interval", "n", "must reach", ""))
+    return table(rows, ("measure", "value", "95 % interval", "n", "target", ""))

@@ -72,7 +72,7 @@ def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> 
         if path.exists():
             _merge(values, _read(path), path, origins)
         elif os.environ.get(EXPLICIT):
-            raise ConfigError(f"{EXPLICIT} names {path}, which is no file; correct or unset it")
+            raise ConfigError(f"{EXPLICIT} names {path}, which is not a file; correct or unset it")
     known = {name.partition(" ")[0] for name in commands} | {FOR_ALL}
     for name, part in values.items():
         where = next(origins[key] for key in origins if key[0] == name)

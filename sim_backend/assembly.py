@@ -57,7 +57,7 @@ class Places:
     def find(self, names: tuple[str, ...], where: str, effect: str) -> int:
         """Return the index of `where` in `names`; raises ConfigError naming what there is."""
         if where not in names:
-            raise ConfigError(f"effect {effect}: there is no '{where}' on this bench; places: {', '.join(names)}")
+            raise ConfigError(f"effect {effect}: there is no '{where}' on this bench; locations: {', '.join(names)}")
         return names.index(where)
 
 

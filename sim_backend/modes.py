@@ -29,7 +29,7 @@ def mode_of(linear: ModalModel, where: str, effect: str) -> int:
     m = int(match[1]) - 1 if match else -1
     if not (0 <= m < linear.n_blocks and linear.omega_rad_s[m] > 0.0):
         raise ConfigError(
-            f"effect {effect}: '{where}' is no mode that has a stiffness; modes go from 'mode 1' to "
+            f"effect {effect}: '{where}' is not a mode with a stiffness; modes go from 'mode 1' to "
             f"'mode {linear.n_blocks}', without rigid bodies"
         )
     return m

@@ -142,7 +142,7 @@ def require_new_or_own(path: Path, is_own: Callable[[bytes], bool], what: str) -
         except OSError:  # whoever may not read it does not know what it is
             begin = b"?"
         if begin and not is_own(begin):
-            raise ConfigError(f"{path} exists and is no {what}; give another name")
+            raise ConfigError(f"{path} exists and is not a {what}; give another name")
     hidden = hidden_name(path)
     with _named(path, hidden):
         os.close(os.open(hidden, os.O_WRONLY | _NEW, READABLE))
@@ -185,12 +185,12 @@ def open_lock(path: Path) -> BinaryIO:
         if error.errno == errno.ELOOP:
             raise ConfigError(f"{path} is a link, and a lock follows none; {fix}") from None
         if error.errno in (errno.EISDIR, errno.ENXIO):
-            raise ConfigError(f"{path} is no ordinary file, as a lock must be; {fix}") from None
+            raise ConfigError(f"{path} is not an ordinary file, as a lock must be; {fix}") from None
         raise
     stream = os.fdopen(descriptor, "r+b", buffering=0)
     if not _is_file(os.fstat(descriptor)):
         stream.close()
-        raise ConfigError(f"{path} is no ordinary file, as a lock must be; {fix}")
+        raise ConfigError(f"{path} is not an ordinary file, as a lock must be; {fix}")
     return stream
 
 

@@ -62,7 +62,8 @@ def _require_finite(label: str, channels: dict[str, Array]) -> None:
         finite = np.isfinite(channels[name])
         if not finite.all():
             raise ConfigError(
-                f"segment '{label}': {name} of the simulated bench is no finite number at sample {np.argmin(finite)}; "
+                f"segment '{label}': {name} of the simulated bench is not a finite number at "
+                f"sample {np.argmin(finite)}; "
                 "its model, or the loop closed around it, is unstable or holds an absurd number: correct that"
             )
 

@@ -19,7 +19,7 @@ def page(score: Score, *, date: str, commands: Sequence[str], version: str) -> s
         f"mccd {version}, {len(score.cases)} cases, truth sealed as `{score.seal}`. Intervals are of 95 %. Made by:",
         "```\n" + "\n".join(commands) + "\n```",
         _table(
-            ("measure", "value", "interval", "n", "must reach", ""),
+            ("measure", "value", "interval", "n", "target", ""),
             [_measure(m) for m in score.measures],
         ),
         *([f"Fewer cases than the design demands: {', '.join(score.too_few)}."] if score.too_few else []),

@@ -1,4 +1,4 @@
-"""Rows of a score: a value with its interval, over how many cases, beside what it must reach."""
+"""Rows of a score: a value with its interval, over how many cases, beside what it target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The score of a challenge: every measure with its interval beside what it must reach."""
+"""The score of a challenge: every measure with its interval beside what it target."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LEAST_NULLS, LEAST_PER_FAMILY = 300, 20
 """Cases that the design demands: with nothing hidden, and with one clear effect of each family."""
 
 FAMILY_SHARE = 0.85
-"""What every family must reach."""
+"""What every family target."""
 
 TIME_LIMIT_S = 60.0
 """What one diagnosis of a full campaign may take, on the wall and on two cores."""
@@ -167,7 +167,7 @@ def _beyond_the_library(judged: Sequence[Judged]) -> list[Measure]:
         share("laws that no library lists: unknown", [j.verdict == "unknown" for j in unlisted], ">= 92 %", low=0.92),
         share("  of these with a wrong name", [bool(j.wrong) for j in unlisted]),
         share("listed with a twist: named and nothing else", _right(twisted)),
-        share("  of the named: a remainder is told", told),
+        share("  of the named: a remainder is stated", told),
         quantile("processor time of any diagnosis, median (s)", cpu, 0.5),
         quantile("  90th percentile (s)", cpu, 0.9),
         largest("  largest (s)", cpu),

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.design.feedback import FeedbackDesign, frequency_grid, safe_feedbacks
-from analysis.design.iron import with_iron
 from analysis.design.learning import LARGEST_FACTOR, WAIT_S, LearningDesign, design_learning
+from analysis.design.magnetic_hysteresis import with_iron
 from analysis.design.moves import Move
 from analysis.design.noise import MeasuredNoise, measure_noise
 from analysis.design.price import Price, affordable, price_curve, price_of
@@ -115,7 +115,7 @@ def design_controller(
     rest, rate = by_test["rest"][0], model.sample_rate_hz
     if rest.sample_rate_hz != rate:
         raise ConfigError(f"{rest.path} has {rest.sample_rate_hz:g} Hz, the model {rate:g} Hz; use one rate")
-    driven = [dof for dof in TIP_TILT if dof in axes and dof in {p.dof for p in model.inputs}]
+    driven = require_strokes(model, limits, axes, opts)
     if not driven:
         raise ConfigError(f"model '{model.name}' drives none of {', '.join(TIP_TILT)}; give a model of the tilt axes")
     rng = np.random.default_rng(opts.seed)
@@ -144,7 +144,6 @@ def _design_axis(
     options: Options,
     rng: np.random.Generator,
 ) -> AxisDesign:
-    _require_stroke(dof, options.reach_rad, float(limits.reference[list(axes).index(dof)]))
     rate, design, column = model.sample_rate_hz, Design(model, model.sample_rate_hz), list(axes).index(dof)
     plants = drawn_plants(model, dof, options.tolerance, options.plants, rng)
     noise = measure_noise(_quiet(rest, dof), plants[0], rate)
@@ -215,13 +214,17 @@ def _control(
     )
 
 
-def _require_stroke(dof: str, reach_rad: float, end_stop_rad: float) -> None:
-    """Raise ConfigError for a move that reaches beyond both end stops."""
-    if reach_rad > 2.0 * end_stop_rad:
-        raise ConfigError(
-            f"axis '{dof}': a move of {1e3 * reach_rad:g} mrad, the end stops are at ±{1e3 * end_stop_rad:.3g} mrad: "
-            "choose a reach between them"
-        )
+def require_strokes(model: Model, limits: Limits, axes: Sequence[str], options: Options) -> list[str]:
+    """Return the tilt axes to design; raises ConfigError for a move beyond both end stops of one of them."""
+    driven = [dof for dof in TIP_TILT if dof in axes and dof in {p.dof for p in model.inputs}]
+    for dof in driven:
+        end_stop_rad = float(limits.reference[list(axes).index(dof)])
+        if options.reach_rad > 2.0 * end_stop_rad:
+            raise ConfigError(
+                f"axis '{dof}': a move of {1e3 * options.reach_rad:g} mrad, the end stops are at "
+                f"±{1e3 * end_stop_rad:.3g} mrad: choose a shorter move"
+            )
+    return driven
 
 
 def _require(dof: str, what: str, value: float, limit: float, unit: str) -> None:

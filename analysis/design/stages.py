@@ -25,7 +25,7 @@ ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}
 STAGES = {
     "designed-linear": "modes of the mechanism",
     "designed-modes": "and of the cryostat",
-    "designed-hysteresis": "and the iron",
+    "designed-hysteresis": "and magnetic hysteresis",
     "designed": "and learned",
 }
 """What each strategy knows, in the order in which knowledge is added."""

@@ -291,7 +291,8 @@ def remainder(found: Found) -> str:
     part = 1.0 - found.best.misfit / max(found.tuned.misfit, np.finfo(float).tiny)
     return (
         f"the model misses the data it was fitted to by far more than noise; the best explanation takes "
-        f"{part:.1%} of the squared error, every record counting alike, and leaves {_noises(found):.2g} times the noise"
+        f"{100.0 * part:.1f} % of the squared error, every record counting alike, and leaves "
+        f"{_noises(found):.2g} times the noise"
     )
 
 
@@ -314,7 +315,7 @@ def judge_dominant(found: Found) -> Judgement:
     inflation = float(found.setting.rows / rows)
     if _unlisted(best):
         places = ", ".join(c.where for c in best.candidates)
-        against = f"a smooth force of position and rate at {places} that is no listed cause explains most of it"
+        against = f"a smooth force of position and rate at {places} that is not a listed cause explains most of it"
         return Judgement("unknown", (), (), probability, inflation, rivals, against)
     if probability >= SURE:
         named = tuple(range(len(best.effects)))

@@ -87,10 +87,8 @@ class Options:
         reported = {name for e in named() for name in (e.reported(), e.name)}
         unknown = sorted(set(self.without) - reported)
         if unknown:
-            near = did_you_mean(unknown[0], reported)
-            raise ConfigError(
-                f"there is no effect '{unknown[0]}' to leave out; {near}effects: {', '.join(sorted(reported))}"
-            )
+            near = did_you_mean(unknown[0], reported) or "`mccd model effects` lists them"
+            raise ConfigError(f"there is no effect '{unknown[0]}' to leave out; {near.strip()}")
 
 
 def searched_effects(options: Options, among: Sequence[type[Effect]] | None = None) -> tuple[type[Effect], ...]:
@@ -379,5 +377,5 @@ def _doubts(found: Found) -> list[str]:
         return []
     return [
         "nothing repeats in these records, so the noise is taken from what the model leaves: slow forces and slow "
-        "noise look alike, and an error of the model may pass for noise; play every excitation at least twice"
+        "noise look alike, and an error of the model may be taken as noise; play every excitation at least twice"
     ]

@@ -199,7 +199,7 @@ def period_drift(signal: Array) -> Array:
     `signal` is (n, channel, realisation, period). A transient shows as values that fall from period to period.
     """
     if signal.shape[3] < 2:
-        raise DataError("one period only; a transient cannot be told from the response")
+        raise DataError("one period only; a transient cannot be distinguished from the response")
     last = signal[..., -1:]
     size = np.std(last, axis=0)
     return np.sqrt(np.mean((signal[..., :-1] - last) ** 2, axis=0)) / size

@@ -27,7 +27,9 @@ def save_response(curves: tuple[ResponseCurve, ...], path: Path) -> None:
         save_curves(curves, path)
         return
     if not re.fullmatch(r"\.s\d+p", path.suffix.lower()):
-        raise ConfigError(f"{path}: '{path.suffix}' is no form of a response; use .csv, or .s1p, .s2p … for N inputs")
+        raise ConfigError(
+            f"{path}: '{path.suffix}' is not a format of responses; use .csv, or .s1p, .s2p … for N inputs"
+        )
     if not curves or path.exists():
         raise ConfigError(f"{path} exists or there is no response to write; choose another path, excite periodically")
     path.parent.mkdir(parents=True, exist_ok=True)

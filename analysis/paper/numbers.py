@@ -134,7 +134,7 @@ def _complete(number: PaperNumber, table: PaperTable, where: str) -> PaperNumber
         above = " above an upper bound" if number.upper else ""
         raise ConfigError(
             f"{here} is predicted with tolerance {complete.tolerance:g}{above}; "
-            f"a prediction is no upper bound and has at most {WIDEST:g} of its value: label it 'bound'"
+            f"a prediction is not an upper bound and has at most {WIDEST:g} of its value: label it 'bound'"
         )
     return complete
 

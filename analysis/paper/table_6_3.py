@@ -27,7 +27,7 @@ def table_6_3(measured: Measured) -> dict[str, Ours]:
         "k": Ours(value["pinning"] / scipy.constants.mu_0, std["pinning"] / scipy.constants.mu_0),
         "kc": Ours(value["size"], std["size"]),
         "p6": Ours(value["constant"], std["constant"], "the drive's trim takes the constant part up"),
-        "p5": Ours(np.nan, note="not told from the spring: their difference is fitted as the stiffness"),
+        "p5": Ours(np.nan, note="not distinguished from the spring: their difference is fitted as the stiffness"),
     }
 
 

@@ -70,7 +70,7 @@ class Variation(_Strict, frozen=True, kw_only=True):
             )
         head, dot, rest = self.place.partition(".")
         if not (self.place == MODEL or (head in (MODEL, SETTINGS) and dot and rest)):
-            raise ValueError(f"`{self.place}` is no place: write model, model.<way to a number> or settings.<name>")
+            raise ValueError(f"`{self.place}` is not a place: write model, model.<way to a number> or settings.<name>")
         if self.sweep is not None and not self.sweep:
             raise ValueError(f"`{self.place}` sweeps over nothing: give at least one value")
         if self.place == MODEL and (self.sweep is None or not all(isinstance(v, str) for v in self.sweep)):

@@ -116,4 +116,4 @@ def _missing(content: Mapping[str, Any], place: str) -> str:
             labels = [_label(entry) for entry in entries]
             near = did_you_mean(label or "", labels)
             return f"no entry of '{key}' is '{label}'; {near}there is {', '.join(labels) or 'none'}"
-    return "that is no number; go on to one below it"
+    return "that is not a number; go on to one below it"

@@ -58,7 +58,7 @@ class Store:
         journal = folder / f"{FILE}-journal"
         if journal.exists() and journal.lstat().st_size:  # SQLite would play it back, and delete a file that it names
             raise DataError(
-                f"{journal} is no file of a study, which keeps a write-ahead log; delete it, or choose another --out"
+                f"{journal} is not a file of a study, which keeps a write-ahead log; delete it, or choose another --out"
             )
         try:
             # the store, and what SQLite keeps beside it, is opened by SQLite, which asks for no kind of file

@@ -62,7 +62,7 @@ class Job:
         for name in study.limits:
             if name not in known:
                 raise ConfigError(
-                    f"[limits] names '{name}', which is no number of a trial of kind '{kind.name}'; "
+                    f"[limits] names '{name}', which is not a number of a trial of kind '{kind.name}'; "
                     f"{did_you_mean(name, known)}its numbers are {', '.join(known)}"
                 )
         job = cls(study, {name: msgspec.to_builtins(load_model(name)) for name in study.models()})

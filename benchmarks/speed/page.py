@@ -19,7 +19,7 @@ def table(files: Sequence[Path]) -> str:
 
     Raises ValueError for results of small sizes, which say nothing of speed.
     """
-    lines = ["| work | must reach | measured | file |", "|---|---|---|---|"]
+    lines = ["| work | target | measured | file |", "|---|---|---|---|"]
     told: set[tuple[str, str]] = set()
     for file in files:
         found = json.loads(file.read_text(encoding="utf-8"))

@@ -40,10 +40,10 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     if not stretches:
         return []
     if any(fact.name == CLOCK and fact.numbers["found"] for fact in known):
-        text = "the delay is not told: the clocks of inputs and outputs differ, so that it changes with time"
+        text = "the delay is not known: the clocks of inputs and outputs differ, so that it changes with time"
         return [Fact(NAME, text, remark=False)]
     if any(fact.name == LOOP and fact.numbers.get("found") for fact in known):
-        return [Fact(NAME, "the delay is not told: in a closed loop the first answer is the loop's", remark=False)]
+        return [Fact(NAME, "the delay is not known: in a closed loop the first answer is the loop's", remark=False)]
     found = []
     for o, output in enumerate(seen.of_role("output")):
         regression = regression_of(stretches, o)
@@ -62,14 +62,19 @@ def _of_pair(regression: Regression, j: int, name: str, output: str, rate_hz: fl
     first = int(seen_at[0]) if seen_at.size else sizes.size - 1
     pair = f"{name} → {output}"
     if fresh[: first + 2].min() < FRESH:
-        text = f"{pair}: the delay is not told: {name} is too smooth, or has too few lines, to tell its samples apart"
+        text = (
+            f"{pair}: the delay is not known: {name} is too smooth, or has too few frequency lines, "
+            "to distinguish its samples"
+        )
         return [Fact(NAME, text, remark=False)]
     if not seen_at.size:
         return []  # this input does not move this output, or no more than others do
     if _missed(regression) > MISSED or np.any(np.abs(sizes[:first]) > HIDDEN):
-        return [Fact(NAME, f"{pair}: the delay is not told: no linear model follows closely enough", remark=False)]
+        return [Fact(NAME, f"{pair}: the delay is not known: no linear model follows closely enough", remark=False)]
     if abs(sizes[first]) < SLOW_START * HIDDEN:
-        text = f"{pair}: the delay is not told: at most {first} samples, {first / rate_hz:.4g} s; noise hides the start"
+        text = (
+            f"{pair}: the delay is not known: at most {first} samples, {first / rate_hz:.4g} s; noise hides the start"
+        )
         return [Fact(NAME, text, channel=output, numbers={"most": first}, remark=False)]
     least = max(first - 1, 0)
     std = 1.0 / np.sqrt(12.0)

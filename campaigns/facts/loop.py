@@ -63,7 +63,7 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     if not stretches:
         return []
     if any(fact.name == CLOCK and fact.numbers["found"] for fact in known):
-        text = "whether the inputs answer the outputs is not told: their clocks differ"
+        text = "whether the inputs answer the outputs is not known: their clocks differ"
         return [Fact(NAME, text, remark=False)]
     periodic = all(s.periods >= 2 for s in stretches)
     varying = [_without_mean_period(s) for s in stretches] if periodic else list(stretches)
@@ -120,14 +120,14 @@ def _answer(output: str, regression: Regression) -> _Answer:
 
 def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
     if not answers:
-        text = "whether the inputs answer the outputs is not told: too few samples, or inputs that hold nothing new"
+        text = "whether the inputs answer the outputs is not known: too few samples, or inputs that hold nothing new"
         return Fact(NAME, text, remark=False)
     worst = max(answers, key=lambda a: (a.found, a.share))
     numbers = {"found": int(worst.found), "share": worst.share, "samples": worst.rows}
     if not worst.found:
         text = (
             f"no sign of it: the {AHEAD} inputs to come hold {max(worst.share, 0.0):.1%} of what is new in "
-            f"{worst.output}; from {LEAST_SHARE:.0%} on it would be told"
+            f"{worst.output}; from {LEAST_SHARE:.0%} on it would be seen"
         )
         unseen = "" if with_references else ", or answers within a sample without its reference in the log,"
         return Fact(

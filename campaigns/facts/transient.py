@@ -97,6 +97,6 @@ def _fact(name: str, starts: Sequence[_Start], rate_hz: float) -> Fact:
     means = (
         "it may still ring at the end: what differs between periods is then no noise; record more periods"
         if half
-        else f"{numbers['periods']} periods at the start hold the transient and tell nothing of the noise"
+        else f"{numbers['periods']} periods at the start hold the transient and say nothing about the noise"
     )
     return Fact(NAME, text, means, name, longest.label, numbers, remark=half)

@@ -33,7 +33,7 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     assert log.archive is not None and log.resample is not None and log.sample_rate_hz is not None
     source = files.source(None, part, f"{where}archive")
     if not isinstance(source, TextSource):
-        raise ConfigError(f"{source.path} is no text table: an archive has a line of text per reading")
+        raise ConfigError(f"{source.path} is not a text table: an archive has a line of text per reading")
     named, values = source.coded(log.archive.name), source.numbers(log.archive.value)
     for key, column in (("name", named), ("value", values)):
         if column is None:
@@ -97,7 +97,7 @@ def _one(
     if bad.size:
         cell = source.cell(column, int(bad[0]))
         raise DataError(
-            f"{source.path}: the reading of '{name}' in row {bad[0] + 1} of the data is '{cell[:40]}', which is no "
+            f"{source.path}: the reading of '{name}' in row {bad[0] + 1} of the data is '{cell[:40]}', which is not a "
             "finite number: repair it or take the line out"
         )
     order = np.argsort(time_s[rows], kind="stable")

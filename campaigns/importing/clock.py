@@ -115,7 +115,7 @@ def dates(cells: Sequence[str], what: str) -> Stamps:
     bad = np.flatnonzero(found.isna())
     if bad.size:
         raise DataError(
-            f"{what} holds '{clean[bad[0]][:40]}' in row {bad[0] + 1} of the data, which is no date: correct it"
+            f"{what} holds '{clean[bad[0]][:40]}' in row {bad[0] + 1} of the data, which is not a date: correct it"
         )
     first = found.iloc[0]
     after_s = np.asarray((found - first).dt.total_seconds(), dtype=np.float64)
@@ -208,7 +208,7 @@ def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tu
 
 def cost_text(cost: float) -> str:
     """Return the cost of resampling in words."""
-    return "nobody can tell how much that costs" if np.isnan(cost) else f"that costs about {cost:.2%} of its rms"
+    return "how much that costs cannot be known" if np.isnan(cost) else f"that costs about {cost:.2%} of its rms"
 
 
 def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
@@ -262,6 +262,6 @@ def _unevenness(time_s: Array) -> str:
             f"{steps[gaps[0]]:.6g} s, others are {typical:.6g} s"
         )
     return (
-        f'{told}; say resample = "cubic" ("linear", "hold") in [log], which tells its error, or import the stretches '
+        f'{told}; say resample = "cubic" ("linear", "hold") in [log], which states its error, or import the stretches '
         "between gaps as [[parts]]"
     )

@@ -76,7 +76,9 @@ def cells_of(line: str, separator: str) -> list[str]:
         try:
             row = next(csv.reader([line.strip() if blank else line], delimiter=separator, skipinitialspace=True), [])
         except csv.Error as error:
-            raise DataError(f"a line begins '{line[:40]}' and is no row of cells ({error}): check the file") from None
+            raise DataError(
+                f"a line begins '{line[:40]}' and is not a row of cells ({error}): check the file"
+            ) from None
         return [cell.strip() for cell in row if cell or not blank]
     return line.split() if separator == " " else [cell.strip() for cell in line.split(separator)]
 
@@ -105,7 +107,7 @@ def encoding_of(path: Path) -> str:
             plain = True
             while block := stream.read(2**22):
                 if b"\0" in block:
-                    raise DataError(f"{path} holds zero bytes and is no text: save it as UTF-8 text")
+                    raise DataError(f"{path} holds zero bytes and is not text: save it as UTF-8 text")
                 plain = plain and block.isascii()
         if plain:
             return "ascii"

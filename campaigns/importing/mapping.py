@@ -160,7 +160,7 @@ def _check(found: ImportMap, path: Path) -> None:
         for name in part.select:
             if name not in found.channels:
                 raise ConfigError(
-                    f"{path}: part '{part.label}' selects '{name}', which is no channel: channels are "
+                    f"{path}: part '{part.label}' selects '{name}', which is not a channel: channels are "
                     f"{', '.join(found.channels)}"
                 )
 

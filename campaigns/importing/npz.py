@@ -146,7 +146,7 @@ def _array(
                 left -= len(data)
                 yield np.frombuffer(data, dtype)
             if stream.read(1):
-                raise ValueError("there is more than its shape tells")
+                raise ValueError("there is more than its shape says")
 
     return Pieces(shape[::-1] if turned else shape, dtype, read, turned)
 

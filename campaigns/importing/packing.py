@@ -30,7 +30,7 @@ def unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[Any
             known[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
         except (TypeError, ValueError):
             shown = str(value)[:40]
-            raise DataError(f"its attribute {name} is '{shown}', which is no number: repair the file") from None
+            raise DataError(f"its attribute {name} is '{shown}', which is not a number: repair the file") from None
     if not known or values.dtype.kind not in "fiu":
         return values
     missing = np.zeros(values.shape, dtype=bool)

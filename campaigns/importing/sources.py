@@ -53,7 +53,7 @@ def open_source(
     Raises DataError when the suffix is none of `SUFFIXES` and no other package reads it (`sim_backend.plugins`).
     """
     if not path.is_file():
-        raise DataError(f"source {path} is no file: check the path, which counts from the map's folder")
+        raise DataError(f"source {path} is not a file: check the path, which counts from the map's folder")
     kind = path.suffix.lower()
     if kind in TEXT:
         return TextSource(path, separator, decimal, header)

@@ -312,7 +312,7 @@ class TextSource:
         line = next(islice((number for number, _, data in self._rows() if data is not None), row, None))
         names = self.dialect.names
         what = f"column '{names[index]}'" if index < len(names) else f"column {index + 1}"
-        holds = f"holds '{cell[:40]}', which is no finite number" if cell.strip() else "has an empty cell"
+        holds = f"holds '{cell[:40]}', which is not a finite number" if cell.strip() else "has an empty cell"
         comma = "," in cell and self.dialect.decimal == "." and read_number(cell, ",") is not None
         fix = 'say decimal = "," in [log], or repair them' if comma else "repair them, correct the delimiter"
         raise CellError(

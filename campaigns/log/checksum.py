@@ -59,5 +59,5 @@ def read_sidecar(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     except (ValueError, OSError):
-        raise DataError(f"{sidecar} is no checksum of one line 'SHA-256  NAME': restore it, or delete it") from None
+        raise DataError(f"{sidecar} is not a checksum of one line 'SHA-256  NAME': restore it, or delete it") from None
     return digest

@@ -7,7 +7,7 @@ from dataclasses import astuple, fields
 import h5py
 import numpy as np
 
-from campaigns.log.room import header_bytes, take
+from campaigns.log.disk_space import header_bytes, take
 from campaigns.log.schema import (
     CHANNELS,
     COMMITTED,

@@ -198,7 +198,9 @@ def save(run: Run, path: Path, report: Report = unheard) -> None:
     """
     ending = path.suffix.lower()
     if ending not in FORMS:
-        raise ConfigError(f"{path}: '{ending}' is no form; {did_you_mean(ending, FORMS)}there are {', '.join(FORMS)}")
+        raise ConfigError(
+            f"{path}: '{ending}' is not a known format; {did_you_mean(ending, FORMS)}there are {', '.join(FORMS)}"
+        )
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
     FORMS[ending](run, path, report)  # whole or not at all: half a file reads like a whole one

@@ -48,9 +48,11 @@ def open_h5(path: Path) -> h5py.File:
     """Open the HDF5 file at `path` for reading, without a lock; raises DataError for any other file."""
     try:
         if not path.is_file():
-            raise DataError(f"{path} is no file: check the path")
+            raise DataError(f"{path} is not a file: check the path")
         if not h5py.is_hdf5(path):
-            raise DataError(f"{path} is no HDF5 file (or its first bytes are damaged): convert it with `mccd import`")
+            raise DataError(
+                f"{path} is not an HDF5 file (or its first bytes are damaged): convert it with `mccd import`"
+            )
         return h5py.File(path, "r", locking=False)
     except (OSError, RuntimeError, ValueError) as error:
         raise DataError(f"cannot open {path}: {first_line(error)}; restore it from a copy") from None
@@ -215,7 +217,7 @@ def text_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path, defa
     if isinstance(value, bytes):
         value = value.decode("utf-8", "surrogateescape")
     if not isinstance(value, str):
-        raise refuse(path, item, "is missing" if value is None else "is no text", "see docs/log-format.md")
+        raise refuse(path, item, "is missing" if value is None else "is not text", "see docs/log-format.md")
     try:
         size = len(value.encode("utf-8"))
     except UnicodeEncodeError:
@@ -231,7 +233,7 @@ def number_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) ->
     if value is None:
         return None
     if not isinstance(value, np.integer | np.floating):
-        raise refuse(path, f"{owner.name}@{name}", "is no single number", "see docs/log-format.md")
+        raise refuse(path, f"{owner.name}@{name}", "is not a single number", "see docs/log-format.md")
     return value.item()
 
 
@@ -245,7 +247,7 @@ def _attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> objec
         scalar = space.get_simple_extent_npoints() == 1
         simple = isinstance(kind, h5py.h5t.TypeStringID | h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID)
         if not (scalar and simple):
-            raise refuse(path, item, "is no single text or number", "see docs/log-format.md")
+            raise refuse(path, item, "is not a single text or number", "see docs/log-format.md")
         if (size := kind.get_size()) > MAX_TEXT_BYTES:
             raise refuse(path, item, f"has {size} bytes of at most {MAX_TEXT_BYTES}", "shorten it")
         value = np.empty(space.get_simple_extent_dims(), described.dtype)

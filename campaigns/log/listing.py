@@ -106,7 +106,7 @@ def _logs(names: Sequence[str]) -> list[str]:
 
 def _listed(path: Path) -> Listed:
     if not path.is_file():
-        return Listed(path, error="it is no ordinary file")
+        return Listed(path, error="it is not an ordinary file")
     try:
         found = examine(path, header=True)
     except DataError as error:

@@ -87,7 +87,7 @@ def _described_run(path: Path, file: h5py.File) -> Run:
     header = _header(path, file)
     group = member(file, CHANNELS, path)
     if not isinstance(group, h5py.Group):
-        raise refuse(path, CHANNELS, "is no group", "see docs/log-format.md")
+        raise refuse(path, CHANNELS, "is not a group", "see docs/log-format.md")
     rows = _committed(path, file)
     datasets, channels = _channels(path, group, rows)
     segments = _segments(path, file, rows)
@@ -145,7 +145,7 @@ def has_writer(path: Path, *, unknown: bool = True) -> bool:
 def _committed(path: Path, file: h5py.File) -> int:
     counter = member(file, COMMITTED, path)
     if not isinstance(counter, h5py.Dataset) or counter.shape != () or counter.dtype.kind not in "iu":
-        raise refuse(path, COMMITTED, "is no single integer", "see docs/log-format.md")
+        raise refuse(path, COMMITTED, "is not a single integer", "see docs/log-format.md")
     rows = int(counter[()])
     if rows < 0:
         raise refuse(path, COMMITTED, f"is {rows}, less than 0", "restore the file from a copy")
@@ -159,7 +159,7 @@ def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.
         dataset = member(group, name, path, len(names))
         item = f"{CHANNELS}/{name}"
         if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or dataset.dtype.kind not in "fiu":
-            raise refuse(path, item, "is no one-dimensional dataset of numbers", "see docs/log-format.md")
+            raise refuse(path, item, "is not a one-dimensional dataset of numbers", "see docs/log-format.md")
         if dataset.shape[0] < rows:
             what = f"has {dataset.shape[0]} rows, fewer than the {rows} committed ones"
             raise refuse(path, item, what, "restore the file from a copy")
@@ -185,7 +185,7 @@ def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
     table = member(file, SEGMENTS, path)
     kinds = table.dtype.fields if isinstance(table, h5py.Dataset) else None
     if kinds is None or {name: kind[0].kind for name, kind in kinds.items()} != _SEGMENT_FIELDS or table.ndim != 1:
-        raise refuse(path, SEGMENTS, "is no table of label, start, stop, settings", "see docs/log-format.md")
+        raise refuse(path, SEGMENTS, "is not a table of label, start, stop, settings", "see docs/log-format.md")
     most = min(MAX_SEGMENTS, MAX_SEGMENT_TABLE_BYTES // table.dtype.itemsize)
     if table.shape[0] > most:
         raise refuse(path, SEGMENTS, f"has {table.shape[0]} rows of at most {most}", "split the run")
@@ -218,5 +218,5 @@ def _object(text: str, path: Path, item: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         value = None
     if not isinstance(value, dict):
-        raise refuse(path, item, "is no JSON object", "see docs/log-format.md")
+        raise refuse(path, item, "is not a JSON object", "see docs/log-format.md")
     return value

@@ -75,7 +75,7 @@ def require_picture(path: Path, *, force: bool | None = None) -> None:
     None is of a command that has no such option.
     """
     if path.suffix.lower() not in FORMS:
-        raise ConfigError(f"{path}: '{path.suffix}' is no picture; there are {', '.join(FORMS)}")
+        raise ConfigError(f"{path}: '{path.suffix}' is not a picture format; there are {', '.join(FORMS)}")
     if path.exists() and not force:
         way = "" if force is None else ", or --force"
         raise ConfigError(f"{path} exists and is not overwritten; choose another path{way}")

@@ -61,7 +61,7 @@ def read_run(path: str | os.PathLike[str]) -> Run:
     """
     target = Path(path)
     if not target.is_file():
-        raise DataError(f"{target} is no file: check the path")
+        raise DataError(f"{target} is not a file: check the path")
     foreign = not is_own(target)
     if foreign:
         prepare()

@@ -195,7 +195,7 @@ def _plain(value: object) -> object:
         return value.tolist()
     if isinstance(value, Mapping):  # a read-only one, as the settings of a segment that was read
         return dict(value)
-    raise TypeError(f"{type(value).__name__} is no JSON type")
+    raise TypeError(f"{type(value).__name__} is not a JSON type")
 
 
 def segment_dtype(settings_bytes: int) -> np.dtype[Any]:

@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from campaigns.log import own
 from campaigns.log.checksum import write_sidecar
 from campaigns.log.create import SEGMENTS_PER_CHUNK, lay_out, storable
+from campaigns.log.disk_space import CLOSING_BYTES, give_back, rows_bytes, take
 from campaigns.log.failure import cannot, let_go
 from campaigns.log.limits import MAX_CHUNK_ROWS, MAX_SETTINGS_BYTES, check_channels, check_segments
-from campaigns.log.room import CLOSING_BYTES, give_back, rows_bytes, take
 from campaigns.log.schema import (
     CHANNELS,
     COMMITTED,

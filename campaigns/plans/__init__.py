@@ -60,7 +60,7 @@ def _of_a_package(name: str) -> type[Plan]:
     """Return the plan that another package declares; raises ConfigError where it is not one."""
     found = load_plugin("plans", name)
     if not (isinstance(found, type) and issubclass(found, Plan)):
-        raise refusal("plans", name, "is no subclass of campaigns.plans.Plan")
+        raise refusal("plans", name, "is not a subclass of campaigns.plans.Plan")
     if getattr(found, "name", None) != name or not hasattr(found, "title"):
         raise refusal("plans", name, f"calls itself '{getattr(found, 'name', '')}', or has no title")
     return found

@@ -18,8 +18,8 @@ import msgspec
 from campaigns.benches import bench_kind, open_bench
 from campaigns.log import read_run, sidecar_of
 from campaigns.log.child import ReaderFailedError
+from campaigns.log.disk_space import require_free
 from campaigns.log.opening import has_writer
-from campaigns.log.room import require_free
 from campaigns.plans import Estimate, Plan, estimate
 from campaigns.playing.campaign import Campaign, in_run, run_seed
 from campaigns.playing.counting import within_bounds

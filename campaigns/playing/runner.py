@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.log import LogWriter
-from campaigns.log.room import require_free
+from campaigns.log.disk_space import require_free
 from campaigns.plans.base import Estimate, Plan, checked_segments, estimate
 from campaigns.playing.interrupts import Interrupts
 from campaigns.strategies.watch import Watch

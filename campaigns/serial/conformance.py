@@ -292,7 +292,7 @@ CHECKS: dict[str, Callable[[Examiner], str]] = {
     "greeting": _greeting,
     "abort beside idle connections": _abort_among_idle,
     "watchdog": _watchdog,
-    "watchdog and strangers": _stranger,
+    "watchdog and other clients": _stranger,
 }
 """The only list of checks; each returns what it saw or raises."""
 

@@ -62,7 +62,7 @@ class Guard:
             self._greeted = True
             return bytes(self._begun)
         if end or len(self._begun) >= GREETING_BYTES:
-            raise NoGreeting(f"it begins with '{_readable(whole)}', which is no greeting")
+            raise NoGreeting(f"it begins with '{_readable(whole)}', which is not a greeting")
         return b""
 
     def refusal(self, line: Line) -> Reply | None:

@@ -162,7 +162,9 @@ def _require_free(link: Path) -> None:
         if os.readlink(link).startswith(_TERMINALS):
             return
     if os.path.lexists(link) or not link.name:
-        raise ConfigError(f"{link} exists and is no symbolic link to a terminal; choose another name for the terminal")
+        raise ConfigError(
+            f"{link} exists and is not a symbolic link to a terminal; choose another name for the terminal"
+        )
 
 
 def _point(link: Path, terminal: str) -> None:

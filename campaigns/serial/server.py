@@ -346,5 +346,5 @@ class Server:
         if self._remarks < 1.0:
             self._unsaid += 1
             return
-        self._remark(what + (f" (after {self._unsaid} more that are not told)" if self._unsaid else ""))
+        self._remark(what + (f" (after {self._unsaid} more that are not shown)" if self._unsaid else ""))
         self._remarks, self._unsaid = self._remarks - 1.0, 0

@@ -31,7 +31,7 @@ def _read(path: Path) -> str:
         with open(number, "rb") as file:
             found = os.fstat(number)
             if not stat.S_ISREG(found.st_mode):
-                raise ConfigError(f"token file {path}: it is no file; write the token into one")
+                raise ConfigError(f"token file {path}: it is not a file; write the token into one")
             if found.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
                 raise ConfigError(f"token file {path}: other users may read or write it; run chmod 600 on it")
             return file.read(4 * MOST).decode("ascii", "replace")

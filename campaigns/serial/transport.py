@@ -212,11 +212,11 @@ def transport_at(kind: str, address: str) -> Transport:
     if kind == "serial":
         device, _, baud = address.rpartition("@") if "@" in address else (address, "", "115200")
         if not device or not baud.isdecimal() or not 0 < int(baud) <= 100_000_000:
-            raise ConfigError(f"serial:{address} is no serial bench; write serial:DEVICE or serial:DEVICE@BAUD")
+            raise ConfigError(f"serial:{address} is not a serial bench; write serial:DEVICE or serial:DEVICE@BAUD")
         return SerialTransport(device, int(baud))
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ConfigError(f"tcp:{address} is no TCP bench; write tcp:HOST:PORT")
+        raise ConfigError(f"tcp:{address} is not a TCP bench; write tcp:HOST:PORT")
     return TcpTransport(host, int(port), token=shared_token())
 
 

@@ -27,7 +27,7 @@ def stages_of_plugin(strategy: str, task: Task, design: Design) -> tuple[Stage, 
     """
     play = load_plugin(GROUP, strategy)
     if not callable(play):
-        raise refusal(GROUP, strategy, "is no function of a task and a design")
+        raise refusal(GROUP, strategy, "is not a function of a task and a design")
     try:
         found = play(task, design)
         stages = tuple(found) if not isinstance(found, Stage) else found
@@ -47,7 +47,7 @@ def stages_of_plugin(strategy: str, task: Task, design: Design) -> tuple[Stage, 
 def _fault(stage: Stage, n_axes: int) -> str:
     """Say which part of a stage is not what it has to be, and what that is; nothing for a sound one."""
     if not isinstance(stage.label, str):
-        return "label is no text"
+        return "label is not text"
     if stage.n_samples is not None and not (_is_whole(stage.n_samples) and stage.n_samples > 0):
         return f"n_samples is {stage.n_samples!r}: a number of samples, or None for all that remain"
     if not _is_whole(stage.shift):
@@ -55,9 +55,9 @@ def _fault(stage: Stage, n_axes: int) -> str:
     for name in ("reference", "feedforward"):
         values = getattr(stage, name)
         if not (isinstance(values, np.ndarray) and values.ndim == 2 and values.shape[1] == n_axes):
-            return f"{name} is no array of one column for each of the {n_axes} axes"
+            return f"{name} is not an array of one column for each of the {n_axes} axes"
         if values.dtype.kind not in "fiu":
-            return f"{name} is no array of real numbers"
+            return f"{name} is not an array of real numbers"
     if not (_all_of(stage.gates, Gate, None) and all(gate.axis in range(n_axes) for gate in stage.gates)):
         return f"gates are no list of gates of the {n_axes} axes"
     if not _all_of(stage.feedback, DiscreteFilter, n_axes):

@@ -38,16 +38,18 @@ def show(ctx: click.Context, command: tuple[str, ...], as_json: bool) -> None:
     assert isinstance(tree, LazyGroup)
     wanted = command or None
     found: dict[str, dict[str, Any]] = {}
+    typed: dict[tuple[str, str], str] = {}
     for name in tree.paths() if wanted is None else [_path(tree, wanted)]:
         arguments = [] if wanted is None else list(wanted[len(name) :])
         rows = _parameters(ctx, tree, name, arguments, settings)
+        typed |= {(" ".join(name), key): row.pop("typed") for key, row in rows.items()}
         kept = {k: v for k, v in rows.items() if wanted is not None or v["origin"] != "default"}
         if kept:
             found[" ".join(name)] = kept
     files = [{"path": path, "found": path.is_file()} for path in places()]
     variables = {k: v for k, v in sorted(os.environ.items()) if k.startswith(f"{PREFIX}_")}
     result = {"files": files, "environment": variables, "commands": found}
-    emit(result, as_json=as_json, text=_text(result))
+    emit(result, as_json=as_json, text=_text(result, typed))
 
 
 def _path(tree: LazyGroup, words: tuple[str, ...]) -> tuple[str, ...]:
@@ -95,20 +97,24 @@ def _described(
     elif source is ParameterSource.DEFAULT_MAP:
         keys = (key for key in settings.origins if key[:-1] in (path, (FOR_ALL,)) and same(key[-1], name))
         origin, where = "file", str(settings.origins[max(keys, key=lambda key: key[:-1] == path)])
+    value = inner.params.get(option.name)
+    written = getattr(option.type, "typed", None)
     return {
-        "value": plain(inner.params.get(option.name)),
+        "value": plain(value),
+        "typed": _shown(plain(value)) if written is None or value is None else written(value),
         "origin": origin,
         "where": where,
         "variable": option.envvar,
     }
 
 
-def _text(result: dict[str, Any]) -> str:
+def _text(result: dict[str, Any], typed: dict[tuple[str, str], str]) -> str:
+    """Return the tables; `typed` are the values as one types them, by command and option."""
     files = [(str(file["path"]), "read" if file["found"] else "not there") for file in result["files"]]
     parts = [table(files, heads=("file", ""))]
     for name, options in result["commands"].items():
         rows = [
-            (f"--{key}", _shown(one["value"]), " ".join((one["origin"], one["where"])).rstrip(), one["variable"])
+            (f"--{key}", typed[name, key], " ".join((one["origin"], one["where"])).rstrip(), one["variable"])
             for key, one in options.items()
         ]
         parts.append(table(rows, heads=(name, "value", "from", "variable")))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mccdcli.options import POSITIVE, RealRange, common_options
+from mccdcli.options import POSITIVE, Percent, common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import Report, progress
 from mccdcli.trials import count, play
@@ -43,11 +43,10 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--tolerance",
-    type=RealRange(0.0, 50.0, max_open=True),
-    default=0.1,
+    type=Percent(0.01, most=0.5, max_open=True),
+    default="0.1%",
     show_default=True,
-    metavar="PERCENT",
-    help="Standard deviation of every mode's frequency, added to what the model states.",
+    help="Standard deviation of every mode's frequency, added to what the model states: 0.1%, or 0.1.",
 )
 @click.option(
     "--max-power",
@@ -92,20 +91,19 @@ def design(
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0
 
-    from analysis.design.api import Options, design_controller
+    from analysis.design.api import Options, design_controller, require_strokes
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.uncertainty import Tolerance
     from campaigns.progress import part_of
 
-    options = Options(
-        1e-3 * reach, 1e-3 * (settling or 5.0), max_power, tolerance=Tolerance(1e-2 * tolerance), seed=seed
-    )
+    options = Options(1e-3 * reach, 1e-3 * (settling or 5.0), max_power, tolerance=Tolerance(tolerance), seed=seed)
+    limits, axes = _what_it_may(bench, seed)
+    require_strokes(nominal, limits, axes, options)  # before anything is written or played
     folder = prepare_folder(out or unnamed_folder(Path("design")))
     with ExitStack() as stack:
         runs = _logs(stack, plan, given, bench, folder, seed)
         if isinstance(runs, int):
             return runs
-        limits, axes = _what_it_may(bench, seed)
         with progress("designing") as report:
             first = part_of(report, 0.0, 0.5 if stages else 0.9)  # designing takes about as long as playing
             designed = design_controller(nominal, runs, limits, axes, options, first)

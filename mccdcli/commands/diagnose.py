@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from mccdcli.junit import Case, prepare_junit, write_junit
-from mccdcli.options import BenchAddress, NewPath, Real, RealRange, WholeRange, common_options
+from mccdcli.options import BenchAddress, NewPath, Percent, Real, WholeRange, common_options
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.pdf import pdf_option, printed
 from mccdcli.progress import progress
@@ -33,10 +33,10 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
-    type=RealRange(0.0, 1.0, min_open=True),
-    default=0.03,
+    type=Percent(1.0, most=1.0, min_open=True),
+    default="3%",
     show_default=True,
-    help="Relative standard deviation of the model's own parameters; 0.03 is 3 %.",
+    help="Relative standard deviation of the model's own parameters: 3%, or 0.03.",
 )
 @click.option(
     "--rows",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.options import POSITIVE, RealRange, WholeRange, common_options, given_note
+from mccdcli.options import POSITIVE, Percent, WholeRange, common_options, given_note
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count, settings_option
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 @click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
-    type=RealRange(0.0, 1.0, min_open=True),
-    default=0.03,
+    type=Percent(1.0, most=1.0, min_open=True),
+    default="3%",
     show_default=True,
-    help="Relative standard deviation of the model's own parameters; 0.03 is 3 %.",
+    help="Relative standard deviation of the model's own parameters: 3%, or 0.03.",
 )
 @click.option("--resume", is_flag=True, help="Continue the investigation that the folder holds.")
 @settings_option

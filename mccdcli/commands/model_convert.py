@@ -37,7 +37,7 @@ def convert(model: str, out: Path, force: bool, as_json: bool) -> None:
 
     form = out.suffix.lower().removeprefix(".")
     if form not in ("toml", "json"):
-        raise ConfigError(f"{out}: '{out.suffix}' is no form of a model; use .toml or .json")
+        raise ConfigError(f"{out}: '{out.suffix}' is not a format of models; use .toml or .json")
     refuse_existing(out, force=force)
 
     from sim_backend.model import dump_model, load_model

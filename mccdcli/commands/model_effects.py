@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def effects(name: str | None, as_json: bool) -> None:
     """List the effects that a diagnosis can name and a model can hold, or describe one with its parameters.
 
-    Units are those of a bench driven in N m and read in rad; on another bench its own units take their places.
+    Units are those of a bench driven in N m and read in rad; another bench has its own units.
 
     \b
     Examples:

@@ -55,7 +55,7 @@ class DiscreteFilter:
         if self.integrator is not None:
             i = self.integrator
             if not (0 <= i < m and self.a[i, 0, 0] == 1.0 and self.a[i, 0, 1] == 0.0 and self.c[i, 0] == 1.0):
-                raise ConfigError(f"filter: block {i} of {m} is no integrator; name another block or None")
+                raise ConfigError(f"filter: block {i} of {m} is not an integrator; name another block or None")
 
     @property
     def n_blocks(self) -> int:

@@ -136,8 +136,9 @@ def effect_class(name: str) -> type[Effect]:
     if name not in known:
         from difflib import get_close_matches
 
-        near = get_close_matches(name, known, n=3) or sorted(known)
-        raise ConfigError(f"there is no effect '{name}'; did you mean {', '.join(near)}?")
+        near = get_close_matches(name, known, n=3)
+        fix = f"did you mean {', '.join(near)}?" if near else "`mccd model effects` lists them"
+        raise ConfigError(f"there is no effect '{name}'; {fix}")
     return _of_a_package(name)
 
 
@@ -146,7 +147,7 @@ def _of_a_package(name: str) -> type[Effect]:
     """Return the effect that another package declares; raises ConfigError where it is not one."""
     found = load_plugin("effects", name)
     if not (isinstance(found, type) and issubclass(found, Effect)):
-        raise refusal("effects", name, "is no subclass of sim_backend.effects.base.Effect")
+        raise refusal("effects", name, "is not a subclass of sim_backend.effects.base.Effect")
     lacking = [part for part in ("name", "family", "site", "symptom") if not hasattr(found, part)]
     if lacking:
         raise refusal("effects", name, f"does not say its {lacking[0]}")

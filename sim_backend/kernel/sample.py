@@ -19,11 +19,11 @@ from typing import Any
 from llvmlite import ir
 
 from sim_backend.effects.base import Site
+from sim_backend.kernel.applied_effects import emit_effects
 from sim_backend.kernel.arguments import COPIED
 from sim_backend.kernel.code import F64, I64, Cells, Number, added, index, repeated
 from sim_backend.kernel.control import emit_commands
 from sim_backend.kernel.emission import Emission
-from sim_backend.kernel.places import emit_effects
 from sim_backend.kernel.tables import Tables
 from sim_backend.linear import TAPS
 

@@ -9,9 +9,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-from sim_backend.axis_names import with_axes
 from analysis.pages.formats import fit_percent
 from mccdcli.schema import schema_of
+from sim_backend.axis_names import with_axes
 from tests import headless
 from tests.docs.held_spring import relative_error
 from tests.reading import DOCS, follow

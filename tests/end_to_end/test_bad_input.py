@@ -121,7 +121,9 @@ def test_an_unknown_field_of_a_model_or_a_campaign_is_named(tmp_path, mccd, kind
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("kind", "said"), [("text", "no HDF5"), ("broken", "cannot open"), ("foreign", "mccd-log/1")])
+@pytest.mark.parametrize(
+    ("kind", "said"), [("text", "not an HDF5"), ("broken", "cannot open"), ("foreign", "mccd-log/1")]
+)
 def test_a_file_that_is_no_log_is_refused_and_left_alone(tmp_path, mccd, kind, said):
     path = tmp_path / "a.h5"
     if kind == "foreign":

@@ -93,4 +93,4 @@ def test_the_files_of_a_challenge(tmp_path, refused, make, name):
             (tmp_path / other).write_text('{"cases": ["0001"]}')
     make(tmp_path / name)
     code, said = refused("challenge", "score", str(tmp_path))
-    assert code in (2, 4) and ("no ordinary file" in said or "seal" in said)
+    assert code in (2, 4) and ("not an ordinary file" in said or "seal" in said)

@@ -117,7 +117,7 @@ def test_the_results_of_a_challenge_follow_no_link(folder, victim):
 
 def test_a_terminal_replaces_no_link_but_that_of_a_terminal(folder, victim):
     Path("mine").symlink_to(victim)
-    with pytest.raises(ConfigError, match="exists and is no symbolic link to a terminal"):
+    with pytest.raises(ConfigError, match="exists and is not a symbolic link to a terminal"):
         PtyPort(Path("mine"))
     assert Path("mine").readlink() == victim
     Path("left").symlink_to("/dev/pts/987654321")

@@ -184,7 +184,7 @@ def test_an_importer_reads_its_suffix_with_units_and_its_refusal_is_told(site: P
         np.testing.assert_allclose(log.read("u"), 1e-3 * np.array(values, dtype=float), rtol=1e-12)
     (tmp_path / "data.pairs").write_text("nothing of the kind\n", encoding="utf-8")
     done = run(site, tmp_path, "import", "map.toml", "-o", "b.h5")
-    assert done.returncode == 4 and "is no line 'name [unit]: values'" in done.stderr, done.stderr
+    assert done.returncode == 4 and "is not a line 'name [unit]: values'" in done.stderr, done.stderr
     assert done.stderr.count("\n") == 1
     done = mccd("import", "map.toml", "-o", "b.h5", cwd=tmp_path, command=REAL)
     assert done.returncode == 4 and "suffix '.pairs'" in done.stderr
@@ -206,7 +206,7 @@ def installed(site: Path, module: str, code: str, name: str, group: str = "effec
     [
         ("broken", "import nothing_of_this_name", "cannot be imported (ModuleNotFoundError"),
         ("leaving", "import sys; sys.exit(0)", "cannot be imported (SystemExit: 0)"),
-        ("number", "Thing = 3", "is no subclass"),
+        ("number", "Thing = 3", "is not a subclass"),
         ("other", "from sim_backend.effects.cubic_stiffness import CubicStiffness as Thing", "calls itself"),
         ("cubic-stiffness", "Thing = 3", "has the name of one of mccd's own"),
     ],
@@ -241,7 +241,7 @@ def stage(task, **changed):
 @pytest.mark.parametrize(
     ("code", "says"),
     [
-        ("Thing = 3", "is no function of a task and a design"),
+        ("Thing = 3", "is not a function of a task and a design"),
         ("def Thing(task): return ()", "fails as a function of a task and a design (TypeError"),
         ("def Thing(task, design): raise SystemExit(0)", "(SystemExit: 0)"),
         ("def Thing(task, design): return 7", "(TypeError"),

@@ -85,7 +85,8 @@ def test_the_message_names_the_number_its_value_and_the_limit(old: str, new: str
 
 def test_a_simulation_that_diverges_says_where() -> None:
     text = dump_model(bench_model(NOISE)).replace("decay_rate_1_s = 4.7", "decay_rate_1_s = -1e6", 1)
-    with pytest.raises(ConfigError, match=r"segment 'a': \w+ of the simulated bench is no finite number at sample \d+"):
+    unstable = r"segment 'a': \w+ of the simulated bench is not a finite number at sample \d+"
+    with pytest.raises(ConfigError, match=unstable):
         play(text)
 
 

@@ -149,7 +149,7 @@ def test_a_lock_is_an_ordinary_file_and_keeps_what_it_holds(folder, victim):
     with pytest.raises(ConfigError, match="is a link"):
         open_lock(folder / "lock")
     os.mkfifo(folder / "pipe")
-    with pytest.raises(ConfigError, match="no ordinary file"):
+    with pytest.raises(ConfigError, match="not an ordinary file"):
         open_lock(folder / "pipe")
     assert victim.read_text() == "precious"
     open_lock(victim).close()

@@ -124,7 +124,7 @@ def _sized(
     if not np.isfinite(limit.detection):
         raise BadDrawError("too small or too quick to be seen")
     if CLEAR[0] * limit.naming > cap:
-        raise BadDrawError("not to be told at a plausible size")
+        raise BadDrawError("not distinguishable at a plausible size")
     if limit.twins and plan.stratum != "one":
         raise BadDrawError("has a twin")
     size = min(log_uniform(rng, *CLEAR) * limit.naming, cap)

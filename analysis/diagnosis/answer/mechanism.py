@@ -240,7 +240,7 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
         else f" {over.label[0].upper()}{over.label[1:]} explains {share(part)} of the modelled one."
     )
     caption = (
-        f"The {missing.label}, in segment “{window.label}”{held}: the measured residual turned back into what would "
+        f"The {missing.label}, in segment “{window.label}”{held}: the measured residual converted into what would "
         f"make it, where it stands above the noise, and the same of the extended model.{told}"
     )
     return Drawn("mechanism", canvas.title, caption, canvas)

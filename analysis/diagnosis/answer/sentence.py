@@ -69,7 +69,8 @@ def _next(choice: Choice | None) -> str:
         return f"{choice.reason[0].upper()}{choice.reason[1:]}."
     plan = choice.experiment
     return (
-        f"The plan {plan.test} would tell {' from '.join(plan.separates)}: after {readable(plan.duration_s)} s they "
+        f"The plan {plan.test} would distinguish {' from '.join(plan.separates)}: after "
+        f"{readable(plan.duration_s)} s they "
         f"would differ by {readable(plan.expected_sigma, 2)} sigma."
     )
 
@@ -87,11 +88,11 @@ def _verdict(
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
     listed = _listed(causes)
-    sure = f" (probability {min((c.probability for c in causes), default=0.0):.1%})"
+    sure = f" (probability {100.0 * min((c.probability for c in causes), default=0.0):.1f} %)"
     if verdict == "ambiguous":
         choice = " or ".join(", ".join(group) for group in tied)
         start = f"The simulation lacks {listed}{sure}, and" if listed else "The simulation is wrong, but"
-        return f"{start} these data cannot tell which of {choice} it is{_gained(gain, 'the best of them')}."
+        return f"{start} these data do not show which of {choice} it is{_gained(gain, 'the best of them')}."
     why = "; ".join(dict.fromkeys(c.why for c in causes))
     return f"The simulation lacks {listed}{sure}: {why}{_gained(gain, 'it' if len(causes) == 1 else 'them')}."
 
@@ -104,7 +105,7 @@ def _listed(causes: Sequence[Cause]) -> str:
     parts = []
     for effect, where in places.items():
         if len(where) > _MANY:
-            parts.append(f"{effect} at {len(where)} places from {where[0]} to {where[-1]}")
+            parts.append(f"{effect} at {len(where)} locations from {where[0]} to {where[-1]}")
         else:
             parts.append(f"{effect} at {' and '.join(filter(None, (', '.join(where[:-1]), where[-1])))}")
     return (", and " if len(parts) < len(causes) else " and ").join(parts)
@@ -119,11 +120,15 @@ def _gained(gain: Gain | None, what: str) -> str:
         if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
             return f"{grows}, of which {share(gain.noise_floor)} is noise"
         size = f"{readable(gain.times, 2)} ± {readable(gain.times_std, 1)}"
-        return f"{grows}, but slow noise is part of it: allowing for that, these rows want {size} times what was added"
+        return (
+            f"{grows}, but slow noise is part of it: allowing for that, these samples fit {size} "
+            "times the added effect best"
+        )
     if gain.measurable:
         return f"; adding {what} takes the held-out error from {before} to {after} of the output"
     return (
-        f"; what adding {what} gains on the held-out rows is less than its uncertainty (error {before} of the output "
+        f"; what adding {what} gains on the held-out samples is less than its uncertainty (error "
+        f"{before} of the output "
         f"before, {after} after, of which {share(gain.noise_floor)} is noise)"
     )
 
@@ -146,7 +151,7 @@ def _little(gain: Gain | None) -> str:
             f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
         )
     if gain.rms_after > ABOVE_NOISE * gain.noise_floor:
-        return f", and of held-out rows it misses {_above_usual(gain)}"
+        return f", and on held-out samples it misses {_above_usual(gain)}"
     return ""
 
 
@@ -156,7 +161,7 @@ def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -
         return ""
     if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
         return ""
-    return f"Of held-out rows it still misses {_above_usual(gain)}."
+    return f"On held-out samples it still misses {_above_usual(gain)}."
 
 
 def _above_usual(gain: Gain) -> str:
@@ -167,13 +172,13 @@ def _above_usual(gain: Gain) -> str:
 
 
 def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> str:
-    """Return what a reader of a *consistent* verdict has to know: where the residual is no steady noise."""
+    """Return what a reader of a *consistent* verdict has to know: where the residual is not steady noise."""
     least = least_by_chance(evidence) if verdict == "consistent" else None
     if least is None or not least[0] * len(evidence) < ONE_IN_A_MILLION:
         return ""
     p, name, curve = least
     return (
-        f"no effect of the library explains more than noise may, yet the residual is no steady noise: by {name}, "
+        f"no effect of the library explains more than noise may, yet the residual is not steady noise: by {name}, "
         f"{curve.where} ({chance(p)}); its size may follow what is played or change with time"
     )
 
@@ -185,7 +190,7 @@ def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
         return ""
     p, name, curve = least
     if not p < SIGNIFICANT:
-        return "; the remarks say what is left"
+        return "; see the remarks for the residual"
     return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
 
 
@@ -217,7 +222,7 @@ def _how(diagnosis: Diagnosis) -> list[str]:
     if said:
         said.append("In blind trials on simulated benches that share of the names with evidence as strong was right.")
     if diagnosis.verdict == "ambiguous":
-        said.append("That the model is wrong is sure; which of the tied causes it is, these data do not tell.")
+        said.append("That the model is wrong is sure; these data do not show which of the tied causes it is.")
     least = least_by_chance(diagnosis.evidence)
     if diagnosis.verdict == "unknown" and least is not None:
         p, name, curve = least

@@ -288,7 +288,7 @@ def _direction(s: _Series) -> Domain:
     found = Binned(index, count, square, np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
     p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, s.noise_rows))
     way = "up" if abs(means[1]) > abs(means[0]) else "down"
-    what = f"{s.port.dof} moving {way}, mean {means[1]:+.2g} up and {means[0]:+.2g} down"
+    what = f"{s.port.dof} moving {way}: mean {means[1]:+.2g} moving up, {means[0]:+.2g} moving down"
     return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)
 
 

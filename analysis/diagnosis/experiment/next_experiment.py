@@ -89,7 +89,10 @@ def _chosen(
     comparison = replace(quick, setting=setting)
     sigma = comparison.worst(replace(offer, played=comparison.played(offer.plan) or offer.played))
     if sigma < LEAST:
-        reason = f"no plan tells {' from '.join(names)}: the best, {offer.plan.name}, would do so by {sigma:.2g} sigma"
+        reason = (
+            f"no plan distinguishes {' from '.join(names)}: the best, {offer.plan.name}, would do so "
+            f"by {sigma:.2g} sigma"
+        )
         return Choice(None, reason)
     experiment = NextExperiment(offer.plan.name, offer.plan.changes(), names, sigma, offer.duration_s)
     return Choice(experiment, _reason(offer.plan, bench, model))
@@ -97,7 +100,7 @@ def _chosen(
 
 def _reason(plan: Plan, bench: Bench, model: Model) -> str:
     if not records_motion(plan, bench, model):
-        return "no reading of the bench's own tells them apart; an instrument beside it sees the angle itself"
+        return "no reading of the bench itself distinguishes them; an instrument beside it sees the angle itself"
     return ""
 
 

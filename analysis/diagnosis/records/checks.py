@@ -82,7 +82,7 @@ def without_cut_off(
             columns = dict(zip(names, record.y[w.start : w.stop].T, strict=True))
             cut[w.start : w.stop] = cut_off(told, w.label, w.stop - w.start, columns.__getitem__)
         kept.append(replace(record, windows=_around(record.windows, cut), missing=cut) if cut.any() else record)
-    notes = [f"{fact.finding}, as a saturated sensor is; those rows are left out" for fact in told]
+    notes = [f"{fact.finding}, as a saturated sensor is; those samples are left out" for fact in told]
     if notes and not any(record.windows for record in kept):
         raise DataError(
             f"an output is cut off every few rows ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} rows is "
@@ -122,7 +122,8 @@ def check_enough(records: Sequence[Record], where: str) -> None:
     fitted = sum(int(r.fitted().sum()) for r in records)
     if fitted < MIN_ROWS:
         raise DataError(
-            f"{where}: {fitted} rows may be fitted, at least {MIN_ROWS} are needed to tell an effect from noise; "
+            f"{where}: {fitted} samples may be fitted, at least {MIN_ROWS} are needed to "
+            "distinguish an effect from noise; "
             "record more"
         )
 
@@ -152,7 +153,8 @@ def without_copies(records: Sequence[Record], names: Sequence[str]) -> tuple[tup
         plain = [replace(r, windows=tuple(replace(w, period=0) for w in r.windows)) for r in records]
     taken = "one of them is used" if once else "periods are taken as not repeating"
     return tuple(plain), [
-        f"the periods of {', '.join(copied)} are copies of each other, which tell nothing of the noise; {taken}: give "
+        f"the periods of {', '.join(copied)} are copies of each other, which say nothing about "
+        f"the noise; {taken}: give "
         "the record as it was measured, not averaged"
     ]
 

@@ -116,14 +116,14 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     if total > max_rows:
         share = max_rows / total
         if all(w.period for per_run in stretches for s in per_run for w in s.windows) and all(map(_many, stretches)):
-            notes.append(f"{total} rows were recorded; one realisation in {round(1 / share)} is used, of every kind")
+            notes.append(f"{total} samples were recorded; one realisation in {round(1 / share)} is used, of every kind")
             stretches = [_some(per_run, share) for per_run in stretches]
         else:
             segments = sum(len(s.windows) for per_run in stretches for s in per_run)
             pieces = [_thinned(per_run, share) for per_run in stretches]
             used = sum(map(len, pieces))
             where = "spread over every segment" if used == segments else f"in {used} of {segments} segments"
-            notes.append(f"{total} rows were recorded; about {max_rows} of them are used, {where}")
+            notes.append(f"{total} samples were recorded; about {max_rows} of them are used, {where}")
             stretches = [[piece for own in per_run for piece in own] for per_run in pieces]
     warm = all(match.temperature is not None for match in matches)
     records: list[Record] = []
@@ -302,7 +302,7 @@ def match_channels(run: Run, model: Model) -> Match:
     for role, used in (("input", inputs), ("output", outputs)):
         left = [n for n in run.names(role) if n not in used]
         if left:
-            consequence = "what it moves counts as an error of the model" if role == "input" else "it is not judged"
+            consequence = "its response counts as an error of the model" if role == "input" else "it is not judged"
             notes.append(f"{run.path.name}: the model has no {role} for {', '.join(left)}; {consequence}")
     if len(named) > 1:
         notes.append(f"{run.path.name}: of {', '.join(named)} the temperature used is {named[0]}")

@@ -154,4 +154,4 @@ def _words(first: _Described, last: _Described, where: str, unit: str) -> str:
     span = f"from {first.level:g} to {last.level:g} {unit if unit != '1' else ''}".rstrip()
     if not told:
         return f"{span}{where} the response changes otherwise than by frequency, damping or gain of the dominant mode"
-    return f"{span}{where} {', '.join(told)}; to look at: {'; '.join(hints)} (a table alone cannot tell which)"
+    return f"{span}{where} {', '.join(told)}; to look at: {'; '.join(hints)} (a table alone does not show which)"

@@ -76,7 +76,7 @@ def of_another_size(gain: Gain | None, *, tied: bool = False) -> str:
     if not (differs if tied else surely_misses(gain.times, gain.times_std)):
         return ""
     return (
-        "the best explanation follows the rows that it was fitted to and no others: for the held-out ones it would "
+        "the best explanation fits only the samples that it was fitted to: on the held-out ones it would "
         f"have to be {gain.times:.2g} ± {gain.times_std:.1g} times as large"
     )
 
@@ -103,7 +103,7 @@ def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) 
 def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str, played: bool = False) -> Judgement:
     """Return `judgement`, or *unknown* with the reason where held-out rows or evidence speak against it.
 
-    `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is no steady noise;
+    `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is not steady noise;
     nothing where it is, and `played` whether it follows what is played. A *consistent* model must not leave most of the
     output in what is no steady noise, nor anything that follows what is played, nor more than noise on held-out rows;
     causes that are *named* must gain something, or leave little beside noise, and lose nothing. What they leave of
@@ -111,12 +111,9 @@ def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: 
     """
     against, claimed = "", judgement.verdict in ("named", "ambiguous")
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
-        against = f"on held-out rows the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
+        against = f"on held-out samples the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
     elif claimed and loses(gain):
-        against = (
-            "the best explanation follows the rows that it was fitted to and no others: on the held-out ones it is "
-            "worse than the model without it"
-        )
+        against = "the best explanation follows the rows that xworse than the model without it"
     elif (
         claimed and not judgement.remainder and (other := of_another_size(gain, tied=judgement.verdict == "ambiguous"))
     ):
@@ -126,12 +123,12 @@ def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: 
     elif gain is None:
         return judgement
     elif judgement.verdict == "consistent" and unsteady and leaves_most(gain):
-        against = "the model leaves most of the held-out output, and what it leaves is no steady noise"
+        against = "the model leaves most of the held-out output, and its residual is not steady noise"
     elif judgement.verdict == "consistent" and unsteady and played:
         against = unsteady
     elif judgement.verdict == "named" and not gain.measurable and gain.rms_after > _ABOVE * gain.noise_floor:
         against = (
-            "the best explanation follows the rows that it was fitted to and no others: it gains nothing on the "
+            "the best explanation fits only the samples that it was fitted to: it gains nothing on the "
             "held-out ones, and leaves more than noise of them"
         )
     if against:
@@ -147,7 +144,7 @@ def _on_held_out(gain: Gain | None) -> Remainder | None:
         return None
     noise = gain.noise_floor**2
     share = (gain.rms_after**2 - noise) / max(gain.rms_before**2 - noise, np.finfo(float).tiny)
-    return Remainder(float(np.clip(share, 0.0, 1.0)), SELDOM, "the held-out rows")
+    return Remainder(float(np.clip(share, 0.0, 1.0)), SELDOM, "the held-out samples")
 
 
 def beside_doubts(judgement: Judgement, doubts: Sequence[str]) -> Judgement:

@@ -138,12 +138,14 @@ def failed_check(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -
 def refuted(found: Found) -> str:
     """Return why the effects of the best model cannot be the cause, whatever they leave; nothing where they can.
 
-    A force that is no listed cause explains as much, the nominal numbers would have to be farther off than they are
+    A force that is not a listed cause explains as much, the nominal numbers would have to be farther off than they are
     said to be, or an effect has a shape at which it stands for something else.
     """
     equal = [where for where, lead in found.unlisted_leads if lead < SURE_LEAD]
     if equal:
-        return f"a torque of command, position and rate at {equal[0]} that is no listed cause explains the data as well"
+        return (
+            f"a torque of command, position and rate at {equal[0]} that is not a listed cause explains the data as well"
+        )
     count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
     # what the form of an effect gets wrong, nuisances that the data do not hold make up for
     if count and chi2_tail(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:
@@ -268,7 +270,7 @@ def _odds(found: Found, allowed: float, random: float) -> str:
         if chance >= SURE:
             return (
                 f"{candidate.effect.reported()} at {candidate.where} stands out of the noise, but none of its sizes is "
-                f"{SEEN:g} standard deviations from nothing; longer or stronger runs would tell"
+                f"{SEEN:g} standard deviations from nothing; longer or stronger runs would show it"
             )
         if chance > 1.0 - SURE:
             return (

@@ -35,7 +35,7 @@ def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progre
     leads, places = [], _doubtful(found)
     own = _own_score(found) if places else 0.0
     for place in places:
-        progress(f"fitting a force that is no listed cause at {place}", _AT)
+        progress(f"fitting a force that is not a listed cause at {place}", _AT)
         alternative = _alternative(found, place, scales, own)
         lead = np.inf if alternative is None else _lead(found, *alternative, own)
         if lead < (0.0 if _stands_alone(found, place) else SURE_LEAD):

@@ -29,7 +29,7 @@ class EndstopsTrial(PlayedTrial):
         """Return what every played trial does; raises ConfigError too for a bench without sensor heads."""
         if setup.nominal.hardware is None:
             raise ConfigError(
-                f"model '{setup.nominal.name}' has no hardware, so no sensor whose noise could be told in metres; "
+                f"model '{setup.nominal.name}' has no hardware, so no sensor whose noise is known in metres; "
                 "study one that has, such as as-built"
             )
         return super().decides(setup)

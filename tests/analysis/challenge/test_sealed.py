@@ -1,7 +1,7 @@
 """A diagnosis opens nothing of a challenge but its own case and its own result.
 
 An audit hook in the process of the diagnosis, and in whatever that starts, writes down what Python opens or lists below
-the challenge's folder. Logs are opened by the HDF5 library, which tells no hook; the truth is no HDF5 file.
+the challenge's folder. Logs are opened by the HDF5 library, which tells no hook; the truth is not an HDF5 file.
 """
 
 from __future__ import annotations

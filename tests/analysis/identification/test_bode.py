@@ -43,7 +43,7 @@ def test_dots_lie_on_the_line_where_the_model_is_right(log, tmp_path):
     with pytest.raises(ConfigError, match="not overwritten"):
         require_picture(tmp_path / "bode.png", force=False)
     require_picture(tmp_path / "bode.png", force=True)
-    with pytest.raises(ConfigError, match="no picture"):
+    with pytest.raises(ConfigError, match="not a picture format"):
         require_picture(tmp_path / "bode.txt")
     assert (tmp_path / "bode.png").read_bytes().startswith(b"\x89PNG")
     size, phase = bode(found.model, [curve]).axes

@@ -152,5 +152,5 @@ def test_what_is_no_response_is_refused_in_one_line(tmp_path):
         assert "\n" not in str(found.value)
     with pytest.raises(ConfigError, match=r"\.s2p"):
         save_response(curves(2), tmp_path / "new.s3p")
-    with pytest.raises(ConfigError, match="no form"):
+    with pytest.raises(ConfigError, match="not a (known format|format)"):
         save_response(curves(1), tmp_path / "new.txt")

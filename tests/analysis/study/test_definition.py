@@ -41,7 +41,7 @@ def test_more_draws_only_add_trials_behind_those_there_are() -> None:
         (HEAD + "seed = -1", "`seed` is -1"),
         (varying('place = "settings.x"'), "nothing: give one of"),
         (varying('place = "settings.x"', "sweep = [1]", "uniform = { low = 0.0, high = 1.0 }"), "give one of"),
-        (varying('place = "modes"', "sweep = [1]"), "is no place"),
+        (varying('place = "modes"', "sweep = [1]"), "is not a place"),
         (varying('place = "settings.x"', "sweep = []"), "sweeps over nothing"),
         (varying('place = "model"', "normal = { std = 1.0 }"), "can only be swept"),
         (varying('place = "model.modes[*].frequency_hz"', 'sweep = ["a"]'), "can only take numbers"),

@@ -65,7 +65,7 @@ def test_only_the_number_is_replaced(content: dict[str, Any]) -> None:
         ("modes[theta_y suspension].frequency", "did you mean 'frequency_hz'"),
         ("modes.frequency_hz", "choose an entry in brackets"),
         ("hardware", "go on to one below it"),
-        ("title", "that is no number"),
+        ("title", "that is not a number"),
         ("modes[[x]].frequency_hz", "cannot be read"),
         ("effects[coulomb-friction@theta_x].parameters.torque", "no entry of 'effects'"),
     ],

@@ -57,4 +57,4 @@ def test_a_sweep_tells_no_sample_from_the_next():
     rng = np.random.default_rng(84)
     u, _ = drawn.excitation(rng, "chirp", 5000)
     (fact,) = told(u, drawn.played(drawn.drawn_bench(rng, linear=True, delay=3), u, rng)[1])
-    assert "not told" in fact.finding and not fact.remark
+    assert "not known" in fact.finding and not fact.remark

@@ -29,7 +29,7 @@ def refuse(tmp_path, run_map, text: str, kind: type[MccdError]) -> str:
     [
         ('"mN m"', '"Nmm"', ConfigError, ["[channels.torque]", "unknown unit 'Nmm'", "did you mean"]),
         ('"tx"', '"hole"', DataError, ["no variable 'hole'", "did you mean 'holes'"]),
-        ("a.npz", "b.npz", DataError, ["b.npz is no file"]),
+        ("a.npz", "b.npz", DataError, ["b.npz is not a file"]),
         ("a.npz", "a.xyz", DataError, ["suffix '.xyz'", ".npz"]),
         ("test =", "tset =", ConfigError, ["unknown field 'tset' in [log]", "did you mean 'test'"]),
         ("dof =", "doff =", ConfigError, ["unknown field 'doff'", "did you mean 'dof'"]),
@@ -189,7 +189,7 @@ def test_links_out_of_an_hdf5_source_are_not_followed(tmp_path, run_map, plain):
 
 def test_a_source_that_is_no_regular_file_is_not_opened(tmp_path, run_map, plain):
     os.mkfifo(tmp_path / "a.csv")
-    assert "is no file" in refuse(tmp_path, run_map, plain("a.csv"), DataError)
+    assert "is not a file" in refuse(tmp_path, run_map, plain("a.csv"), DataError)
 
 
 @pytest.mark.parametrize(

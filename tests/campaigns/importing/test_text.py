@@ -90,7 +90,7 @@ def test_the_same_table_is_read_however_it_is_written(tmp_path, how):
         ("ERR,1\n2,3.5\n4,5.5\n", "stands where names do and holds the number 1"),
         ('t,u,note\n0,1,"ok\n1,2,ok"\n2,3,x\n3,3,x\n', "line 2 has a quote that does not end"),
         ("1.5,2,\n" * 500 + "5.5,6,7\n", "line 501 has 3 cells, the others have 3"),
-        (f'u,y\n1.5,"{"x" * 200_000}"\n', "is no row of cells"),
+        (f'u,y\n1.5,"{"x" * 200_000}"\n', "is not a row of cells"),
     ],
 )
 def test_what_cannot_be_read_for_certain_is_refused_with_its_place(tmp_path, text, said):

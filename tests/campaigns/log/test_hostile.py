@@ -135,8 +135,8 @@ HOSTILE = {
     "external-link": (link(h5py.ExternalLink("secret.h5", "/data")), "external"),
     "soft-link": (link(h5py.SoftLink("/channels/torque_x")), "soft"),
     "soft-link-to-itself": (link(h5py.SoftLink("/channels/angle_x")), "soft"),
-    "cycle": (cycle, "no one-dimensional"),
-    "group": (lambda group: group.create_group("angle_x"), "no one-dimensional"),
+    "cycle": (cycle, "not a one-dimensional"),
+    "group": (lambda group: group.create_group("angle_x"), "not a one-dimensional"),
     "named-type": (link(np.dtype("f8")), "neither group nor dataset"),
 }
 

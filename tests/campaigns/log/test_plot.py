@@ -36,7 +36,7 @@ def test_the_picture_names_channels_units_and_segments(log, tmp_path):
     with read_run(log) as run:
         axes = picture(run).axes
         save_picture(run, tmp_path / "a.svg")
-        for target, said in ((tmp_path / "a.svg", "not overwritten"), (tmp_path / "a.doc", "no picture")):
+        for target, said in ((tmp_path / "a.svg", "not overwritten"), (tmp_path / "a.doc", "not a picture format")):
             with pytest.raises(ConfigError, match=said):
                 save_picture(run, target)
     assert [ax.get_ylabel() for ax in axes] == ["a\n(V)", "b\n(rad)"] and axes[-1].get_xlabel() == "time (s)"

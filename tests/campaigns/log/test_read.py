@@ -108,15 +108,15 @@ ATTRIBUTES = [
     ("schema", None, "schema ''"),
     ("run_uid", None, "is missing"),
     ("run_uid", "", "cannot be a name"),
-    ("test", np.arange(3), "no single text"),
-    ("test", 5.0, "is no text"),
+    ("test", np.arange(3), "not a single text"),
+    ("test", 5.0, "is not text"),
     ("test", np.bytes_(b"\xff\xfe"), "not UTF-8"),
     ("status", "splendid", "'splendid' is unknown"),
     ("started_utc", "2026-03-01", "zone"),
-    ("bench", "[1]", "no JSON object"),
-    ("bench", "[" * 100_000, "no JSON object"),
+    ("bench", "[1]", "not a JSON object"),
+    ("bench", "[" * 100_000, "not a JSON object"),
     ("bench", '{"stiffness": 11.16}', "no parameters"),
-    ("seed", "seven", "no single number"),
+    ("seed", "seven", "not a single number"),
     ("seed", np.float64("nan"), "damaged"),
 ]
 
@@ -138,7 +138,7 @@ CHANNEL_ATTRIBUTES = [
     ("role", "sideways", "sideways"),
     ("sample_rate_hz", 0.0, "0.0 Hz"),
     ("sample_rate_hz", None, "no sample_rate_hz"),
-    ("sample_rate_hz", np.arange(2.0), "no single text or number"),
+    ("sample_rate_hz", np.arange(2.0), "not a single text or number"),
     ("t0_s", np.inf, "inf s"),
 ]
 
@@ -160,7 +160,7 @@ TABLES = [
     ([(b"one", -7, 3, b"{}")], "from row -7"),
     ([(b"one", 0, 4, b"{}"), (b"two", 3, 5, b"{}")], "overlapping"),
     ([(b"one", 0, 4, b"{}"), (b"one", 4, 5, b"{}")], "used twice"),
-    ([(b"one", 0, 4, b"{")], "no JSON object"),
+    ([(b"one", 0, 4, b"{")], "not a JSON object"),
     ([(b"\xff", 0, 4, b"{}")], "damaged"),
 ]
 
@@ -180,15 +180,15 @@ def test_a_damaged_table_of_segments_is_one_clear_line(plain_log, seal, rows, sa
     [
         ("committed_rows", np.int64(11), "fewer than the 11 committed"),
         ("committed_rows", np.int64(-1), "less than 0"),
-        ("committed_rows", np.arange(2), "no single integer"),
+        ("committed_rows", np.arange(2), "not a single integer"),
         ("committed_rows", None, "'/committed_rows' is missing"),
-        ("segments", np.arange(3), "no table"),
+        ("segments", np.arange(3), "not a table"),
         ("segments", None, "'/segments' is missing"),
-        ("channels/x", np.zeros((10, 1)), "no one-dimensional"),
-        ("channels/x", np.array([b"a"] * 10), "no one-dimensional"),
+        ("channels/x", np.zeros((10, 1)), "not a one-dimensional"),
+        ("channels/x", np.array([b"a"] * 10), "not a one-dimensional"),
         ("channels/x", None, "no channels"),
         ("channels", None, "'/channels' is missing"),
-        ("channels", np.arange(3), "is no group"),
+        ("channels", np.arange(3), "is not a group"),
     ],
 )
 def test_a_damaged_structure_is_one_clear_line(plain_log, seal, item, data, said):
@@ -210,7 +210,7 @@ def test_foreign_bytes_are_refused(tmp_path, content):
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     for path in (tmp_path / "absent.h5", tmp_path):
-        with pytest.raises(DataError, match="no file"):
+        with pytest.raises(DataError, match="not a file"):
             read_run(path)
 
 

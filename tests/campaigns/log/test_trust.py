@@ -199,14 +199,14 @@ def test_a_sidecar_that_is_no_file_is_refused_at_once(small_log, capsys, make, c
     make(sidecar_of(path))
     started_s = time.monotonic()
     assert main(["log", command, str(path)]) in (1, 4)
-    assert "is no checksum" in "".join(capsys.readouterr())
+    assert "is not a checksum" in "".join(capsys.readouterr())
     assert time.monotonic() - started_s < 10.0
 
 
 @pytest.mark.parametrize("make", [pipe, endless, folder])
 def test_a_log_that_is_no_file_is_refused_at_once(tmp_path, make):
     make(tmp_path / "a.h5")
-    with pytest.raises(DataError, match="no file"):
+    with pytest.raises(DataError, match="not a file"):
         read_run(tmp_path / "a.h5")
     with pytest.raises(DataError, match=r"a\.h5"):
         verify(tmp_path / "a.h5")

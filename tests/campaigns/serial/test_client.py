@@ -130,7 +130,7 @@ def test_a_line_on_which_nobody_answers() -> None:
 
 @pytest.mark.parametrize("address", ["serial:", "serial:/dev/x@fast", "tcp:5025", "tcp:host:0", "tcp:host:99999"])
 def test_addresses_that_are_none(address: str) -> None:
-    with pytest.raises(ConfigError, match="is no (serial|TCP) bench"):
+    with pytest.raises(ConfigError, match="is not a (serial|TCP) bench"):
         open_bench(address, 0)
 
 

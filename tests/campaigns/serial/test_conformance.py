@@ -81,7 +81,7 @@ def test_a_firmware_without_watchdog_is_found_out() -> None:
             super().tick(now_s)
 
     found = failed(Careless(SimBench(bench_model(), 1), itertools.count(1)))
-    assert found == {"watchdog", "watchdog and strangers"}
+    assert found == {"watchdog", "watchdog and other clients"}
 
 
 def test_a_firmware_that_anybody_keeps_awake_is_found_out() -> None:
@@ -90,7 +90,7 @@ def test_a_firmware_that_anybody_keeps_awake_is_found_out() -> None:
             self.hear(now_s)
             return super().handle(line, holder, now_s)
 
-    assert failed(Obliging(SimBench(bench_model(), 1), itertools.count(1))) == {"watchdog and strangers"}
+    assert failed(Obliging(SimBench(bench_model(), 1), itertools.count(1))) == {"watchdog and other clients"}
 
 
 BENT: dict[str, tuple[Callable[[str, Answer], Answer], set[str]]] = {

@@ -54,7 +54,7 @@ def test_a_greeting_in_pieces_of_any_size(said: bytes) -> None:
     ],
 )
 def test_what_is_no_greeting(said: bytes) -> None:
-    with pytest.raises(NoGreeting, match="is no greeting"):
+    with pytest.raises(NoGreeting, match="is not a greeting"):
         guard().greet(said)
 
 

@@ -36,7 +36,7 @@ def test_what_is_there_stays(tmp_path: Path, thing: str) -> None:
     done = subprocess.run(
         [*running.MCCD, "bench", "serve", "--link", str(path)], capture_output=True, text=True, timeout=60
     )
-    assert done.returncode == 2 and "exists and is no symbolic link to a terminal" in done.stderr
+    assert done.returncode == 2 and "exists and is not a symbolic link to a terminal" in done.stderr
     assert found(path) == before and list(tmp_path.iterdir()) == [path]
 
 

@@ -216,7 +216,7 @@ def test_what_does_not_greet_is_hung_up_and_nothing_of_it_carried_out(serve: Ser
             assert line.heard() is None
         assert served.state == "done"  # an ABORt would have made it idle
         told = [entry for entry in served.journal if entry.startswith("refused")]
-        assert len(told) == 1 and "is no greeting" in told[0] and "nothing of it was carried out" in told[0]
+        assert len(told) == 1 and "is not a greeting" in told[0] and "nothing of it was carried out" in told[0]
         bench.play(noise_segment("b", 10))
 
 

@@ -182,7 +182,7 @@ def test_diagnoses_show_verdict_cause_parameters_and_gain(tmp_path: Path, capsys
         (("other.json", "old"), 2, "other.json"),
         (("cut.json", "a.toml"), 2, "in double quotes: line 1 column 28 (char 27); mend that place"),
         (("cut/diagnosis.json", "old"), 4, "cut/diagnosis.json: not valid JSON"),
-        (("old", "old"), 4, "is no diagnosis of the form mccd-diagnosis/1"),
+        (("old", "old"), 4, "is not a diagnosis of the form mccd-diagnosis/1"),
         (("short", "short"), 4, "short/diagnosis.json: Object missing required field"),
         (("foreign.h5", "foreign.h5"), 4, "foreign.h5"),
     ],
@@ -224,7 +224,7 @@ def test_a_page_takes_the_place_of_no_other_file(
     diagnosis(tmp_path / "old", "named")
     before = Path(out).read_bytes()
     assert main(["compare", "a.toml", "b.toml", "--out", out]) == 2
-    assert f"{out} exists and is no page of `mccd compare`; give another name" in capsys.readouterr().err
+    assert f"{out} exists and is not a page of `mccd compare`; give another name" in capsys.readouterr().err
     assert Path(out).read_bytes() == before and Path("link.toml").is_symlink()
 
 

@@ -210,3 +210,26 @@ def test_a_variable_sets_what_a_command_does(here, monkeypatch, capsys):
     monkeypatch.setenv("MCCD_SIMULATE_SET", "nothing=1")
     assert main(["simulate", "--plan", "freerun", "--dry-run"]) == 2
     assert "nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "given"),
+    [
+        ("chop", "form", "-3:+8.5"),
+        ("diagnose", "nominal-tolerance", "2%"),
+        ("design", "tolerance", "0.25%"),
+        ("log list", "since", "2026-03-01T12:00:00+01:00"),
+    ],
+)
+def test_a_value_is_shown_as_one_types_it(command, option, given, tmp_path, capsys):
+    assert main(["config", "show", *command.split(), f"--{option}", given]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith(f"--{option} "))
+    assert line.split()[1] == given
+
+
+def test_a_share_is_typed_in_percent_or_bare_as_before(capsys):
+    def value(command: str, option: str, text: str) -> object:
+        return shown(capsys, command, f"--{option}", text)[command][option]["value"]
+
+    assert value("diagnose", "nominal-tolerance", "3%") == value("diagnose", "nominal-tolerance", "0.03") == 0.03
+    assert value("design", "tolerance", "0.1%") == value("design", "tolerance", "0.1") == 0.001

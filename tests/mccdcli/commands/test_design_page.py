@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from mccdcli.main import main
 from tests import headless
 from tests.designed import designed
 
@@ -27,3 +28,9 @@ def test_it_asks_for_nothing_fits_a_telephone_and_is_readable() -> None:
         expected = found["axes"]["theta_x"]["stability_3sigma_rad"]["identified"]
         assert any(cell.startswith(f"{1e6 * expected:.3f}") for cell in cells)
         assert tab.run("document.querySelectorAll('table')[1].tBodies[0].rows.length") == len(found["stages"])
+
+
+def test_a_move_beyond_the_end_stops_is_refused_before_anything_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["design", "--model", "design", "--reach", "30"]) == 2
+    assert "end stops" in capsys.readouterr().err and list(tmp_path.iterdir()) == []

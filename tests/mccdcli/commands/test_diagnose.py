@@ -139,7 +139,7 @@ def test_a_junit_file_takes_the_place_of_nothing_else(mccd, tmp_path, one_axis, 
     assert done.returncode == 2 and done.stdout == "", done.stderr
     if taken == "folder":  # the option itself says so
         return
-    assert_refused(done, 2, str(where), "exists and is no JUnit file", "give another name")
+    assert_refused(done, 2, str(where), "exists and is not a JUnit file", "give another name")
     assert where.read_bytes() == before and not (tmp_path / "out").exists()
 
 

@@ -53,7 +53,7 @@ BAD = {
     "one row": (table(f=F[:1]), "has 1 lines of a response above 0 Hz"),
     "degrees called rad": (table(head="phase (rad)"), "name the column 'phase (deg)'"),
     "rad called degrees": (table(phase=np.angle(response())), "name the column 'phase (rad)'"),
-    "no number": (table(h=np.full(F.size, np.nan)), "which is no finite number"),
+    "no number": (table(h=np.full(F.size, np.nan)), "which is not a finite number"),
     "no phase": ("frequency (Hz),magnitude\n1,2\n2,3\n", "needs columns of magnitude and phase"),
 }
 

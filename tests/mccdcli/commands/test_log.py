@@ -133,4 +133,4 @@ def test_a_file_that_is_no_log_is_a_data_error(tmp_path: Path, capsys: pytest.Ca
 def test_a_pipe_is_not_waited_for(command: str, tmp_path: Path, mccd) -> None:
     os.mkfifo(tmp_path / "run.h5")
     done = mccd("log", command, str(tmp_path / "run.h5"))
-    assert done.returncode == 4 and ("no ordinary file" in done.stderr or "is no file" in done.stderr)
+    assert done.returncode == 4 and ("no ordinary file" in done.stderr or "is not a file" in done.stderr)

@@ -94,7 +94,10 @@ def test_tustin_equals_scipy():
         (lambda: filter_from_zpk([], [0.5], np.inf, RATE_HZ), "finite"),
         (lambda: tustin_zpk([-1.0, -2.0], [-1.0], 1.0, RATE_HZ), "low pass"),
         (lambda: DiscreteFilter(np.zeros((1, 2, 2)), np.zeros((1, 2)), np.zeros((2, 2)), 0.0, 1.0), "shape"),
-        (lambda: DiscreteFilter(np.zeros((1, 2, 2)), np.zeros((1, 2)), np.zeros((1, 2)), 0.0, 1.0, 0), "no integrator"),
+        (
+            lambda: DiscreteFilter(np.zeros((1, 2, 2)), np.zeros((1, 2)), np.zeros((1, 2)), 0.0, 1.0, 0),
+            "not an integrator",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(call, word):

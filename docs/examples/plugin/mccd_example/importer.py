@@ -17,6 +17,6 @@ def read_pairs(path: Path) -> dict[str, tuple[NDArray[np.float64], str]]:
     for line in path.read_text(encoding="utf-8").splitlines():
         found = LINE.fullmatch(line.strip())
         if found is None:
-            raise ValueError(f"'{line[:60]}' is no line 'name [unit]: values'")
+            raise ValueError(f"'{line[:60]}' is not a line 'name [unit]: values'")
         arrays[found["name"]] = (np.array(found["values"].split(), dtype=float), found["unit"] or "1")
     return arrays

@@ -64,7 +64,7 @@ def test_a_consistent_verdict_tells_what_it_misses_of_held_out_rows_beside_the_u
 def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
     causes = (cause("coulomb-friction", "the residual switches sign"), cause("sensor-gain", "the residual is", 0.99))
     text = sentence("named", causes, (), GAIN, {})
-    assert f"coulomb-friction at x and sensor-gain at x (probability {calibrated(0.99):.1%})" in text
+    assert f"coulomb-friction at x and sensor-gain at x (probability {100.0 * calibrated(0.99):.1f} %)" in text
     assert "the residual switches sign; the residual is" in text
     assert "adding them takes the held-out error from 25.0 % to 1.25 %" in text
 
@@ -75,12 +75,13 @@ def test_a_kind_of_cause_at_several_places_is_told_once() -> None:
 
     three = sentence("named", at("hysteresis", "piezo_1", "piezo_2", "piezo_3"), (), GAIN, {})
     assert three.startswith(
-        f"The simulation lacks hysteresis at piezo_1, piezo_2 and piezo_3 (probability {calibrated(0.999):.1%}):"
+        f"The simulation lacks hysteresis at piezo_1, piezo_2 and "
+        f"piezo_3 (probability {100.0 * calibrated(0.999):.1f} %):"
     )
     two = sentence("named", [*at("hysteresis", "x", "y"), *at("sensor-gain", "x")], (), GAIN, {})
     assert two.startswith("The simulation lacks hysteresis at x and y, and sensor-gain at x (probability")
     many = sentence("named", at("extra-resonance", *(f"axis_{i}" for i in range(7))), (), GAIN, {})
-    assert many.startswith("The simulation lacks extra-resonance at 7 places from axis_0 to axis_6 (probability")
+    assert many.startswith("The simulation lacks extra-resonance at 7 locations from axis_0 to axis_6 (probability")
 
 
 def test_what_is_left_beside_a_name_is_told() -> None:
@@ -102,8 +103,8 @@ def test_an_error_that_grows_on_held_out_rows_is_told_with_the_reason_why_the_na
     slow = Gain(("run#a",), 0.0256, 0.0278, 0.00278, -0.083, (-0.105, -0.062), times=0.91, times_std=0.22)
     text = sentence("named", (cause("delay", "the residual leads"),), (), slow, {})
     assert "with it the held-out error grows from 2.56 % to 2.78 % of the output, but slow noise is part of it" in text
-    assert "these rows want 0.91 ± 0.2 times what was added" in text
-    assert "Of held-out rows it still misses 2.78 % where 0.278 % is usual" in text
+    assert "these samples fit 0.91 ± 0.2 times the added effect best" in text
+    assert "On held-out samples it still misses 2.78 % where 0.278 % is usual" in text
     near = replace(slow, noise_floor=0.0256)
     text = sentence("named", (cause("delay", "the residual leads"),), (), near, {})
     assert "grows from 2.56 % to 2.78 % of the output, of which 2.56 % is noise." in text
@@ -113,7 +114,7 @@ def test_an_error_that_grows_on_held_out_rows_is_told_with_the_reason_why_the_na
 def test_what_named_causes_leave_beside_the_usual_noise_is_told_once() -> None:
     causes = (cause("delay", "the residual leads"),)
     assert "it still misses 1.25 % where 1.00 % is usual" in sentence("named", causes, (), GAIN, {})
-    rest = Remainder(0.06, 1e-9, "the held-out rows")
+    rest = Remainder(0.06, 1e-9, "the held-out samples")
     assert "still misses" not in sentence("named", causes, (), GAIN, {}, remainder=rest)
     assert "still misses" not in sentence("named", causes, (), replace(GAIN, rms_after=GAIN.noise_floor), {})
 
@@ -129,4 +130,4 @@ def test_an_error_as_large_as_its_noise_is_not_said_to_be_wrong_and_noise_at_onc
 def test_ambiguous_tells_the_tie_what_is_sure_beside_it_and_the_gain(sure: tuple[Cause, ...]) -> None:
     text = sentence("ambiguous", sure, (("cubic-stiffness", "backlash"),), GAIN, {})
     assert "which of cubic-stiffness, backlash it is" in text and "from 25.0 % to 1.25 %" in text
-    assert (f"lacks delay at x (probability {calibrated(0.998):.1%})" in text) == bool(sure)
+    assert (f"lacks delay at x (probability {100.0 * calibrated(0.998):.1f} %)" in text) == bool(sure)

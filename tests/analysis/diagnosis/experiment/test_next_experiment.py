@@ -59,7 +59,9 @@ def test_the_proposal_separates_what_the_old_record_could_not(tied):
     segments = list(make_plan(plan.test, plan.settings).segments(bench))
     assert max(np.max(np.abs(s.feedforward)) for s in segments) <= 1.1 * 0.02
     assert plan.duration_s == pytest.approx(sum(s.n_samples for s in segments) / 1000.0)
-    assert f"The plan {plan.test} would tell {CUBIC} from {CONSTANT}" in sentence("unknown", (), (), None, {}, choice)
+    assert f"The plan {plan.test} would distinguish {CUBIC} from {CONSTANT}" in sentence(
+        "unknown", (), (), None, {}, choice
+    )
 
 
 def test_what_is_done_is_not_proposed_again(tied):
@@ -78,8 +80,8 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     assert choice.experiment is None
     sigma = re.search(r"by (\S+) sigma", choice.reason)
     assert sigma is not None and float(sigma[1]) < LEAST
-    assert f"no plan tells {CUBIC} from {CONSTANT}" in choice.reason
-    assert "No plan tells" in sentence("unknown", (), (), None, {}, choice)
+    assert f"no plan distinguishes {CUBIC} from {CONSTANT}" in choice.reason
+    assert "No plan distinguishes" in sentence("unknown", (), (), None, {}, choice)
 
 
 def consistent_with(tied: Tied, gain: float) -> Tied:

@@ -182,7 +182,7 @@ def test_a_number_that_is_not_finite_is_refused_with_its_row(write_log, motion, 
 def test_too_few_rows_are_refused(write_log, motion, oscillator):
     few = {k: v[: MIN_ROWS + 10] for k, v in motion.items()}
     segments: list[Segment] = [("a", 0, MIN_ROWS - 1, {}), ("held-out", MIN_ROWS - 1, MIN_ROWS + 10, {})]
-    with pytest.raises(DataError, match=f"{MIN_ROWS - 1} rows may be fitted, at least {MIN_ROWS}"):
+    with pytest.raises(DataError, match=f"{MIN_ROWS - 1} samples may be fitted, at least {MIN_ROWS}"):
         load_runs([write_log(few, segments)], oscillator)
 
 
@@ -242,7 +242,7 @@ def test_long_runs_are_thinned_within_bounds_and_keep_whole_periods(write_log, m
     for record in loaded.data.records:
         (w,) = record.windows
         assert not w.period or (w.stop - w.start) % w.period == 0
-    assert "4000 rows were recorded" in loaded.notes[0]
+    assert "4000 samples were recorded" in loaded.notes[0]
 
 
 def test_of_many_short_segments_some_are_used_with_two_periods_each(write_log, motion, oscillator):

@@ -11,7 +11,7 @@ from analysis.diagnosis.result import Domain, Gain, Remainder
 from analysis.diagnosis.verdict.held_out import follows_play, leaves_most, loses, validated
 from analysis.diagnosis.verdict.judging import Judgement
 
-UNSTEADY = "the residual is no steady noise"
+UNSTEADY = "the residual is not steady noise"
 CONSISTENT = Judgement("consistent", (), (), 1.0, 1.0, ())
 NAMED = Judgement("named", (0,), (), 0.999, 1.0, ())
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from analysis.design.iron import iron_of
+from analysis.design.magnetic_hysteresis import iron_of
 from analysis.measurements.loop_fit import LoopFit, magnetisation
 from analysis.recorded.loop_fit import HELD
 from sim_backend.along import torque_along

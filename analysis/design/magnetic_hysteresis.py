@@ -1,4 +1,4 @@
-"""The iron of the actuators as effects of a model, from recorded hysteresis loops."""
+"""Magnetic hysteresis of the actuators as effects of a model, from recorded hysteresis loops."""
 
 from __future__ import annotations
 

@@ -1,0 +1,57 @@
+"""What the sources say to people: messages, help texts, captions and templates, without code and docstrings."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PRODUCT = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
+
+
+def strings(source: str, *, help_texts: bool = False) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each string of two words or more; docstrings of functions only as `help_texts`."""
+    tree = ast.parse(source)
+    silent: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr):
+            is_help = help_texts and any(
+                isinstance(f, ast.FunctionDef) and f.decorator_list and f.body and f.body[0] is node
+                for f in ast.walk(tree)
+            )
+            if not is_help:
+                silent.add(id(node.value))
+        if isinstance(node, ast.JoinedStr):
+            silent.update(id(part) for part in node.values)
+    for node in ast.walk(tree):
+        if id(node) in silent:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            text = node.value
+        else:
+            continue
+        if re.search(r"\w\S* +\S*\w", text):
+            yield node.lineno, text
+
+
+def template_text(source: str) -> str:
+    """Return what a template shows: without tags, scripts, styles and instructions."""
+    bare = re.sub(r"<(script|style)\b.*?</\1>|\{#.*?#\}", " ", source, flags=re.DOTALL)
+    return re.sub(r"\{%.*?%\}|\{\{.*?\}\}|<[^>]*>", lambda m: "\n" * m[0].count("\n") or " ", bare, flags=re.DOTALL)
+
+
+def said() -> Iterator[tuple[str, str]]:
+    """Yield "file:line" and the text of all that the product says."""
+    for folder in PRODUCT:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            name = str(path.relative_to(ROOT))
+            for line, text in strings(path.read_text(encoding="utf-8"), help_texts=folder == "mccdcli"):
+                yield f"{name}:{line}", text
+        for path in sorted((ROOT / folder).rglob("*.j2")):
+            name = str(path.relative_to(ROOT))
+            for line, text in enumerate(template_text(path.read_text(encoding="utf-8")).splitlines(), 1):
+                yield f"{name}:{line}", text

@@ -1,0 +1,57 @@
+"""Messages, help texts and templates use the field's terms: no private words, nothing that has to be read twice."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from tests.packaging.spoken import said, strings, template_text
+
+BANNED = {
+    r"\bis no (?!\w+ (?:to|of what)\b)": "is not a",
+    r"\b(?:general way|stranger|stand-in|testimony|leeway|freshness)": "basis function; unlisted alternative; …",
+    r"\b(?:imitat|objection|doubted|barely|knob|re-tuned)": "resembles; failed check; adjusted",
+    r"\b(?:what is left|left ?over|brought into line|lined up|shaking)\b": "residual; noise re-estimated; disturbance",
+    r"\bpass(?:es|ed|ing)? for\b|\btakes? for its own\b": "is absorbed by; is taken as",
+    r"\btold\b|\btells? \w+ from\b|\btells? [^.]* apart\b": "distinguished from; known; shown",
+    r"\bhangs? on\b": "depends on",
+    r"\biron\b": "magnetic hysteresis",
+    r"\b(?:house|witness|gross|main cause)\b": "package; reference sensor; large-discrepancy fit",
+    r"\bcomes? to nothing\b|\bother than designed\b|\bunlike\b": "fails; differs from the design",
+    r"\bheld-out rows\b": "held-out samples",
+}
+"""What is not written (a pattern), and what is written instead."""
+
+ALLOWED = {
+    "there is no ": "plain English for what does not exist",
+    "suspension without iron": "what the suspension is made of, in a bundled model",
+    "iron of the actuators": "the source of a number in model files that exist",
+}
+"""Texts that hold a pattern and are right."""
+
+
+def offences(text: str) -> list[str]:
+    for phrase in ALLOWED:
+        text = text.replace(phrase, "")
+    return [f"'{m[0]}' ({instead})" for pattern, instead in BANNED.items() for m in re.finditer(pattern, text)]
+
+
+def test_what_the_product_says_holds_no_private_words() -> None:
+    texts = list(said())
+    assert len(texts) > 2000
+    assert [f"{where}: {found}" for where, text in texts for found in offences(text)] == []
+
+
+@pytest.mark.parametrize("phrase", sorted(ALLOWED))
+def test_every_exception_is_needed(phrase: str) -> None:
+    assert any(phrase in text for _, text in said())
+
+
+def test_strings_are_read_without_docstrings_and_code() -> None:
+    source = (
+        '"""A file is no file."""\n\n\ndef f(a):\n    """It is no file."""\n    raise ValueError(f"{a} is no file")\n'
+    )
+    assert [text for _, text in strings(source)] == ["… is no file"]
+    assert offences("a.csv is no file") and not offences("there is no file") and offences("it cannot be told")
+    assert template_text("{# told #}<p title='told'>a {{ told }}</p><script>told</script>").split() == ["a"]
