@@ -248,9 +248,10 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     canvas.axes[1].yaxis.set_major_locator(MultipleLocator(90.0))
     canvas.legend_above(0)
     caption = (
-        f"Response of {other} to the input {source.name}: measured (averaged spectra of all records; frequencies where it is "
-        f"known to {100.0 * KNOWN:.0f} % or better), the model as given, and the linear part of the extended "
-        "one, found gains and delays included. What depends on amplitude shows here as a mean over what was played."
+        f"Response of {other} to the input {source.name}: measured (averaged spectra of all records; frequencies "
+        f"where it is known to {100.0 * KNOWN:.0f} % or better), the model as given, and the linear part of the "
+        "extended one, found gains and delays included. What depends on amplitude shows here as a mean over what was "
+        "played."
     )
     return Drawn("bode", canvas.title, caption, canvas)
 

@@ -139,13 +139,14 @@ def test_the_difference_lists_what_changed_and_nothing_else(diagnosis, oscillato
 
 def test_a_changed_mode_is_told_by_its_damping_ratio_and_in_units(oscillator):
     mode = oscillator.modes[0]
-    (port, value), (out, _) = *mode.input.items(), *mode.output.items()
+    ((port, value),), (out,) = mode.input.items(), mode.output
+    assert mode.decay_rate_1_s is not None and value is not None
     decay = Quantity(value=2.0 * number(mode.decay_rate_1_s), std=0.1)
     other = msgspec.structs.replace(mode, decay_rate_1_s=decay, input={port: 1.1 * number(value)})
     zeta, driven = changes(oscillator, msgspec.structs.replace(oscillator, modes=[other]))
     assert (zeta.what, zeta.unit) == ("damping ratio ζ", "")
     assert zeta.before == pytest.approx(number(mode.decay_rate_1_s) / (2.0 * np.pi * 20.0))
-    assert zeta.after == pytest.approx(2.0 * zeta.before)
+    assert zeta.before is not None and zeta.after == pytest.approx(2.0 * zeta.before)
     units = {p.name: p.unit for p in (*oscillator.inputs, *oscillator.outputs)}
     assert (driven.what, driven.unit) == (f"driven by {port}", f"{units[out]}/s^2 per {units[port]}")
 
