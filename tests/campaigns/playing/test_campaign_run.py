@@ -392,6 +392,6 @@ def test_what_has_the_name_of_the_lock_is_left_alone(file, tmp_path, kind):
     precious.write_text("precious")
     lock = out / ".campaign.lock"
     {"link": lambda: lock.symlink_to(precious), "pipe": lambda: os.mkfifo(lock), "folder": lock.mkdir}[kind]()
-    with pytest.raises(ConfigError, match=r"\.campaign\.lock is (a link|no ordinary file).*remove it"):
+    with pytest.raises(ConfigError, match=r"\.campaign\.lock is (a link|not an ordinary file).*remove it"):
         play(file, out)
     assert precious.read_text() == "precious" and list(out.iterdir()) == [lock]
