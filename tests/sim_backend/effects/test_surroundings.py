@@ -143,7 +143,7 @@ def test_every_segment_drops_other_samples_and_every_bench_of_a_seed_the_same():
 
 
 def test_record_effects_belong_to_a_reading():
-    with pytest.raises(ConfigError, match="there is no 's1' on this bench; places: theta_x, theta_y, z"):
+    with pytest.raises(ConfigError, match="there is no 's1' on this bench; locations: theta_x, theta_y, z"):
         SimBench(three_axes([EffectEntry(effect="dropped-samples", where="s1")]), 1)
 
 
