@@ -96,7 +96,8 @@ def _numpy(path: Path, rng: random.Random) -> None:
     length = rng.choice((len(text), len(text), 65535, 0))
     array = b"\x93NUMPY\x01\x00" + length.to_bytes(2, "little") + text.encode() + bytes(rng.choice((0, 7, 320)))
     if path.suffix == ".npy":
-        return write(path, array)
+        write(path, array)
+        return
     path.unlink()
     names = rng.choice(
         (("x",), ("x", "x"), ("x", "x.npy"), ("../x", "x"), tuple(f"{i}" for i in range(70_000)) + ("x",))
@@ -105,7 +106,6 @@ def _numpy(path: Path, rng: random.Random) -> None:
         warnings.simplefilter("ignore")  # of two members of one name
         for name in names:
             archive.writestr(f"{name}.npy", array if len(names) < 9 else b"")
-    return None
 
 
 VALUES: tuple[Any, ...] = (

@@ -32,18 +32,6 @@ class Pieces:
         """Bytes of the whole."""
         return math.prod(self.shape) * self.dtype.itemsize
 
-    def whole(self) -> NDArray[Any]:
-        """Return the array; raises ValueError where more or fewer numbers come than the shape has."""
-        values = np.empty(math.prod(self.shape), self.dtype)
-        done = 0
-        for piece in self.read():
-            values[done : done + piece.size] = piece.reshape(-1)
-            done += piece.size
-        if done != values.size:
-            raise ValueError(f"{done} of {values.size} numbers came")
-        shaped = values.reshape(self.shape)
-        return shaped.T if self.turned else shaped
-
 
 def of_array(values: NDArray[Any]) -> Pieces:
     """Return an array that is held whole already as one piece; one in Fortran's order is not copied."""

@@ -89,22 +89,22 @@ class TextSource:
 
     def cells(self, name: str) -> list[str] | None:
         """Return the text of a column's cells, None without such a column; raises DataError as `array` does."""
-        columns = self._columns(name)
-        if columns is None or len(columns) != 1:
+        column = self._column(name)
+        if column is None:
             return None
-        return [cell.strip() for frame in self._frames(usecols=columns, dtype=str) for cell in frame.iloc[:, 0]]
+        return [cell.strip() for frame in self._frames(usecols=[column], dtype=str) for cell in frame.iloc[:, 0]]
 
     def coded(self, name: str) -> tuple[NDArray[np.int32], list[str]] | None:
         """Return every row's place (n,) in the different texts of a column, and these; None without such a column.
 
         Raises DataError as `array` does, and for more than `MOST_NAMES` different ones.
         """
-        columns = self._columns(name)
-        if columns is None or len(columns) != 1:
+        column = self._column(name)
+        if column is None:
             return None
         places: dict[str, int] = {}
         codes = [np.zeros(0, np.int32)]
-        for frame in self._frames(usecols=columns, dtype=str):
+        for frame in self._frames(usecols=[column], dtype=str):
             found = frame.iloc[:, 0].str.strip()
             own = [places.setdefault(text, len(places)) for text in found.unique()]
             if len(places) > MOST_NAMES:
@@ -117,10 +117,8 @@ class TextSource:
 
     def numbers(self, name: str) -> NDArray[np.float64] | None:
         """Return a column as (n,), not-a-number where a cell is none; None without such a column."""
-        columns = self._columns(name)
-        if columns is None or len(columns) != 1:
-            return None
-        return np.concatenate([np.zeros(0), *self._frames_of_numbers(columns[0])])
+        column = self._column(name)
+        return None if column is None else np.concatenate([np.zeros(0), *self._frames_of_numbers(column)])
 
     def cell(self, name: str, row: int) -> str:
         """Return the text of a column's cell in a row of the data, from 0; raises DataError as `array` does."""
@@ -151,6 +149,11 @@ class TextSource:
                 f"{self.path} has {self.dialect.columns} columns, none of number {number}: they count from 0"
             )
         return f"\0{number % self.dialect.columns}"
+
+    def _column(self, name: str) -> int | None:
+        """Return the number of the one column of that name; None without it, and for the whole table."""
+        columns = self._columns(name)
+        return columns[0] if columns is not None and len(columns) == 1 else None
 
     def _columns(self, name: str) -> list[int] | None:
         names = self.dialect.names
@@ -299,14 +302,17 @@ class TextSource:
                     self._refuse_cell(index, int(bad[0]), str(values[bad[0]]), bad.size)
             return values
         # cells that pandas takes for text: numbers of another hand, or none, and then nothing of them is kept
-        row, count, first = 0, 0, 0
+        pieces: list[NDArray[np.float64]] = []
+        row, count, first, kept = 0, 0, 0, True
         for numbers in self._frames_of_numbers(index):
             bad = np.flatnonzero(np.isnan(numbers))
             first = first if count or not bad.size else row + int(bad[0])
             count, row = count + bad.size, row + numbers.size
+            kept = kept and not count and 8 * row <= KEPT_BYTES
+            pieces = [*pieces, numbers] if kept else []
         if count:
             self._refuse_cell(index, first, self.cell(f"\0{index}", first), count)
-        return np.concatenate(list(self._frames_of_numbers(index)))
+        return np.concatenate(pieces if kept else list(self._frames_of_numbers(index)))
 
     def _refuse_cell(self, index: int, row: int, cell: str, count: int) -> NoReturn:
         line = next(islice((number for number, _, data in self._rows() if data is not None), row, None))

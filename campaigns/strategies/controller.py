@@ -94,7 +94,7 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
             raise ConfigError(
                 f"axis '{self.dof}': a move of {abs(distance_rad):g} rad takes {longer:.3g} samples where one of "
                 f"{self.reach_rad:g} rad takes {self.move_samples}, at most {MOST_MOVE_SAMPLES} are allowed; move "
-                "less, or design a controller for that reach"
+                "less, or design a controller for longer moves"
             )
         return math.ceil(longer - 1e-9)
 

@@ -106,8 +106,8 @@ def residual_figures(
         time_s = np.arange(w.stop - w.start) / data.rate_hz
         canvas.line(0, "adjusted", *thinned(time_s, old * factor, MOST_POINTS), color=BEFORE, linewidth=0.9)
         canvas.line(0, "extended", *thinned(time_s, new * factor, MOST_POINTS), color=AFTER, linewidth=0.9)
-        reach = 2.0 * float(noise_rms[o]) * factor
-        canvas.band(0, -reach, reach, "noise, ±2σ")
+        two_sigma = 2.0 * float(noise_rms[o]) * factor
+        canvas.band(0, -two_sigma, two_sigma, "noise, ±2σ")
         canvas.legend_above(0)
         held = ", which no fit has seen" if w.held_out else ""
         step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1

@@ -71,8 +71,8 @@ def opening_figure(
     for label, left, colour in curves:
         canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
         canvas.line(1, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
-    reach = 2.0 * float(noise_rms[place.output]) * factor
-    canvas.band(1, -reach, reach, "noise, ±2σ")
+    two_sigma = 2.0 * float(noise_rms[place.output]) * factor
+    canvas.band(1, -two_sigma, two_sigma, "noise, ±2σ")
     _within(canvas.axes[0], (float(y.min()) - seen) * size, (float(y.max()) + seen) * size)
     _within(canvas.axes[1], -1.1 * most * factor, 1.1 * most * factor)
     for i in range(2):

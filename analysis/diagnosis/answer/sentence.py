@@ -150,21 +150,22 @@ def _little(gain: Gain | None) -> str:
         return (
             f", and that is {share(gain.rms_before)} of the held-out output: these data say little about the simulation"
         )
-    if gain.rms_after > ABOVE_NOISE * gain.noise_floor:
-        return f", and on held-out samples it misses {_above_usual(gain)}"
-    return ""
+    above = _above_usual(gain)
+    return f", and on held-out samples it misses {above}" if above else ""
 
 
 def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -> str:
     """Return what named causes leave beside the usual noise and why it is no remainder, where they leave that much."""
     if verdict not in ("named", "ambiguous") or remainder is not None or gain is None:
         return ""
-    if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
-        return ""
-    return f"On held-out samples it still misses {_above_usual(gain)}."
+    above = _above_usual(gain)
+    return f"On held-out samples it still misses {above}." if above else ""
 
 
 def _above_usual(gain: Gain) -> str:
+    """Return what is left of held-out samples beside the usual noise, nothing where no more is left."""
+    if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
+        return ""
     return (
         f"{share(gain.rms_after)} where {share(gain.noise_floor)} is usual, no more than slow noise and what is "
         "uncertain of its own numbers allow"

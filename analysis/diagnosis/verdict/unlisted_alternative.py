@@ -21,7 +21,7 @@ from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.forward import other_than, taken_from
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.screening import gram_of
-from analysis.diagnosis.search.shortlist import SURE_LEAD, beside, views_of
+from analysis.diagnosis.search.shortlist import beside, views_of
 from analysis.diagnosis.search.stage import Progress
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.unlisted_torque import UnlistedTorque
@@ -37,8 +37,10 @@ def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progre
     for place in places:
         progress(f"fitting a force that is not a listed cause at {place}", _AT)
         alternative = _alternative(found, place, scales, own)
-        lead = np.inf if alternative is None else _lead(found, *alternative, own)
-        if lead < (0.0 if _stands_alone(found, place) else SURE_LEAD):
+        if alternative is None:
+            continue
+        lead = _lead(found, *alternative, own)
+        if lead < 0.0 or not _stands_alone(found, place):
             leads.append((place, lead))
     return replace(found, unlisted_leads=tuple(leads))
 

@@ -13,6 +13,7 @@ from campaigns.importing import foreign
 from campaigns.importing.packing import unpacked
 from campaigns.log import read_run
 from sim_backend.errors import DataError
+from tests.campaigns.importing.arrays import whole
 
 COUNTS = np.arange(-20, 20, dtype=np.int16) * 37
 
@@ -169,7 +170,7 @@ def test_files_of_matlab_itself_are_read_or_refused():
             source = foreign._source(path)  # noqa: SLF001
             for name in source.names():
                 found = source.pieces(name)
-                if found is not None and found.dtype.kind in "fiub" and found.whole().size > 0:
+                if found is not None and found.dtype.kind in "fiub" and whole(found).size > 0:
                     read.add(path.name)
         except DataError as error:
             assert path.name in str(error)

@@ -14,6 +14,7 @@ import scipy.io
 
 from campaigns.importing import foreign
 from sim_backend.errors import DataError
+from tests.campaigns.importing.arrays import whole
 
 REFERENCE = np.array([0xDD000000, 2, 1, 1, 1, 1], dtype="<u4")
 """What stands in the place of an object: a mark, a shape and numbers that point into another part of the file."""
@@ -58,8 +59,8 @@ def test_a_timetable_beside_plain_data_is_passed_over(tmp_path, write, first, co
     assert sorted(source.names()) == ["s", "u"]
     u, y = source.pieces("u"), source.pieces("s.y")
     assert u is not None and y is not None
-    np.testing.assert_array_equal(u.whole().ravel(), np.arange(5.0))
-    np.testing.assert_array_equal(y.whole().ravel(), np.arange(4.0))
+    np.testing.assert_array_equal(whole(u).ravel(), np.arange(5.0))
+    np.testing.assert_array_equal(whole(y).ravel(), np.arange(4.0))
 
 
 @pytest.mark.parametrize("write", [version_5, version_73])
