@@ -9,6 +9,7 @@
 #   make release  wheel, source archive and bill of materials (in dist/), each archive tried in an empty environment
 #   make lock     pin all dependencies anew, with digests (requirements*.txt, constraints*.txt)
 #   make picture  the picture of the README, from the tutorial's diagnosis
+#   make notebook run the example notebook, and keep its results in it
 #   make help     set up, and show this list
 #   make clean    remove what the targets above have made
 PYTHON ?= python3
@@ -24,7 +25,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS      ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report picture test test-all coverage durations check check-format check-lint check-types check-imports check-lock format docs release help lock clean
+.PHONY: report picture notebook test test-all coverage durations check check-format check-lint check-types check-imports check-lock format docs release help lock clean
 .DELETE_ON_ERROR:
 
 report: $(STAMP)
@@ -37,6 +38,10 @@ picture: $(STAMP)
 	  --set noise_s=1 --set held_out_s=0.5 --out build/picture/record.h5
 	$(BIN)/mccd diagnose build/picture/record.h5 --model docs/examples/nominal.toml --out build/picture/diagnosis || test $$? = 1
 	sed '0,/<defs>/s//<rect width="100%" height="100%" fill="white"\/>&/' build/picture/diagnosis/figures/mechanism.svg > docs/images/diagnosis.svg
+
+# the example notebook with what it prints and draws
+notebook: $(STAMP)
+	$(BIN)/python -m docs.run_notebook
 
 # A file or, where a file takes long, a test goes to the next free worker, the longest first (tests/order.py).
 # Python and pytest keep what they have compiled: each of hundreds of processes would compile it all again.

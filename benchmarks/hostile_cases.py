@@ -6,6 +6,7 @@ import os
 import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -36,6 +37,7 @@ BASES: tuple[tuple[str, ...], ...] = (
     ("challenge", "run", "hidden", "--from", "0009"),
     ("chop", "--dry-run"),
     ("chop", "--frequency", "5", "--cycles", "2", "--set", "window_s=0.05", "-o", "chop.h5"),
+    ("chop", "--cycles", "2", "--strategy", "designed", "--controller", "designed/controller.toml", "-o", "chop.h5"),
     ("compare", "run.h5", "rest.h5"),
     ("compare", "model.toml", "design", "-o", "compared.html"),
     ("completion", "bash"),
@@ -90,6 +92,12 @@ BASES: tuple[tuple[str, ...], ...] = (
 )
 """Sound command lines that end within a second or two; each is the start of many that are not sound."""
 
+PLAYS = tuple(base for base in BASES if base[0] in ("chop", "settle", "simulate") and "-o" in base)
+"""Those that write what a bench gives, and so show whether its compiled code is what it was."""
+
+KERNELS = "kernels"
+"""Folder beside that of a case, from which it takes compiled code where it is there; `soak_hostile` fills it."""
+
 
 def commands_of(arguments: tuple[str, ...]) -> click.Command:
     """Return the command that a sound command line runs."""
@@ -99,12 +107,32 @@ def commands_of(arguments: tuple[str, ...]) -> click.Command:
     return found
 
 
-def drawn(seed: int) -> tuple[list[str], list[Callable[[], None]], str]:
-    """Return a command line, what is to be done to the files in the folder before it, and what it is in words."""
+class Drawn(NamedTuple):
+    """A case: a command line, what is done to the files in its folder before it, and that in words.
+
+    `checked` says that only bytes with a digest beside them are changed, of logs or of compiled code: what comes out,
+    if anything does, is what comes out without the change.
+    """
+
+    arguments: list[str]
+    changes: list[Callable[[], None]]
+    told: str
+    checked: bool
+
+
+def sound(seed: int) -> Drawn:
+    """Return the sound command line that the case of a seed begins with."""
+    return Drawn(list(BASES[seed % len(BASES)]), [], "sound", checked=True)
+
+
+def drawn(seed: int) -> Drawn:
+    """Return the case of a seed."""
     rng = random.Random(seed)
     base = BASES[seed % len(BASES)]
     arguments, changes, told = list(base), list[Callable[[], None]](), list[str]()
-    for _ in range(rng.choice((1, 1, 1, 1, 2, 3)) if seed >= 0 else 0):
+    if base in PLAYS and rng.random() < 0.25:
+        return Drawn(arguments, [_cache(rng.random())], "damaged machine code", checked=True)
+    for _ in range(rng.choice((1, 1, 1, 1, 2, 3))):
         kind = rng.random()
         if kind < 0.4:
             told.append(_option(arguments, base, rng))
@@ -122,7 +150,8 @@ def drawn(seed: int) -> tuple[list[str], list[Callable[[], None]], str]:
             name, change = _file(arguments, rng)
             changes.append(change)
             told.append(name)
-    return arguments, changes, "; ".join(told)
+    logs = all(name.endswith((".h5 changed", ".h5.sha256 changed")) for name in told)
+    return Drawn(arguments, changes, "; ".join(told), checked=logs)
 
 
 def _option(arguments: list[str], base: tuple[str, ...], rng: random.Random) -> str:
@@ -198,6 +227,22 @@ def _file(arguments: list[str], rng: random.Random) -> tuple[str, Callable[[], N
         return "nothing", lambda: None
     file, seed = rng.choice(files), rng.random()
     return f"{file} changed", lambda: changed(file, random.Random(seed))
+
+
+def _cache(seed: float) -> Callable[[], None]:
+    """Return what damages some of the compiled code."""
+
+    def damage() -> None:
+        rng = random.Random(seed)
+        files = sorted(file for file in Path("..", KERNELS).rglob("*") if file.is_file())
+        for file in rng.sample(files, rng.randrange(1, 4)):
+            content = bytearray(file.read_bytes() or b"0")
+            content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+            other = rng.choice(files).read_bytes()
+            damaged = (bytes(content), bytes(content), bytes(content[: len(content) // 2]), b"", other)
+            write(file, rng.choice(damaged))
+
+    return damage
 
 
 OURS = (

@@ -10,6 +10,7 @@ import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
@@ -121,14 +122,26 @@ def diagnosis_page() -> str:
 
 
 def notebook_page() -> str:
-    """Return the example notebook as a page: its words, its code and what that printed."""
+    """Return the example notebook as a page: its words, its code and what that printed and drew."""
     cells = json.loads((HERE / "examples" / "diagnose.ipynb").read_text(encoding="utf-8"))["cells"]
     parts = []
     for cell in cells:
         text = "".join(cell["source"])
         parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+        parts += (_notebook_output(output) for output in cell.get("outputs", []))
     parts.append("The notebook itself is `docs/examples/diagnose.ipynb`; a test runs it.")
     return "\n\n".join(parts) + "\n"
+
+
+def _notebook_output(output: dict[str, Any]) -> str:
+    """Return what a cell gave: a picture, a table, or lines of text."""
+    data = output.get("data", {})
+    if "image/png" in data:
+        return f'<img alt="what the cell draws" src="data:image/png;base64,{"".join(data["image/png"]).strip()}">'
+    if "text/html" in data:
+        return f"```{{raw}} html\n{''.join(data['text/html'])}\n```"
+    text = "".join(output.get("text", data.get("text/plain", [])))
+    return f"```text\n{text.rstrip()}\n```"
 
 
 def schemas_page() -> str:

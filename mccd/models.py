@@ -132,9 +132,14 @@ class Model:
         return np.geomspace(min(low, 0.1 * self.sample_rate_hz), 0.5 * self.sample_rate_hz, POINTS)
 
 
-def load_model(name_or_path: str | Path) -> Model:
-    """Return a bundled model by its name, or the model in a TOML or JSON file; raises ConfigError for neither."""
-    return Model(core.load_model(name_or_path))
+def load_model(model: str | Path) -> Model:
+    """Return a bundled model by its name, or the model in a TOML or JSON file, or in a text of such a file.
+
+    A string of more than one line is such a text. Raises ConfigError for what is none of them.
+    """
+    if isinstance(model, str) and "\n" in model:
+        return Model(core.parse_model(model, "the given text"))
+    return Model(core.load_model(model))
 
 
 def core_model(model: Model | core.Model | str | Path) -> core.Model:

@@ -103,6 +103,9 @@ def test_a_model_as_table_response_control_and_file(tmp_path: Path) -> None:
     assert mccd.load_model(tmp_path / "b.toml").core == model.core
     with pytest.raises(mccd.MccdError, match="would be overwritten"):
         model.save(tmp_path / "b.toml")
+    assert mccd.load_model((tmp_path / "b.toml").read_text(encoding="utf-8")).core == model.core
+    with pytest.raises(mccd.MccdError, match="the given text"):
+        mccd.load_model("name = 1\n")
     assert mccd.load_model("design").core == sim_backend.model.load_model("design")
 
 
