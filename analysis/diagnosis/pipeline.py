@@ -20,13 +20,14 @@ from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.reference_sensor import ReferenceRun, weigh_references
 from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of
-from analysis.diagnosis.fitting.fit import Fit, Setting, linear_of, residuals_on, steps_of
-from analysis.diagnosis.fitting.starts import starts_of, without_starts
+from analysis.diagnosis.fitting.fit import Fit, Setting, left_by, linear_of, residuals_on, steps_of
+from analysis.diagnosis.fitting.starts import starts_of, without_starts, zeros_left
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.nominal.tuning import deviations, nuisances_of, own_nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset
+from analysis.diagnosis.records.own_runs import fitted_delays, fitted_to, with_free_zeros
 from analysis.diagnosis.result import Diagnosis, Domain, Gain
 from analysis.diagnosis.search.adequacy import adequate
 from analysis.diagnosis.search.exchange import exchangeable, exchanged
@@ -52,7 +53,7 @@ from sim_backend.effects import INSIDE, library, named
 from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import Array, ModalModel
-from sim_backend.model import Model, Quantity
+from sim_backend.model import Model
 
 _COARSER = 8
 """First trials take steps so many times longer, but none longer than a sample."""
@@ -206,27 +207,6 @@ def _confirmed(
     return kept, variance_effects(kept.setting, kept.best, searched_effects(options), kept.discrepancy)
 
 
-def fitted_to(model: Model, data: Sequence[str]) -> bool:
-    """Tell whether a number of the model was fitted to runs or tables of these names, one of which its source has."""
-    numbers = [
-        value
-        for mode in model.modes
-        for value in (mode.frequency_hz, mode.decay_rate_1_s, *mode.input.values(), *mode.output.values())
-    ]
-    sources = {n.source or "" for n in numbers if isinstance(n, Quantity) and n.origin == "fitted"}
-    return any(name in source for name in data for source in sources)
-
-
-def fitted_delays(model: Model, data: Sequence[str]) -> list[int]:
-    """Return the numbers of the inputs whose delay was fitted to runs or tables of these names.
-
-    One that was set before the rest was fitted has no deviation.
-    """
-    delays = [model.delay_s.get(port.name, 0.0) for port in model.inputs]
-    known = [(j, d) for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted"]
-    return [j for j, d in known if d.value and d.std and any(name in (d.source or "") for name in data)]
-
-
 def scales_of(data: Dataset, linear: ModalModel) -> Scales:
     """Return the natural sizes of the data: rms of inputs and outputs, the first mode's time, ten kelvin."""
     lowest = np.min(linear.omega_rad_s[linear.omega_rad_s > 0.0], initial=np.inf)
@@ -252,6 +232,7 @@ def diagnose(
     cannot tell apart. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
+    data = with_free_zeros(data, model)
     searched = found_with_variance_effects(data.for_fitting(), model, options, progress)
     found, variance = _confirmed(data, options, progress, *searched)
     progress("weighing the evidence", 0.9)
@@ -291,7 +272,17 @@ def diagnose(
         remainder=judgement.remainder,
         sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.nuisances, best.change_std * np.sqrt(judgement.inflation)),
+        zeros=_zeros(setting, best),
     )
+
+
+def _zeros(setting: Setting, fit: Fit) -> dict[int, tuple[float, float]]:
+    """Return what a fit finds of the zeros that were free, by output: how far they are off, and its deviation."""
+    data, whitener = setting.data, setting.whitener
+    if not any(record.free_zeros for record in data.records):
+        return {}
+    left = left_by(setting, turned(setting.nominal, setting.nuisances, fit.change), fit.effects)
+    return zeros_left(data, starts_of(data, linear_of(setting, fit), whitener), whitener, left)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -181,6 +182,7 @@ class Diagnosis:
     hypotheses with their evidence relative to the best (natural logarithm), best first. `linear_std` holds the standard
     deviations of the re-tuned numbers in the shapes of `linear` (a ModalModel used as a container), where known.
     `sensitivity` lists every effect that may be added to those found; empty where the error is not weighed by noise.
+    `zeros` tells of each output whose zero was fitted to the same runs how far it is off, and with which deviation.
     """
 
     verdict: Verdict
@@ -201,3 +203,4 @@ class Diagnosis:
     linear_std: ModalModel | None = None
     remainder: Remainder | None = None
     sensitivity: tuple[Visible, ...] = ()
+    zeros: Mapping[int, tuple[float, float]] = field(default_factory=dict)

@@ -18,6 +18,7 @@ from campaigns.version import tool_version
 from sim_backend.assembly import coordinates_of
 from sim_backend.effects import effect_class
 from sim_backend.effects.base import Effect, Site
+from sim_backend.effects.sensor_offset import SensorOffset
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array, ModalModel
 from sim_backend.model import EffectEntry, Mode, Model, Quantity, Value, dump_model, number
@@ -124,7 +125,7 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
     """
     source = _provenance(sources)
     linear, std = diagnosis.linear, diagnosis.linear_std
-    kept = [e for e in model.effects if effect_class(e.effect).site is not Site.MODEL]
+    kept = [_moved_zero(e, model, diagnosis, source) for e in model.effects if _site(e) is not Site.MODEL]
     nominal = [*model.modes, *_further_modes(model, linear)]
     return msgspec.structs.replace(
         model,
@@ -136,6 +137,21 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         delay_s=_delays(model, linear, std, source),
         coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
+
+
+def _site(entry: EffectEntry) -> Site:
+    return effect_class(entry.effect).site
+
+
+def _moved_zero(entry: EffectEntry, model: Model, diagnosis: Diagnosis, source: str) -> EffectEntry:
+    """Return an effect of the model as it is, a zero that was fitted beside what the model lacks where it is now."""
+    outputs = [port.dof for port in model.outputs]
+    at = outputs.index(entry.where) if entry.where in outputs else -1
+    if entry.effect != SensorOffset.name or at not in diagnosis.zeros:
+        return entry
+    off, std = diagnosis.zeros[at]
+    now = {n: _fitted(value, number(value) + off, std, source) for n, value in entry.parameters.items()}
+    return msgspec.structs.replace(entry, parameters=now)
 
 
 def _delays(model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> dict[str, Value]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.phases import in_phase
-from analysis.diagnosis.fitting.starts import Start, left_by_best_start, stack_white, without_starts
+from analysis.diagnosis.fitting.starts import Start, beside_states, left_by_best_start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
-from analysis.diagnosis.nominal.responses import answers_to_before, free_responses, played, waiting_at
+from analysis.diagnosis.nominal.responses import free_responses, played, waiting_at
 from analysis.diagnosis.nominal.tuning import Nuisance, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.side_by_side import side_by_side
@@ -238,22 +238,24 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     model = played(linear_of(setting, fit), data.rate_hz)
     waiting = waiting_at(model)
     earlier = max(waiting, default=0)
-    free, late = free_responses(model, earlier + record.n)[earlier:], answers_to_before(model, record.n)
-    states = free.shape[2]
+    free, beside = free_responses(model, earlier + record.n)[earlier:], beside_states(model, record)
+    states, zeros = free.shape[2], record.zeros()
     on_their_way = [(earlier - count + k, j) for j, count in enumerate(waiting) for k in range(count)]
 
     def left(acting: Sequence[Effect], start: Array, rows: int) -> Array:
         commands = np.zeros((earlier, record.u.shape[1]))
-        for place, command in zip(on_their_way, start[states:], strict=True):
+        sent, zero = np.split(start[states:], [len(on_their_way)])
+        for place, command in zip(on_their_way, sent, strict=True):
             commands[place] = command
         some = replace(data, records=(record.first(rows).after(commands),))
         begun = replace(setting, data=some, states=(start[:states].reshape(-1, 2),))
-        return left_by(begun, linear, acting)[0][earlier:]
+        return left_by(begun, linear, acting)[0][earlier:] - zeros[:rows] @ zero
 
     weight = (record.fitted() | record.held_out())[:, None] * _weights(setting, fit, record)
-    columns = np.concatenate([free, late], axis=2)
+    columns = np.concatenate([free, beside], axis=2)
     played_rms = np.sqrt(np.mean(record.u**2, axis=0))
-    spread = np.append(np.full(states, np.inf), [played_rms[j] for _, j in on_their_way])
+    unknown = np.full(states, np.inf), np.full(zeros.shape[2], np.inf)
+    spread = np.concatenate([unknown[0], [played_rms[j] for _, j in on_their_way], unknown[1]])
     changed = [e for e in effects if e.site is Site.MODEL]
 
     def begun_best(acting: Sequence[Effect]) -> Array:

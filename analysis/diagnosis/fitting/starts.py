@@ -1,5 +1,8 @@
 """The unknown state in which each record starts: projected out of everything, and estimated for the simulation.
 
+So are zeros of readings that nobody knows. What identification says of them was fitted beside whatever the model lacks:
+a loop or a spring that is stiffer to one side moves the mean.
+
 What a start can add to the outputs is linear in it, so it is eliminated exactly from every regression; only where an
 effect is large does the start have to be known in the simulation itself, and there it follows from the same projection.
 A record that no fit has seen may begin far from where its start is that of a linear model: its start is fitted to the
@@ -17,7 +20,7 @@ import numpy as np
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses, played
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _NEGLIGIBLE = 1e-9
 """A direction this much weaker than the strongest cannot be told from rounding and is left alone."""
@@ -42,7 +45,7 @@ _DAMPED, _DAMPINGS = 1e-6, 8
 class Start:
     """What a record's start can add: an orthonormal basis `q` (rows, k), whitened.
 
-    `back` (2 m, k) gives the states, `before` (b, k) the commands that are still on their way.
+    `back` (2 m, k) gives the states, `before` (b, k) the commands that are still on their way, then unknown zeros.
     """
 
     q: Array
@@ -65,9 +68,9 @@ def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
 
 
 def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: float) -> Start:
-    """Return the start basis of one record: of the modes of `linear`, and of commands that are still on their way."""
+    """Return the start basis of one record: of the modes of `linear`, and of what may be there beside them."""
     model = played(linear, rate_hz)
-    free, late = free_responses(model, record.n), answers_to_before(model, record.n)
+    free, late = free_responses(model, record.n), beside_states(model, record)
     white = stack_white(whitener, record, free)
     seen, whole = (np.linalg.norm(part, axis=(0, 1)) for part in (free[record.fitted()], free))
     white[:, seen < _FORGOTTEN * whole] = 0.0
@@ -77,6 +80,11 @@ def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: fl
     commands, before = _basis(white - states @ (states.T @ white), np.linalg.norm(white, axis=0))
     back, before = np.pad(back, ((0, 0), (0, commands.shape[1]))), np.pad(before, ((0, 0), (states.shape[1], 0)))
     return Start(np.concatenate([states, commands], axis=1), back, before)
+
+
+def beside_states(model: DiscreteModel, record: Record) -> Array:
+    """Return what a record may begin with beside the states of the modes, (n, n_y, k): commands on their way, zeros."""
+    return np.concatenate([answers_to_before(model, record.n), record.zeros()], axis=2)
 
 
 def _basis(columns: Array, scale: Array) -> tuple[Array, Array]:
@@ -95,12 +103,33 @@ def without_starts(
 
     def rest(record: Record, start: Start, residual: Array) -> Array:
         white = stack_white(whitener, record, residual[:, :, None])[:, 0]
-        left = residual - answers_to_before(model, record.n) @ (start.before @ (start.q.T @ white))
+        left = residual - beside_states(model, record) @ (start.before @ (start.q.T @ white))
         states = start.states(stack_white(whitener, record, left[:, :, None])[:, 0])
         return left - coasting(model, states, record.n)
 
     starts = starts_of(data, linear, whitener)
     return tuple(rest(*each) for each in zip(data.records, starts, residuals, strict=True))
+
+
+def zeros_left(
+    data: Dataset, starts: Sequence[Start], whitener: Whitener, residuals: Sequence[Array]
+) -> dict[int, tuple[float, float]]:
+    """Return what `residuals`, (n, n_y) per record, tell of each free zero of `data`, by output: value and deviation.
+
+    Records count by how well they tell it; a zero that none tells is left out.
+    """
+    told: dict[int, list[tuple[float, float]]] = {}
+    for record, start, residual in zip(data.records, starts, residuals, strict=True):
+        count = len(record.free_zeros)
+        back = start.before[start.before.shape[0] - count :]
+        values = back @ (start.q.T @ stack_white(whitener, record, residual[:, :, None])[:, 0])
+        for output, value, variance in zip(record.free_zeros, values, np.sum(back**2, axis=1), strict=True):
+            if variance > 0.0:
+                told.setdefault(output, []).append((float(value), 1.0 / float(variance)))
+    return {
+        output: (sum(v * w for v, w in one) / sum(w for _, w in one), float(sum(w for _, w in one) ** -0.5))
+        for output, one in told.items()
+    }
 
 
 def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:

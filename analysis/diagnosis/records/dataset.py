@@ -63,6 +63,7 @@ class Record:
 
     A fit counts its rows `weight` times as far from the model as they are. In `missing` rows (n,) the readings are no
     measurement, as at the end of a sensor's range. Differences of readings below `finest` (n_y,) are of arithmetic.
+    The outputs numbered in `free_zeros` count from a zero that nobody knows.
 
     Raises DataError when lengths differ or a number is not finite.
     """
@@ -75,6 +76,7 @@ class Record:
     weight: float = 1.0
     missing: Mask | None = None
     finest: Array | None = None
+    free_zeros: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.u.shape[0] != self.y.shape[0]:
@@ -168,7 +170,14 @@ class Record:
     def only(self, outputs: NDArray[np.intp]) -> Record:
         """Return a record of these of its outputs (k,)."""
         finest = None if self.finest is None else self.finest[outputs]
-        return replace(self, y=np.ascontiguousarray(self.y[:, outputs]), finest=finest)
+        zeros = tuple(k for k, o in enumerate(outputs) if o in self.free_zeros)
+        return replace(self, y=np.ascontiguousarray(self.y[:, outputs]), finest=finest, free_zeros=zeros)
+
+    def zeros(self) -> Array:
+        """Return what the zeros that nobody knows can add to the readings, one each: (n, n_y, k)."""
+        added = np.zeros((self.n, self.y.shape[1], len(self.free_zeros)))
+        added[:, list(self.free_zeros), np.arange(len(self.free_zeros))] = 1.0
+        return added
 
     def fitted(self) -> Mask:
         """Return which rows may be used for fitting, shape (n,): inside a window that is not held out."""

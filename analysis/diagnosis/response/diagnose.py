@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.answer.sentence import sentence
 from analysis.diagnosis.nominal.tuning import deviations, nuisances_of, own_nuisances_of
-from analysis.diagnosis.pipeline import Options, fitted_delays, fitted_to, searched_effects
+from analysis.diagnosis.pipeline import Options, searched_effects
 from analysis.diagnosis.records.dataset import Dataset
+from analysis.diagnosis.records.own_runs import fitted_delays, fitted_to
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal
 from analysis.diagnosis.response.levels import compare_levels, depends_on_level, describe_levels
 from analysis.diagnosis.response.lines import EVERY, Lines, Noise, noise_of

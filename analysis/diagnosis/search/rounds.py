@@ -298,13 +298,25 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> 
 
     In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
     """
-    setting = replace(setting, substeps=steps_for(setting, trials))
+    setting, trials, before = _in_steps(setting, steps_for(setting, trials), trials, before)
     setting, trials, before = _iterated_gls(setting, trials, before, price)
     best = _best_of(setting, trials, before, price)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
         return setting, _begun_at_the_best(setting, trials), before
-    return _settled(replace(setting, substeps=finer), trials, before, price)
+    return _settled(*_in_steps(setting, finer, trials, before), price)
+
+
+def _in_steps(setting: Setting, substeps: int, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
+    """Return `trials` and the fit `before` them, simulated in so many steps, and the setting with these.
+
+    A simulation in coarser steps is another model: numbers that suit its error are no rivals of what is right in finer
+    ones.
+    """
+    if substeps == setting.substeps:
+        return setting, trials, before
+    setting = replace(setting, substeps=substeps)
+    return setting, [again(setting, f, steps=0) for f in trials], again(setting, before, steps=0)
 
 
 def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:

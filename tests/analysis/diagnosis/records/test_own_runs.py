@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from analysis.diagnosis.pipeline import fitted_delays
+from analysis.diagnosis.records.own_runs import fitted_delays
 from sim_backend.model import Mode, Model, Port, Quantity, Value
 
 OWN, FOREIGN = "free fit to run a1", "free fit to run b2"
