@@ -126,7 +126,7 @@ def test_it_follows_a_growing_log_with_the_numbers_of_the_log(tmp_path, watch, b
         until(lambda: said(browser, "recorded") == "3.0 s")  # without loading again
         until(lambda: said(browser, "segment") == "second at θx")
     until(lambda: said(browser, "status") == "complete")
-    assert said(browser, "rows") == "30000 of 40000 (75%)"
+    assert said(browser, "rows") == "30000 of 40000 (75 %)"
 
     last = np.stack(rows[1:])[:, 10_000:]  # of the last two seconds
     factors = {"θx (µrad)": 1e6, "θy (nrad)": 1e9}
