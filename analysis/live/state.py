@@ -50,7 +50,10 @@ def look(watching: Watch, now_s: float) -> tuple[Snapshot, State]:
 
 
 def _texts(seen: Snapshot) -> dict[str, str]:
-    of = "" if not seen.expected_rows else f" of {seen.expected_rows} ({100.0 * seen.rows / seen.expected_rows:.0f} %)"
+    samples = f"{seen.rows} samples"
+    if seen.expected_rows:
+        percent = 100.0 * seen.rows / seen.expected_rows
+        samples = f"{seen.rows} of {seen.expected_rows} samples ({percent:.0f} %)"
     return {
         "test": seen.test,
         "run": seen.run_uid[:8],
@@ -59,7 +62,7 @@ def _texts(seen: Snapshot) -> dict[str, str]:
         "reason": seen.status_reason,
         "segment": seen.segment or ("none yet" if seen.running else "none"),
         "recorded": f"{seen.recorded_s:.1f} s",
-        "rows": f"{seen.rows}{of}",
+        "rows": samples,
         "left": time_left(seen.left_s),
     }
 
