@@ -111,7 +111,7 @@ def _inspect(folder: Path, reference: Path, sealed: dict[str, str], tally: Tally
                 tally.statuses[status] += 1
                 tally.rows_checked += run.rows
                 if not _is_start_of(run, whole):
-                    tally.broken.append(f"{path.name}: its rows are not those of an uninterrupted run")
+                    tally.broken.append(f"{path.name}: its samples are not those of an uninterrupted run")
                 rows = run.rows
         except MccdError as error:
             tally.broken.append(f"{path.name} cannot be read: {error}")
@@ -134,7 +134,7 @@ def _recover(path: Path, rows: int, tally: Tally) -> None:
     with TemporaryDirectory(prefix="mccd-soak-") as folder:
         saved = recover(path, Path(folder) / path.name)
         if saved.rows != rows or not verify(saved.path).ok:
-            tally.broken.append(f"{path.name}: {saved.rows} of {rows} rows recovered")
+            tally.broken.append(f"{path.name}: {saved.rows} of {rows} samples recovered")
 
 
 def _is_start_of(run: Run, whole: Run) -> bool:

@@ -184,8 +184,8 @@ def diagnose(
     """Return what a model gets wrong about logs or arrays, why, and what correcting it gains, as `mccd diagnose` does.
 
     `without` leaves effects out of the search; `nominal_tolerance` is how far the model's own numbers are trusted,
-    relative (1σ); at most `rows` rows of all logs together are used. Raises ConfigError when model and records do not
-    match, DataError for records that decide nothing.
+    relative (1σ); at most `rows` samples of all logs together are used. Raises ConfigError when model and records do
+    not match, DataError for records that decide nothing.
     """
     nominal = core_model(model)
     options = Options(tolerance=nominal_tolerance, without=tuple(without), seed=seed)

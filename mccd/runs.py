@@ -82,28 +82,28 @@ class Run:
 
     @property
     def segments(self) -> tuple[log.LogSegment, ...]:
-        """Every segment in its order: label, first row, row after the last, settings."""
+        """Every segment in its order: label, first sample, sample after the last, settings."""
         return self.log.segments
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,), SI.
+        """Return samples `start` to `stop` (exclusive; default: all) of a channel as (n,), SI.
 
-        Raises ConfigError for an unknown channel or row, DataError where the file is damaged.
+        Raises ConfigError for an unknown channel or sample, DataError where the file is damaged.
         """
         return self.log.read(name, start, stop)
 
     def time_s(self) -> Array:
-        """Return the time of every row after the start of the run, (n,), s."""
+        """Return the time of every sample after the start of the run, (n,), s."""
         return self.log.time_s(next(iter(self.channels)))
 
     def to_frame(self) -> pd.DataFrame:
-        """Return all rows as a frame: a column per channel (SI), time in s as index, units in `attrs["units"]`."""
+        """Return all samples as a frame: a column per channel (SI), time in s as index, units in `attrs["units"]`."""
         from campaigns.log.export import to_frame
 
         return to_frame(self.log)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return all rows over `time` (s), with units, role and segment; raises ConfigError without xarray."""
+        """Return all samples over `time` (s), with units, role and segment; raises ConfigError without xarray."""
         from campaigns.log.export import to_dataset
 
         return to_dataset(self.log)
@@ -129,7 +129,8 @@ class Run:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<Run {self.run_uid[:8]}: {self.test}, {self.status}, {self.rows} rows at {self.sample_rate_hz:g} Hz>"
+        length = f"{self.rows} samples at {self.sample_rate_hz:g} Hz"
+        return f"<Run {self.run_uid[:8]}: {self.test}, {self.status}, {length}>"
 
     def _repr_html_(self) -> str:
         import pandas as pd

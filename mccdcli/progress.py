@@ -44,7 +44,8 @@ def _bar(title: str) -> Iterator[Report]:
         def render(self, task: Task) -> Text:
             return Text(_left(left.left_s(time.monotonic())), style="progress.remaining")
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Left())
+    percent = TaskProgressColumn("[progress.percentage]{task.percentage:>3.0f} %")
+    columns = (TextColumn("{task.description}"), BarColumn(), percent, Left())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:  # rich honours NO_COLOR
         task = bars.add_task(escape(title), total=None)
 

@@ -82,7 +82,7 @@ def identify_runs(
     if not fitting:
         raise DataError(
             f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, match --only, move, and "
-            f"are not cut off by their sensor every few rows{_missing(runs)}"
+            f"are not cut off by their sensor every few samples{_missing(runs)}"
         )
     # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs
     periodic = None if _in_a_known_loop(fitting) else realisations_of(fitting)

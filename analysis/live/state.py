@@ -50,7 +50,10 @@ def look(watching: Watch, now_s: float) -> tuple[Snapshot, State]:
 
 
 def _texts(seen: Snapshot) -> dict[str, str]:
-    of = "" if not seen.expected_rows else f" of {seen.expected_rows} ({seen.rows / seen.expected_rows:.0%})"
+    samples = f"{seen.rows} samples"
+    if seen.expected_rows:
+        percent = 100.0 * seen.rows / seen.expected_rows
+        samples = f"{seen.rows} of {seen.expected_rows} samples ({percent:.0f} %)"
     return {
         "test": seen.test,
         "run": seen.run_uid[:8],
@@ -59,7 +62,7 @@ def _texts(seen: Snapshot) -> dict[str, str]:
         "reason": seen.status_reason,
         "segment": seen.segment or ("none yet" if seen.running else "none"),
         "recorded": f"{seen.recorded_s:.1f} s",
-        "rows": f"{seen.rows}{of}",
+        "rows": samples,
         "left": time_left(seen.left_s),
     }
 
@@ -72,7 +75,7 @@ def _explorer(watching: Watch, run: Run, seen: Snapshot) -> Explorer:
     note = f"{more} more outputs are in the table alone." if more else ""
     if watching.model is not None:
         note = f"Simulated: the linear part of the model, from rest at the start of the run. {note}".strip()
-    view = View(panels, _facts(seen), note if panels else "No row is recorded yet.")
+    view = View(panels, _facts(seen), note if panels else "No sample is recorded yet.")
     remark = (
         f"The last {watching.window_s:g} s of every output; long curves show the smallest and the largest reading of "
         "every stretch. A gap: the bench gave no number."
@@ -89,7 +92,7 @@ def _panel(watching: Watch, run: Run, name: str, start: int) -> Panel:
     simulated = watching.simulated(name, measured.size)
     if simulated is not None:
         series.append(_series("simulated", time_s, simulated * factor))
-    return Panel("time before the newest row (s)", _with_unit(name, unit), tuple(series))
+    return Panel("time before the newest sample (s)", _with_unit(name, unit), tuple(series))
 
 
 def _series(name: str, x: Array, y: Array) -> Series:

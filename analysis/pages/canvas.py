@@ -54,6 +54,9 @@ _OF_CELL, _LETTER_EM = 0.8, 0.62
 _STAMP_PT, _HANDLE_EM = 6.0, 4.2
 """Size of the letters at the foot of a figure; room that a legend's entry takes beside its letters, of their size."""
 
+MOST_LAYOUTS = 8
+"""How often a figure is laid out at most; axes of a fixed shape take three times."""
+
 _KEPT = "\N{NO-BREAK SPACE}"
 _LETTERS = ("font.size", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 
@@ -215,9 +218,23 @@ class Canvas:
                 stamp = "\n".join(textwrap.wrap(stamp, most, break_long_words=False))
                 at_foot = {"x": 0.005, "ha": "left", "fontsize": _STAMP_PT, "color": QUIET}
                 self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
+            drawn = FigureCanvasSVG(self.figure)
+            if any(axes.get_aspect() != "auto" for axes in self.axes):
+                self._settle()
             # `savefig` gives the same text, but draws a figure twice that is laid out by its contents
-            FigureCanvasSVG(self.figure).print_svg(buffer, metadata={"Date": None, "Creator": "mccd"})
+            drawn.print_svg(buffer, metadata={"Date": None, "Creator": "mccd"})
         return buffer.getvalue().decode("utf-8")
+
+    def _settle(self) -> None:
+        """Lay out axes of a fixed shape until they agree with their cells: else labels lie over what is below them."""
+        engine, before = self.figure.get_layout_engine(), None
+        assert engine is not None
+        for _ in range(MOST_LAYOUTS):
+            engine.execute(self.figure)
+            places = [axes.get_position().bounds for axes in self.axes]
+            if before is not None and np.allclose(places, before, atol=1e-3):
+                return
+            before = places
 
     def _styled(self) -> Any:
         import matplotlib as mpl

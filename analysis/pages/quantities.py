@@ -12,6 +12,9 @@ PREFIXED = ("rad", "m", "N m", "N", "V", "A", "rad/s", "m/s", "s")
 LEAST_P = 1e-12
 """Smallest p-value that is told: so far out no distribution's tail is known."""
 
+LEAST_SHARE = 1e-3
+"""Smallest number of percent, and of ppm, that is printed: more zeros behind a point are not read."""
+
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -32,11 +35,15 @@ def quantity(value: float, unit: str) -> str:
 
 
 def share(part: float) -> str:
-    """Return a part of a whole in percent with three digits, as many before the point as it takes."""
-    percent = 100.0 * part
-    if not math.isfinite(percent) or percent == 0.0:
-        return f"{percent:g} %"
-    return f"{percent:.{min(max(2 - math.floor(math.log10(abs(percent))), 0), 9)}f} %"
+    """Return a part of a whole with three digits: in percent, below 0.001 % in ppm, and below 0.001 ppm as a bound."""
+    size, unit = 100.0 * part, "%"
+    if not math.isfinite(size) or size == 0.0:
+        return f"{size:g} {unit}"
+    if abs(size) < LEAST_SHARE:
+        size, unit = 1e6 * part, "ppm"
+    if abs(size) < LEAST_SHARE:
+        return f"below {LEAST_SHARE:g} {unit}"
+    return f"{size:.{max(2 - math.floor(math.log10(abs(size))), 0)}f} {unit}"
 
 
 def span(low: float, high: float, unit: str) -> str:

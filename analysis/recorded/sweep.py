@@ -112,7 +112,7 @@ def _fitted(run: Run, names: tuple[str, ...], parts: list[LogSegment], origin: i
     if missing.size:
         row, column = (int(i) for i in missing[0])
         raise DataError(
-            f"{run.path}: '{names[column]}' holds no number in row {first + row}, and steps are fitted whole; repair "
-            "it, or record the sweep again"
+            f"{run.path}: '{names[column]}' holds no number in sample {first + row}, and steps are fitted whole; "
+            "repair it, or record the sweep again"
         )
     return fit_sines(record, run.sample_rate_hz, start, stop, frequency, first_sample=first - origin)

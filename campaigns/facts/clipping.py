@@ -16,7 +16,7 @@ COARSE = 0.1
 """Step of a channel that counts, against its standard deviation, from which on its extremes are held for long."""
 
 SATURATED_SHARE = 1e-3
-"""Share of the rows that may stand at an extreme before it counts as a limit of the sensor."""
+"""Share of the samples that may stand at an extreme before it counts as a limit of the sensor."""
 
 
 def facts(seen: Seen) -> list[Fact]:
@@ -34,8 +34,8 @@ def cut_off_in(values: Array, name: str, unit: str, segment: str) -> list[Fact]:
     return [
         Fact(
             NAME,
-            f'{name} is cut off at {level:.6g} {unit} in {share:.2%} of the rows of "{segment}"',
-            "the sensor is at its end there: such rows are no measurement and are left out of every fit",
+            f'{name} is cut off at {level:.6g} {unit} in {100.0 * share:.2f} % of the samples of "{segment}"',
+            "the sensor is at its end there: such samples are no measurement and are left out of every fit",
             name,
             segment,
             {"share": share, "level": level},

@@ -239,7 +239,8 @@ def _fact(name: str, drift: _Drift, rate_hz: float) -> Fact:
         return Fact(NAME, text, means, name, numbers=numbers)
     if abs(drift.relative) > SIGNIFICANT * drift.std:
         text = (
-            f"{name}: phases drift with time, but not as two clocks would: {drift.other:.0%} of it is of another form"
+            f"{name}: phases drift with time, but not as two clocks would: {100.0 * drift.other:.0f} % of it is of "
+            "another form"
         )
     else:
         text = f"{name}: no difference of clocks is seen; one of {1e6 * SIGNIFICANT * drift.std:.2g} ppm would be"

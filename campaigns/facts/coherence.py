@@ -122,8 +122,9 @@ def _fact(name: str, told: Sequence[_Coherence], leaking: bool, repeating: bool)
     low = float(np.mean(share < LOW))
     explained = min(one.explained for one in told)
     text = (
-        f"of {name} the inputs explain {explained:.1%} of the power at {share.size} excited lines; at {low:.1%} of "
-        f"them less than {LOW:.0%}, least {share[worst]:.0%} at {frequency_hz[worst]:.4g} Hz"
+        f"of {name} the inputs explain {100.0 * explained:.1f} % of the power at {share.size} excited lines; at "
+        f"{100.0 * low:.1f} % of them less than {100.0 * LOW:.0f} %, least {100.0 * share[worst]:.0f} % at "
+        f"{frequency_hz[worst]:.4g} Hz"
     )
     numbers = {
         "explained": explained,

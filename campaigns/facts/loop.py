@@ -126,8 +126,8 @@ def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
     numbers = {"found": int(worst.found), "share": worst.share, "samples": worst.rows}
     if not worst.found:
         text = (
-            f"no sign of it: the {AHEAD} inputs to come hold {max(worst.share, 0.0):.1%} of what is new in "
-            f"{worst.output}; from {LEAST_SHARE:.0%} on it would be seen"
+            f"no sign of it: the {AHEAD} inputs to come hold {max(100.0 * worst.share, 0.0):.1f} % of what is new in "
+            f"{worst.output}; from {100.0 * LEAST_SHARE:.0f} % on it would be seen"
         )
         unseen = "" if with_references else ", or answers within a sample without its reference in the log,"
         return Fact(
@@ -142,7 +142,8 @@ def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
     names = ", ".join(a.output for a in answers if a.found)
     return Fact(
         NAME,
-        f"the inputs answer {names} (closed loop): inputs to come hold {worst.share:.0%} of what is new in it",
+        f"the inputs answer {names} (closed loop): inputs to come hold {100.0 * worst.share:.0f} % of what is new "
+        "in it",
         "the noise of the output is in the input too: averaged spectra and a delay of no sample are biased by it"
         + ("" if with_references else "; log the reference as well"),
         worst.output,

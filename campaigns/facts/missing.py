@@ -1,4 +1,4 @@
-"""Rows in which a channel holds no number: a sensor or a line that did not deliver, as the serial protocol allows."""
+"""Samples in which a channel holds no number: a sensor or line did not deliver, as the serial protocol allows."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from campaigns.log.schema import LogSegment
 NAME = "missing"
 
 ROWS_AT_ONCE = 65536
-"""Rows of a log that are read together."""
+"""Samples of a log that are read together."""
 
 ROLES = ("input", "output", "reference")
 
 
 def facts(seen: Seen) -> list[Fact]:
-    """Return the channels that hold no number in some rows, by segment."""
+    """Return the channels that hold no number in some samples, by segment."""
     return [
         Fact(
             NAME,
-            f'{name} holds no number in {bad.size} of {segment.rows} rows of "{segment.label}", first in row '
-            f"{segment.start + int(bad[0])}",
-            "such rows are no measurement and are left out of every fit of mccd identify; mccd diagnose refuses them",
+            f'{name} holds no number in {bad.size} of {segment.rows} samples of "{segment.label}", first '
+            f"in sample {segment.start + int(bad[0])}",
+            "such samples are no measurement and are left out of every fit of mccd identify; mccd diagnose refuses "
+            "them",
             name,
             segment.label,
             {"rows": int(bad.size), "first": segment.start + int(bad[0])},

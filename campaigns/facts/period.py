@@ -45,11 +45,13 @@ def facts(seen: Seen) -> list[Fact]:
             best, least = _best(parts, claimed)
         wrong = best != claimed and least < BETTER * off
         if wrong or off > DIFFERENT:
-            right = f"; after {best} it does, to {least:.2%}: say period = {best}" if wrong else ": take the period out"
+            right = f"; after {best} it does, to {100.0 * least:.2f} %: say period = {best}"
+            right = right if wrong else ": take the period out"
             found.append(
                 Fact(
                     "period",
-                    f"the input does not repeat after {claimed} samples: it differs by {off:.2%} of its rms{right}",
+                    f"the input does not repeat after {claimed} samples: it differs by {100.0 * off:.2f} % of its rms"
+                    f"{right}",
                     "every frequency and every noise computed with it is wrong",
                     segment=segment.label,
                     numbers={"claimed": claimed, "right": best if wrong else 0, "difference": off},
@@ -59,7 +61,7 @@ def facts(seen: Seen) -> list[Fact]:
             )
         elif claimed not in told:
             told.add(claimed)
-            text = f"the input repeats after {claimed} samples, to {off:.2%} of its rms"
+            text = f"the input repeats after {claimed} samples, to {100.0 * off:.2f} % of its rms"
             found.append(Fact("period", text, segment=segment.label, numbers={"claimed": claimed}, remark=False))
     return found
 

@@ -1,4 +1,4 @@
-"""Rows in which nothing happens: a segment at rest decides nothing, and zeros after the end are no measurement."""
+"""Samples in which nothing happens: a segment at rest decides nothing, and zeros after the end are no measurement."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from campaigns.facts.base import Fact, Seen, by_segment, changed, runs_of
 
 LEAST_ROWS = 20
-"""Rows at the end of a record in which nothing may change before it counts as having ended there."""
+"""Samples at the end of a record in which nothing may change before it counts as having ended there."""
 
 
 def facts(seen: Seen) -> list[Fact]:
-    """Return segments in which an output is constant, and rows at the end in which all channels are."""
+    """Return segments in which an output is constant, and samples at the end in which all channels are."""
     found = []
     outputs = seen.of_role("output")
     for name, values in outputs.items():
@@ -22,7 +22,8 @@ def facts(seen: Seen) -> list[Fact]:
                 found.append(
                     Fact(
                         "at-rest",
-                        f'{name} is {part[0]:.6g} in all of "{segment.label}", rows {segment.start} to {segment.stop}',
+                        f'{name} is {part[0]:.6g} in all of "{segment.label}", samples {segment.start} to '
+                        f"{segment.stop}",
                         "the segment is left out; nothing can be held out or fitted there",
                         name,
                         segment.label,
@@ -35,8 +36,8 @@ def facts(seen: Seen) -> list[Fact]:
         found.append(
             Fact(
                 "ended",
-                f"from row {last} on, {rows} rows to the end, no input or output changes",
-                "the recorder stopped or the bench was off: these rows are left out",
+                f"from sample {last} on, {rows} samples to the end, no input or output changes",
+                "the recorder stopped or the bench was off: these samples are left out",
                 numbers={"start": last, "stop": seen.rows},
             )
         )

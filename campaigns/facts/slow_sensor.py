@@ -9,7 +9,7 @@ from campaigns.facts.base import Array, Fact, Seen, changed
 from campaigns.facts.steps import step_of
 
 MOST_ROWS = 1000
-"""Slowest sensor that is looked for, in rows of the log."""
+"""Slowest sensor that is looked for, in samples of the log."""
 
 LEAST_CHANGES = 20
 ON_BEAT = 0.98
@@ -24,7 +24,7 @@ AT_ONCE = 1_000_000
 
 
 def facts(seen: Seen) -> list[Fact]:
-    """Return the outputs that repeat their readings, and after how many rows a new one comes."""
+    """Return the outputs that repeat their readings, and after how many samples a new one comes."""
     found = []
     for name, values in seen.of_role("output").items():
         at = _rows_of_changes(values)
@@ -36,9 +36,9 @@ def facts(seen: Seen) -> list[Fact]:
             found.append(
                 Fact(
                     "slow-sensor",
-                    f"{name} changes at every {_ordinal(every)} row only, {seen.rate_hz / every:g} Hz",
+                    f"{name} changes at every {_ordinal(every)} sample only, {seen.rate_hz / every:g} Hz",
                     "the sensor is slower than the log: what is said holds below half its rate only, and images of the "
-                    "staircase above are no resonances; import every such row instead",
+                    "staircase above are no resonances; import every such sample instead",
                     name,
                     numbers={"every": every, "offset": last % every},
                 )
@@ -51,7 +51,7 @@ def facts(seen: Seen) -> list[Fact]:
             found.append(
                 Fact(
                     "repeated",
-                    f"{share:.1%} of the readings of {name} repeat the one before exactly",
+                    f"{100.0 * share:.1f} % of the readings of {name} repeat the one before exactly",
                     "samples were lost on the way to the log, or it rests for so long",
                     name,
                     numbers={"share": share},

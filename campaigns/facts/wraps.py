@@ -29,7 +29,7 @@ def facts(seen: Seen) -> list[Fact]:
             found.append(
                 Fact(
                     "wraps",
-                    f"{name} jumps by {tall[0]:.6g} {unit} at {jumps.size} row(s), the first {jumps[0] + 1}",
+                    f"{name} jumps by {tall[0]:.6g} {unit} at {jumps.size} sample(s), the first {jumps[0] + 1}",
                     "if it is an angle or a counter that begins anew, say unwrap = the jump in the source's unit",
                     name,
                     numbers={"jump": float(tall[0]), "count": int(jumps.size)},

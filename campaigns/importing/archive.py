@@ -57,7 +57,7 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     first, last = max(t[0] for t, _ in series.values()), min(t[-1] for t, _ in series.values())
     count = int((last - first) * log.sample_rate_hz + 1e-6) + 1
     if count > MOST_ROWS:
-        raise DataError(f"{where}the archive lasts {last - first:.6g} s, {count} rows: say a lower sample_rate_hz")
+        raise DataError(f"{where}the archive lasts {last - first:.6g} s, {count} samples: say a lower sample_rate_hz")
     if count < 2:
         raise DataError(f"{where}the channels of the archive have no time in common: select others, or import apart")
     grid = first + np.arange(count) / log.sample_rate_hz

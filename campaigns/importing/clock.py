@@ -165,7 +165,7 @@ def grid_of(stamps: Stamps, what: str, read_as: str) -> tuple[Clock, Array]:
     if counts.sum() > 2.0 * steps.size + 1000.0:
         longest = int(np.argmax(steps))
         raise DataError(
-            f"{what} has gaps of more rows than were measured, the longest of {steps[longest]:.6g} s after sample "
+            f"{what} has gaps of more samples than were measured, the longest of {steps[longest]:.6g} s after sample "
             f"{longest}: import the stretches between gaps as [[parts]]"
         )
     period_s = float((time_s[-1] - time_s[0]) / counts.sum())
@@ -184,7 +184,7 @@ def ascending(time_s: Array, what: str) -> None:
 def _fall(steps: Array) -> str:
     """Return in words where stamps do not ascend, and the fix."""
     worst = int(np.argmin(steps))
-    return f"the step after sample {worst} is {steps[worst]:.6g} s; put the rows in order, each stamp once"
+    return f"the step after sample {worst} is {steps[worst]:.6g} s; put the samples in order, each stamp once"
 
 
 def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tuple[Array, float]:
@@ -208,7 +208,8 @@ def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tu
 
 def cost_text(cost: float) -> str:
     """Return the cost of resampling in words."""
-    return "how much that costs cannot be known" if np.isnan(cost) else f"that costs about {cost:.2%} of its rms"
+    known = f"that costs about {100.0 * cost:.2f} % of its rms"
+    return "how much that costs cannot be known" if np.isnan(cost) else known
 
 
 def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
@@ -254,11 +255,11 @@ def _unevenness(time_s: Array) -> str:
     worst = int(np.argmax(np.abs(steps - typical)))
     told = (
         f"the step after sample {worst} is {steps[worst]:.6g} s, others are {typical:.6g} s (limit: "
-        f"{GRID_TOLERANCE:.0%} of a step off the grid)"
+        f"{100.0 * GRID_TOLERANCE:.0f} % of a step off the grid)"
     )
     if gaps.size and jitter < 0.5:
         told = (
-            f"{int(lost.sum())} rows are lost in {gaps.size} place(s): the step after sample {gaps[0]} is "
+            f"{int(lost.sum())} samples are lost in {gaps.size} place(s): the step after sample {gaps[0]} is "
             f"{steps[gaps[0]]:.6g} s, others are {typical:.6g} s"
         )
     return (

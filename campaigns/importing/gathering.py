@@ -245,13 +245,13 @@ def _on_grid(
     """Put the columns on the uniform grid and return their layout; says what that costs."""
     assert log.resample is not None
     if layout.rows != stamps.size or layout.samples != layout.rows:
-        raise ConfigError(f"{what}: resample takes one stamp for every row; import realisations and periods as parts")
+        raise ConfigError(f"{what}: resample takes one stamp per sample; import realisations and periods as parts")
     costs = {}
     for name, column in ours.items():
         columns[name], costs[name] = resampled(stamps, column, grid, log.resample)
     added = grid.size - stamps.size
     remarks.append(
-        f"{what}: {added} rows were absent and are drawn, all others moved to a grid of {grid.size} rows "
+        f"{what}: {added} samples were absent and are drawn, all others moved to a grid of {grid.size} samples "
         f"({log.resample})"
     )
     remarks += [f"'{name}' on that grid: {cost_text(cost)}" for name, cost in costs.items()]

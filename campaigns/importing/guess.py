@@ -73,7 +73,7 @@ def guess(paths: Sequence[Path], folder: Path) -> Guess:
     said = [*clock_said, *left, *_roles(others)]
     period = period_of({c.select: c.values for c in others if c.role == "input"})
     if period:
-        said.append(f"the inputs repeat after {period} rows")
+        said.append(f"the inputs repeat after {period} samples")
     text = _text([_from(path, folder) for path in paths], source, others, clock, period)
     return Guess(text, tuple(said))
 

@@ -161,7 +161,7 @@ def _channels(path: Path, group: h5py.Group, rows: int) -> tuple[dict[str, h5py.
         if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or dataset.dtype.kind not in "fiu":
             raise refuse(path, item, "is not a one-dimensional dataset of numbers", "see docs/log-format.md")
         if dataset.shape[0] < rows:
-            what = f"has {dataset.shape[0]} rows, fewer than the {rows} committed ones"
+            what = f"has {dataset.shape[0]} samples, fewer than the {rows} committed ones"
             raise refuse(path, item, what, "restore the file from a copy")
         rate, t0_s = (number_attribute(dataset, key, path) for key in ("sample_rate_hz", "t0_s"))
         if rate is None:
@@ -198,7 +198,7 @@ def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
             continue  # begun, but none of its rows was committed before the writer ended
         stop = rows if stop == OPEN_STOP else min(stop, rows)
         if not free <= start <= stop or label in labels:
-            what = f"has segment {label!r} from row {start} to {stop}, used twice or overlapping another"
+            what = f"has segment {label!r} from sample {start} to {stop}, used twice or overlapping another"
             raise refuse(path, SEGMENTS, what, "restore the file from a copy")
         free = stop
         labels.add(label)

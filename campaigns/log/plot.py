@@ -28,7 +28,7 @@ BLOCKS = " ▁▂▃▄▅▆▇█"
 def envelope(values: Array, columns: int) -> tuple[Array, Array]:
     """Return the smallest and the largest value (columns,) in equal pieces of a channel (n,)."""
     if values.size == 0:
-        raise DataError("the log holds no rows: there is nothing to draw")
+        raise DataError("the log holds no samples: there is nothing to draw")
     edges = np.linspace(0, values.size, min(columns, values.size) + 1).astype(np.intp)[:-1]
     return np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)  # numbers that are none leave gaps
 

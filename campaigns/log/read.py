@@ -104,16 +104,16 @@ class Run:
         """Return rows as `read` does, whatever numbers they hold: to copy them, or to say what is wrong with them."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
-            raise ConfigError(f"rows {start} to {last} of {self.path}: it holds rows 0 to {self.rows}")
+            raise ConfigError(f"samples {start} to {last} of {self.path}: it holds samples 0 to {self.rows}")
         try:
             return np.asarray(self._dataset(name)[start:last], dtype=np.float64)
         except (OSError, RuntimeError, ValueError, MemoryError) as error:
             if without_memory(error):
                 raise NoMemoryError(
-                    f"{self.path}: rows {start} to {last} of '{name}' take more memory than there is: free some, or "
-                    "read fewer rows"
+                    f"{self.path}: samples {start} to {last} of '{name}' take more memory than there is: free some, or "
+                    "read fewer samples"
                 ) from None
-            what = f"cannot be read from row {start} to {last} ({first_line(error)})"
+            what = f"cannot be read from sample {start} to {last} ({first_line(error)})"
             raise refuse(self.path, name, what, "run `mccd log recover`, or restore the file from a copy") from None
 
     def time_s(self, name: str, start: int = 0, stop: int | None = None) -> Array:
@@ -151,7 +151,7 @@ class Run:
         chosen = tuple(self.channels if names is None else names)
         rows = self._block_rows(len(chosen)) if rows is None else rows
         if rows < 1:
-            raise ConfigError(f"blocks of {rows} rows: ask for at least 1")
+            raise ConfigError(f"blocks of {rows} samples: ask for at least 1")
         last = self.rows if stop is None else stop
         for first in range(start, last, rows):
             until = min(first + rows, last)

@@ -38,8 +38,8 @@ def recover(path: str | os.PathLike[str], target: str | os.PathLike[str], report
     rows, damage = found.sound_rows, found.damage
     with open_run(Path(path)) as run:
         if not rows:
-            raise DataError(f"{path} holds no sound row of {run.rows} committed: repeat the run; {damage}")
-        reason = f"recovered {rows} of {run.rows} committed rows of a run that was {run.status}"
+            raise DataError(f"{path} holds no sound sample of {run.rows} committed: repeat the run; {damage}")
+        reason = f"recovered {rows} of {run.rows} committed samples of a run that was {run.status}"
         reason += f"; {damage}" if damage else ""
         segments = [
             LogSegment(part.label, part.start, min(part.stop, rows), part.settings)

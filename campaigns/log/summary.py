@@ -35,7 +35,7 @@ def summarise(run: Run, names: Iterable[str] | None = None, report: Report = unh
     """
     chosen = tuple(run.channels if names is None else names)
     if run.rows == 0:
-        raise DataError(f"{run.path} holds no rows: there is nothing to summarise")
+        raise DataError(f"{run.path} holds no samples: there is nothing to summarise")
     rows = 0
     low, high = np.full(len(chosen), np.inf), np.full(len(chosen), -np.inf)
     mean, squares = np.zeros(len(chosen)), np.zeros(len(chosen))

@@ -86,11 +86,11 @@ def _status(run: Run) -> Check:
 def _counter(run: Run) -> Check:
     extra = run.stored_rows - run.rows
     if extra and run.status != OPEN_STATUS:
-        return Check("counter", False, f"{run.rows} rows committed, {extra} more stored without commitment")
-    return Check("counter", True, f"{run.rows} rows committed")
+        return Check("counter", False, f"{run.rows} samples committed, {extra} more stored without commitment")
+    return Check("counter", True, f"{run.rows} samples committed")
 
 
 def _chunks(run: Run, found: Examination) -> Check:
     if found.damage:
-        return Check("chunks", False, f"readable up to row {found.sound_rows}: {found.damage}")
-    return Check("chunks", True, f"{len(run.channels)} channels of {run.rows} rows are readable")
+        return Check("chunks", False, f"readable up to sample {found.sound_rows}: {found.damage}")
+    return Check("chunks", True, f"{len(run.channels)} channels of {run.rows} samples are readable")

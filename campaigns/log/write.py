@@ -306,7 +306,7 @@ class LogWriter:
         try:
             take(self._file, need)
         except OSError as error:
-            raise cannot("write", self.path, error, f" ({rows} rows more take {need / 1e6:.3g} MB)") from None
+            raise cannot("write", self.path, error, f" ({rows} samples more take {need / 1e6:.3g} MB)") from None
         self._room_rows, self._room_segments = self._fill + rows, SEGMENTS_PER_CHUNK
 
     @contextlib.contextmanager
@@ -321,13 +321,13 @@ class LogWriter:
         names = [channel.name for channel in self.channels]
         if set(block) != set(names):
             raise ConfigError(
-                f"rows hold channels {', '.join(sorted(block))}, the log {', '.join(sorted(names))}: "
+                f"samples hold channels {', '.join(sorted(block))}, the log {', '.join(sorted(names))}: "
                 "append exactly these"
             )
         columns = [np.asarray(block[name], dtype=np.float64) for name in names]
         if any(column.ndim != 1 or column.size != columns[0].size for column in columns):
             shapes = ", ".join(f"{name} {column.shape}" for name, column in zip(names, columns, strict=True))
-            raise ConfigError(f"rows differ in shape ({shapes}): append one-dimensional arrays of one length")
+            raise ConfigError(f"samples differ in shape ({shapes}): append one-dimensional arrays of one length")
         return columns
 
     def _refusal(self, label: str, settings_bytes: int) -> str:
@@ -343,7 +343,7 @@ class LogWriter:
     def _require_open(self) -> None:
         if self._closed or self._broken:
             state = "closed" if self._closed else "no longer writable"
-            raise ConfigError(f"{self.path} is {state}: create a new log for new rows")
+            raise ConfigError(f"{self.path} is {state}: create a new log for new samples")
 
 
 def _check_sizes(chunk_rows: int, settings_bytes: int, segments: int) -> None:

@@ -189,7 +189,8 @@ class Watch:
     def _blind(self, cycle: _Cycle) -> str:
         if cycle.missing <= MOST_MISSING:
             return ""
-        return f"{cycle.missing:.0%} of the readings of an axis are missing, the limit is {MOST_MISSING:.0%}"
+        percent, most = 100.0 * cycle.missing, 100.0 * MOST_MISSING
+        return f"{percent:.0f} % of the readings of an axis are missing, the limit is {most:.0f} %"
 
     def _overload(self, cycle: _Cycle) -> str:
         coil = self._limits.coil

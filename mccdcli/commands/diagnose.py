@@ -277,7 +277,7 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
         (
             c["effect"],
             c["where"],
-            f"{c['probability']:.1%}",
+            f"{100.0 * c['probability']:.1f} %",
             ", ".join(_parameter(n, p) for n, p in c["parameters"].items()),
         )
         for c in found["causes"]

@@ -206,9 +206,9 @@ def _text(found: Identification) -> str:
     facts = [("method", found.method), *_gains(found), *_delays(found)]
     if found.chi2_per_dof is not None:
         facts.append(("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)"))
-    facts += [(name, f"{value:.3%} of the output") for name, value in _levels(found) if value is not None]
+    facts += [(name, f"{100.0 * value:.3f} % of the output") for name, value in _levels(found) if value is not None]
     facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
-    facts += [(f"error on {one.segment}", f"{one.total:.2%}") for one in found.held_out]
+    facts += [(f"error on {one.segment}", f"{100.0 * one.total:.2f} %") for one in found.held_out]
     remarks = "".join(f"\nremark: {remark}" for remark in found.remarks)
     return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
 
@@ -219,7 +219,7 @@ def _uncertainty(curve: ResponseCurve) -> str:
         std / size for std, size in zip(curve.std.tolist(), curve.magnitude.tolist(), strict=True) if size
     )
     f = curve.frequency_hz
-    middle = f"{relative[len(relative) // 2]:.2%}" if relative else "unknown"
+    middle = f"{100.0 * relative[len(relative) // 2]:.2f} %" if relative else "unknown"
     return f"response at {f.size} lines, {f[0]:.4g}–{f[-1]:.4g} Hz, standard deviation {middle} (median)"
 
 

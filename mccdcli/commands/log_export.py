@@ -40,4 +40,4 @@ def export(run: Path, out: Path, as_json: bool) -> None:
         save(log, out, report)
         rows, channels = log.rows, list(log.channels)
     result = {"file": out, "run_uid": log.run_uid, "rows": rows, "channels": channels}
-    emit(result, as_json=as_json, text=f"{out}: {rows} rows of {len(channels)} channels")
+    emit(result, as_json=as_json, text=f"{out}: {rows} samples of {len(channels)} channels")

@@ -28,5 +28,5 @@ def recover(run: Path, out: Path | None, as_json: bool) -> None:
 
     with progress("recovering") as report:
         saved = recover_log(run, out or run.with_suffix(f".recovered{run.suffix}"), report)
-    text = f"{saved.path}: {saved.rows} of {saved.committed_rows} rows ({saved.reason})"
+    text = f"{saved.path}: {saved.rows} of {saved.committed_rows} samples ({saved.reason})"
     emit(saved, as_json=as_json, text=text)

@@ -131,14 +131,15 @@ def _live(looks: Iterator[Snapshot]) -> Snapshot | None:
 def _text(one: Snapshot) -> str:
     from analysis.pages.quantities import time_left
 
-    done = "" if not one.expected_rows else f" of {one.expected_rows} rows ({one.rows / one.expected_rows:.0%})"
+    percent = 100.0 * one.rows / one.expected_rows if one.expected_rows else 0.0
+    done = f" of {one.expected_rows} samples ({percent:.0f} %)" if one.expected_rows else " samples"
     parts = [
         table(
             [
                 ("run", f"{one.test} {one.run_uid[:8]}"),
                 ("status", one.status + (f" ({one.status_reason})" if one.status_reason else "")),
                 ("segment", one.segment or "none yet"),
-                ("recorded", f"{one.recorded_s:.1f} s, {one.rows}{done or ' rows'}"),
+                ("recorded", f"{one.recorded_s:.1f} s, {one.rows}{done}"),
                 *([("note", one.note)] if one.note else []),
                 *([] if one.left_s is None else [("time left", time_left(one.left_s))]),
             ]
@@ -180,7 +181,7 @@ def _line(one: Snapshot) -> str:
 
 
 def _share(part: float, whole: float) -> str:
-    return f"{part / whole:.1%}" if whole > 0.0 and math.isfinite(part) else "—"
+    return f"{100.0 * part / whole:.1f} %" if whole > 0.0 and math.isfinite(part) else "—"
 
 
 def _bars(values: list[float]) -> str:

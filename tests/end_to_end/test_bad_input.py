@@ -65,7 +65,7 @@ def refused(done: subprocess.CompletedProcess[str], code: int, *said: str) -> No
         (
             {"source": "jitter.csv", "time": 'time = "t"'},
             4,
-            ("map.toml", "not uniform", "0.0017 s", "limit: 1%", "resample"),
+            ("map.toml", "not uniform", "0.0017 s", "limit: 1 %", "resample"),
         ),
         ({"more": 'colour = "red"'}, 2, ("map.toml", "'colour'", "known are select, unit")),
     ],

@@ -82,7 +82,7 @@ def test_a_log_without_enough_numbers_is_refused_with_their_place(here, capsys, 
     log_with(here / "a.h5", lose, periodic=periodic)
     assert main(["identify", "--log", "a.h5", "-o", "n.toml"]) == 4
     said = capsys.readouterr().err
-    assert "y holds no number in" in said and 'of "fit", first in row 0' in said and said.count("\n") <= 2
+    assert "y holds no number in" in said and 'of "fit", first in sample 0' in said and said.count("\n") <= 2
 
 
 def test_what_is_left_of_a_segment_holds_numbers_alone(here):

@@ -54,13 +54,13 @@ def test_a_terminal_gets_a_bar_in_colour() -> None:
     out, shown = on_a_terminal()
     assert out == "True\n"
     assert "sine sweep [x] 10 Hz" in re.sub(r"\x1b\[[\d;?]*\w", "", shown)
-    assert "100%" in shown
+    assert "100 %" in shown
     assert COLOUR.search(shown)
 
 
 def test_no_color_is_honoured() -> None:
     _, shown = on_a_terminal(NO_COLOR="1")
-    assert "100%" in shown
+    assert "100 %" in shown
     assert not COLOUR.search(shown)
 
 

@@ -171,10 +171,15 @@ def _environment() -> jinja2.Environment:
     environment.filters["readable"] = readable
     environment.filters["fit"] = fit_percent
     environment.filters["plainly"] = without_exponents
-    environment.filters["percent"] = lambda x, digits=1: f"{100.0 * x:.{digits}f} %"
-    environment.filters["share"] = share
+    environment.filters["percent"] = lambda x, digits=1: _unbroken(f"{100.0 * x:.{digits}f} %")
+    environment.filters["share"] = lambda part: _unbroken(share(part))
     environment.filters["chance"] = chance
     return environment
+
+
+def _unbroken(number: str) -> str:
+    """Return a number with its unit, between which no line ends."""
+    return number.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tuple[Figures, dict[str, Explorer]]:

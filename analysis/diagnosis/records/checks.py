@@ -61,7 +61,7 @@ def check_outputs(records: Sequence[Record], names: Sequence[str], where: str) -
         high = max(float(r.y[:, o].max()) for r in records)
         if low == high:
             raise DataError(
-                f"{where}: output '{name}' is constant at {low:g} in all rows; a dead channel decides nothing: "
+                f"{where}: output '{name}' is constant at {low:g} in all samples; a dead channel decides nothing: "
                 "leave this run out or mend the channel"
             )
 
@@ -85,8 +85,8 @@ def without_cut_off(
     notes = [f"{fact.finding}, as a saturated sensor is; those samples are left out" for fact in told]
     if notes and not any(record.windows for record in kept):
         raise DataError(
-            f"an output is cut off every few rows ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} rows is "
-            "left between; record with a smaller motion or a wider range"
+            f"an output is cut off every few samples ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} "
+            "samples is left between; record with a smaller motion or a wider range"
         )
     return kept, notes
 

@@ -81,13 +81,14 @@ class Record:
     def __post_init__(self) -> None:
         if self.u.shape[0] != self.y.shape[0]:
             raise DataError(
-                f"record {self.name}: {self.u.shape[0]} input rows against {self.y.shape[0]} output rows; "
-                "give both the same length"
+                f"record {self.name}: {self.u.shape[0]} samples of the input against {self.y.shape[0]} of the "
+                "output; give both the same length"
             )
         for what, values in (("input", self.u), ("output", self.y)):
             if not np.all(np.isfinite(values)):
                 row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-                raise DataError(f"record {self.name}: the {what} is not a number in row {row}; leave such rows out")
+                where = f"record {self.name}: the {what} in sample {row}"
+                raise DataError(f"{where} is not a number; leave such samples out")
 
     @property
     def n(self) -> int:

@@ -329,11 +329,11 @@ def _channel_of(run: Run, port: Port, role: str) -> str:
 
 
 def check_finite(values: Array, names: Sequence[str], file: str, first_row: int) -> None:
-    """Raise DataError naming file, channel and row when `values` (n, k) hold a number that is not finite."""
+    """Raise DataError naming file, channel and sample when `values` (n, k) hold a number that is not finite."""
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         row, column = int(bad[0][0]), int(bad[0][1])
         raise DataError(
-            f"{file}: channel '{names[column]}' holds {values[row, column]} in row {first_row + row}, and "
+            f"{file}: channel '{names[column]}' holds {values[row, column]} in sample {first_row + row}, and "
             f"{len(bad)} value(s) in all are not finite; repair them or import the stretches between them"
         )

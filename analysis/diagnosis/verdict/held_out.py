@@ -113,7 +113,7 @@ def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: 
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
         against = f"on held-out samples the model misses {gain.rms_after / gain.noise_floor:.3g} times the noise"
     elif claimed and loses(gain):
-        against = "the best explanation follows the rows that xworse than the model without it"
+        against = "the best explanation predicts the held-out samples worse than the model without it"
     elif (
         claimed and not judgement.remainder and (other := of_another_size(gain, tied=judgement.verdict == "ambiguous"))
     ):

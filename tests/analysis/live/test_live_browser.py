@@ -126,7 +126,7 @@ def test_it_follows_a_growing_log_with_the_numbers_of_the_log(tmp_path, watch, b
         until(lambda: said(browser, "recorded") == "3.0 s")  # without loading again
         until(lambda: said(browser, "segment") == "second at θx")
     until(lambda: said(browser, "status") == "complete")
-    assert said(browser, "rows") == "30000 of 40000 (75%)"
+    assert said(browser, "rows") == "30000 of 40000 samples (75 %)"
 
     last = np.stack(rows[1:])[:, 10_000:]  # of the last two seconds
     factors = {"θx (µrad)": 1e6, "θy (nrad)": 1e9}
@@ -182,6 +182,23 @@ def test_it_fits_and_can_be_read(tmp_path, watch, browser, width, scheme):
         assert browser.complaints() == []
         if PICTURES:
             browser.screenshot(Path(PICTURES) / f"live-{width}-{scheme}.png")
+
+
+def test_a_telephone_shows_the_whole_table_and_a_desk_five_tiles_in_a_row(tmp_path, watch, browser):
+    path, model = tmp_path / "run.h5", tmp_path / "model.toml"
+    model.write_text(dump_model(bench_model()), encoding="utf-8")
+    with writer(path) as log, log.segment("chop", {}):
+        append(log, angles(20_000))
+    page = watch(path, "--model", str(model))
+    columns = []
+    for width in (1400, 390):
+        browser.open(page.address, width=width)
+        until(lambda: browser.run("document.querySelectorAll('.facts th[scope=col]').length") == 6)
+        assert browser.run("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('.facts').parentNode)")
+        browser.run("(e => e.append(e.lastElementChild.cloneNode(true)))(document.querySelector('.tiles'))")
+        left = "new Set([...document.querySelectorAll('.tiles li')].map(e => e.offsetLeft)).size"
+        columns.append(browser.run(left))
+    assert columns == [5, 2]
 
 
 def test_what_is_no_number_is_a_gap(tmp_path, watch, browser):

@@ -169,3 +169,19 @@ def test_a_legend_outside_covers_no_panel_and_a_long_stamp_stays_within_the_figu
     assert page.x0 <= box.x0 and box.x1 <= page.x1
     (foot,) = canvas.figure.findobj(lambda one: one.get_gid() == "stamp")
     assert foot.get_window_extent(renderer).x1 <= page.x1 and text.count("16a2feb9") >= 14
+
+
+@pytest.mark.parametrize("size", [(7.2, 3.6), (7.2, 4.4), (7.2, 6.0), (4.0, 4.0)])
+@pytest.mark.parametrize("aspect", ["equal", "auto"])
+def test_the_stamp_lies_below_all_labels(size, aspect):
+    canvas = Canvas("T", "C", columns=2, size=size, share_x=True, share_y=True)
+    for i in range(2):
+        axes = canvas.panel(i, f"position {i + 1}: 8.5 mrad, 99.12 % inside", "θx offset (µrad)", "θy offset (µrad)")
+        canvas.points(i, "samples", [-1.0, 1.0], [1.0, -1.0])
+        axes.set_aspect(aspect)
+    canvas.legend_outside()
+    canvas.svg("runs 16a2feb9 · seed 1 · bench sim")
+    (foot,) = canvas.figure.findobj(lambda one: one.get_gid() == "stamp")
+    top_px = foot.get_window_extent().y1
+    # three points (72 to an inch) are matplotlib's own distance between neighbours
+    assert all(axes.xaxis.label.get_window_extent().y0 > top_px + 3.0 for axes in canvas.axes)

@@ -55,6 +55,8 @@ def test_a_number_for_people_has_no_exponent(value, digits, text):
     [
         (0.127, "87.3 %"),
         (1.73e-4, "99.983 %"),
+        (1.2e-5, "99.9988 %"),
+        (2.48e-8, "above 99.999 %"),
         (0.0, "100.0 %"),
         (1.34, "no fit"),
         (0.999, "0.1 %"),

@@ -15,8 +15,12 @@ from analysis.pages.quantities import share
         (0.0, "0 %"),
         (math.nan, "nan %"),
         (-0.0123, "-1.23 %"),
-        (1e-15, "0.000000000 %"),
+        (1e-5, "0.00100 %"),
+        (2.48e-8, "0.0248 ppm"),
+        (-9.99e-6, "-9.99 ppm"),
+        (1e-9, "0.00100 ppm"),
+        (1e-15, "below 0.001 ppm"),
     ],
 )
-def test_a_share_has_three_digits_and_no_power_of_ten(part: float, text: str) -> None:
+def test_a_share_has_three_digits_and_few_zeros(part: float, text: str) -> None:
     assert share(part) == text

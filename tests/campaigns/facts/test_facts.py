@@ -123,7 +123,7 @@ def test_rows_at_rest_and_after_the_end_are_not_used(tmp_path):
                 log.append({"u": u[start:stop], "y": y[start:stop]})
     with read_run(tmp_path / "a.h5") as run:
         facts = {fact.name: fact for fact in facts_of(run)}
-        assert '0 in all of "held-out levels", rows 2400 to 3000' in facts["at-rest"].finding
+        assert '0 in all of "held-out levels", samples 2400 to 3000' in facts["at-rest"].finding
         assert facts["ended"].numbers["start"] == 2000
         assert [(s.label, s.start, s.stop) for s in usable_segments(run)] == [("levels", 0, 2000)]
 

@@ -108,7 +108,7 @@ def test_a_long_gap_costs_what_a_long_gap_costs():
 
 
 def test_a_gap_of_more_than_was_measured_is_refused():
-    with pytest.raises(DataError, match="gaps of more rows than were measured"):
+    with pytest.raises(DataError, match="gaps of more samples than were measured"):
         grid_of(Stamps(np.array([0.0, 0.1, 0.2, 0.3, 1e15])), "t", "")
 
 
@@ -124,7 +124,7 @@ def test_whole_seconds_without_their_fraction_are_dates_too():
 
 def test_lost_rows_are_counted_and_the_way_out_is_told():
     time_s = np.delete(np.arange(100) * 1e-3, [40, 41, 70])
-    with pytest.raises(DataError, match=r"3 rows are lost in 2 place\(s\).*resample = \"cubic\"") as refused:
+    with pytest.raises(DataError, match=r"3 samples are lost in 2 place\(s\).*resample = \"cubic\"") as refused:
         clock_of(Stamps(time_s), "time 't'", "")
     assert "sample_rate_hz" not in str(refused.value)
 

@@ -127,5 +127,5 @@ def test_the_command_summarises_one_line_per_channel(log, capsys):
 def test_a_log_without_rows_has_no_summary(tmp_path):
     with LogWriter.create(tmp_path / "run.h5", [Channel("a", "K", "aux", "a", 1.0)], test="x", bench={}):
         pass
-    with read_run(tmp_path / "run.h5") as run, pytest.raises(DataError, match="no rows"):
+    with read_run(tmp_path / "run.h5") as run, pytest.raises(DataError, match="no samples"):
         summarise(run)

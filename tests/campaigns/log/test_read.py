@@ -83,7 +83,7 @@ def test_what_is_not_there_is_refused_with_what_is(small_log):
         with pytest.raises(ConfigError, match="no segment 'chop': it has held-out µ, sweep up"):
             run.window("chop")
         for start, stop in ((-1, 5), (5, 1001), (7, 6)):
-            with pytest.raises(ConfigError, match="rows 0 to 1000"):
+            with pytest.raises(ConfigError, match="samples 0 to 1000"):
                 run.read("angle_x", start, stop)
 
 
@@ -156,8 +156,8 @@ def test_a_damaged_channel_is_one_clear_line(plain_log, seal, name, value, said)
 
 
 TABLES = [
-    ([(b"one", 5, 3, b"{}")], "from row 5 to 3"),
-    ([(b"one", -7, 3, b"{}")], "from row -7"),
+    ([(b"one", 5, 3, b"{}")], "from sample 5 to 3"),
+    ([(b"one", -7, 3, b"{}")], "from sample -7"),
     ([(b"one", 0, 4, b"{}"), (b"two", 3, 5, b"{}")], "overlapping"),
     ([(b"one", 0, 4, b"{}"), (b"one", 4, 5, b"{}")], "used twice"),
     ([(b"one", 0, 4, b"{")], "not a JSON object"),

@@ -120,6 +120,6 @@ def test_recovery_overwrites_nothing_and_says_when_nothing_is_left(small_log, tm
         recover(path, tmp_path / "saved.h5")
     assert (tmp_path / "saved.h5").read_text() == "precious"
     flip(path, path.read_bytes().index(data["torque_x"][:1].tobytes()), 0)
-    with pytest.raises(DataError, match="no sound row"):
+    with pytest.raises(DataError, match="no sound sample"):
         recover(path, tmp_path / "other.h5")
     assert not (tmp_path / "other.h5").exists()

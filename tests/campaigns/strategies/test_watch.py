@@ -211,7 +211,7 @@ def test_single_readings_that_are_missing_stop_nothing_and_many_do(channel: str)
     seen.channels[channel][[10, 900, 1500]] = np.nan
     assert [watch.failure(frozen, seen) for _ in range(3)] == [""] * 3
     seen.channels[channel][: PERIOD // 2 + 1] = np.nan
-    assert ("50% of the readings" in watch.failure(frozen, seen)) == channel.startswith("theta")
+    assert ("50 % of the readings" in watch.failure(frozen, seen)) == channel.startswith("theta")
 
 
 def test_without_a_stable_feedback_nothing_is_gone_back_to():

@@ -99,7 +99,7 @@ def test_once_shows_a_finished_run_as_text_and_as_json(tmp_path, capsys):
         log.set_status("paused", "by hand\x1b[2J")
     assert main(["watch", str(path), "--once"]) == 0
     out = capsys.readouterr().out
-    assert "paused (by hand\\x1b[2J)" in out and "1000 of 4000 rows (25%)" in out and "0 s" in out
+    assert "paused (by hand\\x1b[2J)" in out and "1000 of 4000 samples (25 %)" in out and "0 s" in out
     assert "\x1b" not in out and "▁" in out and "█" in out
     assert main(["watch", str(path), "--once", "--json"]) == 0
     one = json.loads(capsys.readouterr().out)

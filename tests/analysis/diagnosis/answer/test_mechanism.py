@@ -294,7 +294,7 @@ def test_the_tiles_say_what_the_headline_says(tmp_path, verdict, ci95, shown, mi
     gain = Gain(("uid#held-out",), 5.351, 0.1, 0.09, 0.8, ci95, rms_given=5.5)
     page = write_page(dataclasses.replace(found, gain=gain), axis(), (), tmp_path)["index.html"].read_text()
     tiles = page[page.index('class="tiles"') : page.index("<nav")]
-    assert "no fit" in tiles and "fit of the model as given: error 550 %" in tiles
+    assert "no fit" in tiles and "fit of the model as given: error 550\N{NO-BREAK SPACE}%" in tiles
     for text in shown:
         assert text in tiles, text
     for text in missing:

@@ -175,7 +175,7 @@ def test_rows_of_a_saturated_output_are_left_out_with_its_limit(write_log, motio
 def test_a_number_that_is_not_finite_is_refused_with_its_row(write_log, motion, oscillator):
     broken = motion["x"].copy()
     broken[1234] = np.nan
-    with pytest.raises(DataError, match=r"run.h5: channel 'x' holds nan in row 1234"):
+    with pytest.raises(DataError, match=r"run.h5: channel 'x' holds nan in sample 1234"):
         load_runs([write_log(motion | {"x": broken}, HALVES)], oscillator)
 
 
