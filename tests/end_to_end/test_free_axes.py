@@ -78,7 +78,7 @@ def diagnosed(folder: Path, u: Array, y: Array) -> dict[str, Any]:
     write_record(folder, Record(u, y, RATE_HZ, [("train", split), ("held-out end", ROWS - split)], None))
     imported(folder)
     identified(folder)
-    return diagnosis(folder)
+    return diagnosis(folder, "--page")  # one of a bench with several axes
 
 
 def causes(found: dict[str, Any]) -> dict[tuple[str, str], dict[str, float]]:

@@ -106,9 +106,9 @@ def identified(folder: Path, *options: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def diagnosis(folder: Path) -> dict[str, Any]:
-    """Return diagnosis.json of run.h5 and nominal.toml, and the command's `exit_code`."""
-    done = mccd(folder, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json")
+def diagnosis(folder: Path, page: str = "--no-page") -> dict[str, Any]:
+    """Return diagnosis.json of run.h5 and nominal.toml, and the command's `exit_code`; with `--page` it draws one."""
+    done = mccd(folder, "diagnose", "run.h5", "--model", "nominal.toml", "-o", "out", "--json", page)
     assert done.returncode in (0, 1), done.stderr
     return dict(json.loads(done.stdout), exit_code=done.returncode)
 
