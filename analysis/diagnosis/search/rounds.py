@@ -21,6 +21,7 @@ from analysis.diagnosis.fitting.balance import (
 )
 from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
+from analysis.diagnosis.fitting.refit import LONG
 from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
 from analysis.diagnosis.search.recorded_steps import with_recorded_steps
 from analysis.diagnosis.search.rubbing import rubbing
@@ -38,6 +39,10 @@ _TUNED, _SEARCH = 0.05, 0.85
 
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
+
+_MOVING = 2.5
+"""Colour of a residual beyond which it is no noise alone. The innovations of a noise of spectrum S have the variance
+exp(mean of ln S) (Kolmogorov 1941), so that 1/f noise over six decades has the colour sqrt((ln 1e6 + 1) / e) = 2.3."""
 
 _COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD
 """So many trials of a round are refitted with care; where the noise is not known, also those that trail the best of the
@@ -112,6 +117,7 @@ def search(
         trials = stage.trials(setting, last)
         if not known:
             trials += _in_own_noise(setting, stage, trials, last, rules, scales)
+            trials = _closest_in_white_noise(setting, best, trials)
         ahead = [(lead_of(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
@@ -162,6 +168,20 @@ def _in_own_noise(
     if max(leads, default=-np.inf) <= last.price:
         more += stage.overlooked(setting, last, [*trials, *more])
     return more
+
+
+def _closest_in_white_noise(setting: Setting, best: Fit, trials: list[Fit]) -> list[Fit]:
+    """Return `trials`, the one that simulates the record most closely begun anew from there where that is better.
+
+    While something large is missing, a coloured noise takes most of it for its own, and a descent in it ends far from
+    where the record is simulated well. White noise takes nothing.
+    """
+    if not trials or _colour(setting, best) < _MOVING:
+        return trials
+    plain = reestimated(setting, best, order=0)
+    closest = min((again(plain, f, steps=LONG) for f in trials), key=lambda f: f.objective)
+    found, key = iterated_gls(plain, closest)[1], closest.candidates[-1].key
+    return [min(f, found, key=lambda f: score(f, False)) if f.candidates[-1].key == key else f for f in trials]
 
 
 def _against_white_noise(
@@ -316,7 +336,13 @@ def _in_steps(setting: Setting, substeps: int, trials: list[Fit], before: Fit) -
     if substeps == setting.substeps:
         return setting, trials, before
     setting = replace(setting, substeps=substeps)
-    return setting, [again(setting, f, steps=0) for f in trials], again(setting, before, steps=0)
+
+    def simulated(fit: Fit) -> Fit:
+        there = again(setting, fit, steps=0)
+        # a noise that is not known is that which the fit leaves
+        return there if setting.whitener.repeats else again(reestimated(setting, there), there, steps=0)
+
+    return setting, [simulated(f) for f in trials], simulated(before)
 
 
 def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
