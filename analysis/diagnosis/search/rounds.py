@@ -116,8 +116,7 @@ def search(
         stage = Stage(best, least, allowed, _TUNED + _SEARCH * (1.0 - 2.0 * share), _SEARCH * share, progress)
         trials = stage.trials(setting, last)
         if not known:
-            trials += _in_own_noise(setting, stage, trials, last, rules, scales)
-            trials = _closest_in_white_noise(setting, best, trials)
+            trials = _in_own_noise(setting, stage, trials, last, rules, scales)
         ahead = [(lead_of(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
@@ -160,14 +159,14 @@ def _beneath(
 def _in_own_noise(
     setting: Setting, stage: Stage, trials: Sequence[Fit], last: Screen, rules: Rules, scales: Scales
 ) -> list[Fit]:
-    """Return the fits beside `trials` that the noise of a fit without them has hidden."""
+    """Return `trials` and those that the noise of a fit without them has hidden, each as near the record as it gets."""
     more = list[Fit]()
     if _colour(setting, stage.best) > _DRIFTING:
         more += _against_white_noise(setting, stage, trials, rules, scales)
     leads = [lead_of(setting, f, stage.best) for f in (*trials, *more)]
     if max(leads, default=-np.inf) <= last.price:
         more += stage.overlooked(setting, last, [*trials, *more])
-    return more
+    return _closest_in_white_noise(setting, stage.best, [*trials, *more])
 
 
 def _closest_in_white_noise(setting: Setting, best: Fit, trials: list[Fit]) -> list[Fit]:
