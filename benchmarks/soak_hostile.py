@@ -114,7 +114,7 @@ def _broken(code: int, said: str) -> str | None:
         return f"exit code {code}"
     if "Traceback" in said:
         return "traceback"
-    if "outside:" in said:
+    if "\noutside: " in said:
         return "writes outside its folder"
     if "\nmemory: " in said:
         return "takes too much memory"
