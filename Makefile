@@ -41,7 +41,7 @@ picture: $(STAMP)
 
 # the example notebook with what it prints and draws
 notebook: $(STAMP)
-	$(BIN)/python -m docs.run_notebook
+	$(BIN)/python -m tests.docs.notebook
 
 # A file or, where a file takes long, a test goes to the next free worker, the longest first (tests/order.py).
 # Python and pytest keep what they have compiled: each of hundreds of processes would compile it all again.

@@ -8,8 +8,8 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from docs.run_notebook import NOTEBOOK, executed
 from tests.docs.held_spring import relative_error
+from tests.docs.notebook import NOTEBOOK, executed
 
 
 def _outputs(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:

@@ -8,14 +8,16 @@ from pathlib import Path
 import nbclient
 import nbformat
 
-NOTEBOOK = Path(__file__).parent / "examples" / "diagnose.ipynb"
+from tests.reading import DOCS
+
+NOTEBOOK = DOCS / "examples" / "diagnose.ipynb"
 
 
 def executed(folder: Path) -> nbformat.NotebookNode:
     """Return the notebook with its results, run in a folder by a kernel that finds these sources."""
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     environment = os.environ | {
-        "PYTHONPATH": str(NOTEBOOK.parents[2]),
+        "PYTHONPATH": str(DOCS.parent),
         "JUPYTER_PLATFORM_DIRS": "1",
         "IPYTHONDIR": str(folder),
     }
