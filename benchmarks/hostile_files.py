@@ -44,7 +44,11 @@ def changed(path: Path, rng: random.Random) -> None:
         write(path, rng.choice([b"", b"\0" * 1000, b"\xff\xfe", os.urandom(100), b"{" * 100_000, b"[" * 100_000, b'"']))
     elif kind < 0.1:
         path.unlink()
-        rng.choice([path.mkdir, lambda: path.symlink_to("nowhere"), lambda: None])()
+        left = rng.choice(("folder", "link", "nothing"))
+        if left == "folder":
+            path.mkdir()
+        elif left == "link":
+            path.symlink_to("nowhere")
     elif path.suffix in (".toml", ".csv"):
         write(path, _text(content, rng))
     elif path.suffix == ".json":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,7 @@ def make_kit(folder: Path) -> None:
     columns = MAP.replace("data.csv", "data.npy").replace('"x"\nunit', '"[:, 1]"\nunit').replace('"u"\n', '"[:, 0]"\n')
     (folder / "map-npy.toml").write_text(columns, encoding="utf-8")
     for arguments in SOUND:
-        code, said = in_child(lambda words=arguments: mccd(list(words)), folder, LIMIT_S)
+        code, said = in_child(partial(mccd, list(arguments)), folder, LIMIT_S)
         if code:
             raise RuntimeError(f"{' '.join(arguments)} ends with {code}: {said}")
     results = folder / "hidden" / "results" / "0001"
@@ -100,8 +101,8 @@ def make_kit(folder: Path) -> None:
     ended = {"case": "0001", "exit_code": 0, "wall_s": 1.0, "cpu_s": 1.0, "tool_version": "1", "tool_commit": "a"}
     (results / "run.json").write_text(json.dumps(ended), encoding="utf-8")
     cause = {"effect": "backlash", "where": "theta_x", "probability": 0.9, "parameters": {"gap": {"value": 1.0}}}
-    said = {"verdict": "named", "causes": [cause], "ambiguous": [], "gain": {"rms_after": 1.0}, "remainder": None}
-    (results / "diagnosis.json").write_text(json.dumps(said), encoding="utf-8")
+    answer = {"verdict": "named", "causes": [cause], "ambiguous": [], "gain": {"rms_after": 1.0}, "remainder": None}
+    (results / "diagnosis.json").write_text(json.dumps(answer), encoding="utf-8")
     in_child(lambda: mccd(["challenge", "score", "hidden", "-o", "score.json"]), folder, LIMIT_S)
     (folder / "folder").mkdir()
     (folder / "empty").touch()
@@ -119,5 +120,5 @@ def fill_kernels(kit: Path) -> None:
     for arguments in PLAYS:
         scratch = kit.parent / "scratch"
         shutil.copytree(kit, scratch, symlinks=True)
-        in_child(lambda words=arguments: mccd(list(words)), scratch, LIMIT_S)
+        in_child(partial(mccd, list(arguments)), scratch, LIMIT_S)
         shutil.rmtree(scratch)
