@@ -175,7 +175,8 @@ def _closest_in_white_noise(setting: Setting, best: Fit, trials: list[Fit]) -> l
     While something large is missing, a coloured noise takes most of it for its own, and a descent in it ends far from
     where the record is simulated well. White noise takes nothing.
     """
-    if not trials or _colour(setting, best) < _MOVING:
+    # beyond that, shapes themselves are sought against white noise
+    if not trials or not _MOVING <= _colour(setting, best) <= _DRIFTING:
         return trials
     plain = reestimated(setting, best, order=0)
     closest = min((again(plain, f, steps=LONG) for f in trials), key=lambda f: f.objective)
@@ -317,31 +318,13 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> 
 
     In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
     """
-    setting, trials, before = _in_steps(setting, steps_for(setting, trials), trials, before)
+    setting = replace(setting, substeps=steps_for(setting, trials))
     setting, trials, before = _iterated_gls(setting, trials, before, price)
     best = _best_of(setting, trials, before, price)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
         return setting, _begun_at_the_best(setting, trials), before
-    return _settled(*_in_steps(setting, finer, trials, before), price)
-
-
-def _in_steps(setting: Setting, substeps: int, trials: list[Fit], before: Fit) -> tuple[Setting, list[Fit], Fit]:
-    """Return `trials` and the fit `before` them, simulated in so many steps, and the setting with these.
-
-    A simulation in coarser steps is another model: numbers that suit its error are no rivals of what is right in finer
-    ones.
-    """
-    if substeps == setting.substeps:
-        return setting, trials, before
-    setting = replace(setting, substeps=substeps)
-
-    def simulated(fit: Fit) -> Fit:
-        there = again(setting, fit, steps=0)
-        # a noise that is not known is that which the fit leaves
-        return there if setting.whitener.repeats else again(reestimated(setting, there), there, steps=0)
-
-    return setting, [simulated(f) for f in trials], simulated(before)
+    return _settled(replace(setting, substeps=finer), trials, before, price)
 
 
 def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
