@@ -73,11 +73,15 @@ SOUND: tuple[tuple[str, ...], ...] = (
 
 
 def make_kit(folder: Path) -> None:
-    """Fill a folder with small sound files of every kind that commands read, and some that are none."""
+    """Make a folder of small sound files of every kind that commands read, and some that are none.
+
+    Beside it is the folder of the commands' temporary files.
+    """
     # compiled code and the list of fonts are those of whoever runs this, whatever home a case has
     for name, kept in (("MCCD_KERNEL_CACHE", "kernels"), ("MPLCONFIGDIR", "matplotlib")):
         os.environ.setdefault(name, str(user_cache_path("mccd", appauthor=False) / kept))
-    folder.mkdir()
+    folder.mkdir(parents=True)
+    (folder.parent / "tmp").mkdir()
     for name, text in (("study.toml", STUDY), ("campaign.toml", CAMPAIGN), ("map.toml", MAP)):
         (folder / name).write_text(text, encoding="utf-8")
     rows = "".join(f"{0.1 * i:.1f},{i % 7},{i % 5 - 2}\n" for i in range(40))

@@ -37,6 +37,10 @@ LONG = 10
 """By how much more time `challenge make` has: a case of every family left out is minutes of honest work."""
 
 
+TELLS_OF_DAMAGE = {("log", "verify"), ("log", "list"), ("log", "recover"), ("log", "check"), ("campaign", "show")}
+"""Commands that end well where a log is damaged: to tell of it is what they do."""
+
+
 class Ended(NamedTuple):
     """What came of a case: its command, its exit code, what is broken, and what it was in words."""
 
@@ -103,10 +107,6 @@ def _carried_out(one: Drawn, kit: Path, box: Path) -> tuple[int, str, dict[str, 
     return code, said, results(said, work, before) if one.checked and code in (0, 1) else {}
 
 
-TELLS_OF_DAMAGE = {("log", "verify"), ("log", "list"), ("log", "recover"), ("log", "check"), ("campaign", "show")}
-"""Commands that end well where a log is damaged: to tell of it is what they do."""
-
-
 def _broken(code: int, said: str) -> str | None:
     if code in (-signal.SIGALRM, -signal.SIGXCPU):
         return "endless"
@@ -130,8 +130,6 @@ def soak(first: int, cases: int, seconds: float) -> Iterator[Ended]:
     until = time.monotonic() + seconds
     with TemporaryDirectory(prefix="mccd-soak-") as place:
         kit = Path(place) / "kit" / "work"
-        kit.parent.mkdir()
-        (kit.parent / "tmp").mkdir()
         make_kit(kit)
         known: dict[int, dict[str, str]] = {}
         for seed in range(first, first + cases):

@@ -50,10 +50,6 @@ def look(watching: Watch, now_s: float) -> tuple[Snapshot, State]:
 
 
 def _texts(seen: Snapshot) -> dict[str, str]:
-    samples = f"{seen.rows} samples"
-    if seen.expected_rows:
-        percent = 100.0 * seen.rows / seen.expected_rows
-        samples = f"{seen.rows} of {seen.expected_rows} samples ({percent:.0f} %)"
     return {
         "test": seen.test,
         "run": seen.run_uid[:8],
@@ -62,7 +58,7 @@ def _texts(seen: Snapshot) -> dict[str, str]:
         "reason": seen.status_reason,
         "segment": seen.segment or ("none yet" if seen.running else "none"),
         "recorded": f"{seen.recorded_s:.1f} s",
-        "rows": samples,
+        "rows": seen.samples,
         "left": time_left(seen.left_s),
     }
 

@@ -59,7 +59,7 @@ def readable(value: float, digits: int = 3) -> str:
 def fit_percent(error: float) -> str:
     """Return a relative error (rms ÷ rms) as the fit that it leaves, in percent to two digits of what is missing.
 
-    An error as large as the output leaves no fit; one below 0.001 % is not told from others.
+    An error as large as the output leaves no fit; one below 0.001 % is given as a bound.
     """
     missing = abs(100.0 * error)
     if not math.isfinite(missing):

@@ -84,6 +84,13 @@ class Snapshot:
         """Whether the writer lives."""
         return self.status == "running"
 
+    @property
+    def samples(self) -> str:
+        """How many samples are recorded, and of how many where that is known, in words."""
+        if not self.expected_rows:
+            return f"{self.rows} samples"
+        return f"{self.rows} of {self.expected_rows} samples ({100.0 * self.rows / self.expected_rows:.0f} %)"
+
 
 class Watch:
     """Looks at the log at `path` again and again; with `model`, also simulates what it should show.

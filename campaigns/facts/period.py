@@ -45,8 +45,9 @@ def facts(seen: Seen) -> list[Fact]:
             best, least = _best(parts, claimed)
         wrong = best != claimed and least < BETTER * off
         if wrong or off > DIFFERENT:
-            right = f"; after {best} it does, to {100.0 * least:.2f} %: say period = {best}"
-            right = right if wrong else ": take the period out"
+            right = ": take the period out"
+            if wrong:
+                right = f"; after {best} it does, to {100.0 * least:.2f} %: say period = {best}"
             found.append(
                 Fact(
                     "period",

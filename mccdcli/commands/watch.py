@@ -131,15 +131,13 @@ def _live(looks: Iterator[Snapshot]) -> Snapshot | None:
 def _text(one: Snapshot) -> str:
     from analysis.pages.quantities import time_left
 
-    percent = 100.0 * one.rows / one.expected_rows if one.expected_rows else 0.0
-    done = f" of {one.expected_rows} samples ({percent:.0f} %)" if one.expected_rows else " samples"
     parts = [
         table(
             [
                 ("run", f"{one.test} {one.run_uid[:8]}"),
                 ("status", one.status + (f" ({one.status_reason})" if one.status_reason else "")),
                 ("segment", one.segment or "none yet"),
-                ("recorded", f"{one.recorded_s:.1f} s, {one.rows}{done}"),
+                ("recorded", f"{one.recorded_s:.1f} s, {one.samples}"),
                 *([("note", one.note)] if one.note else []),
                 *([] if one.left_s is None else [("time left", time_left(one.left_s))]),
             ]

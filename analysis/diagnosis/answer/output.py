@@ -125,7 +125,9 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
     """
     source = _provenance(sources)
     linear, std = diagnosis.linear, diagnosis.linear_std
-    kept = [_moved_zero(e, model, diagnosis, source) for e in model.effects if _site(e) is not Site.MODEL]
+    kept = [
+        _moved_zero(e, model, diagnosis, source) for e in model.effects if effect_class(e.effect).site is not Site.MODEL
+    ]
     nominal = [*model.modes, *_further_modes(model, linear)]
     return msgspec.structs.replace(
         model,
@@ -137,10 +139,6 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         delay_s=_delays(model, linear, std, source),
         coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
-
-
-def _site(entry: EffectEntry) -> Site:
-    return effect_class(entry.effect).site
 
 
 def _moved_zero(entry: EffectEntry, model: Model, diagnosis: Diagnosis, source: str) -> EffectEntry:

@@ -254,8 +254,8 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     weight = (record.fitted() | record.held_out())[:, None] * _weights(setting, fit, record)
     columns = np.concatenate([free, beside], axis=2)
     played_rms = np.sqrt(np.mean(record.u**2, axis=0))
-    unknown = np.full(states, np.inf), np.full(zeros.shape[2], np.inf)
-    spread = np.concatenate([unknown[0], [played_rms[j] for _, j in on_their_way], unknown[1]])
+    sent_rms = [played_rms[j] for _, j in on_their_way]
+    spread = np.concatenate([np.full(states, np.inf), sent_rms, np.full(zeros.shape[2], np.inf)])
     changed = [e for e in effects if e.site is Site.MODEL]
 
     def begun_best(acting: Sequence[Effect]) -> Array:

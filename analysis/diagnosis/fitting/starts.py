@@ -11,6 +11,7 @@ simulation itself, by as many numbers whatever acts (Levenberg 1944, Marquardt 1
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -118,18 +119,15 @@ def zeros_left(
 
     Records count by how well they tell it; a zero that none tells is left out.
     """
-    told: dict[int, list[tuple[float, float]]] = {}
+    weighted, weights = defaultdict[int, float](float), defaultdict[int, float](float)
     for record, start, residual in zip(data.records, starts, residuals, strict=True):
-        count = len(record.free_zeros)
-        back = start.before[start.before.shape[0] - count :]
+        back = start.before[start.before.shape[0] - len(record.free_zeros) :]
         values = back @ (start.q.T @ stack_white(whitener, record, residual[:, :, None])[:, 0])
         for output, value, variance in zip(record.free_zeros, values, np.sum(back**2, axis=1), strict=True):
             if variance > 0.0:
-                told.setdefault(output, []).append((float(value), 1.0 / float(variance)))
-    return {
-        output: (sum(v * w for v, w in one) / sum(w for _, w in one), float(sum(w for _, w in one) ** -0.5))
-        for output, one in told.items()
-    }
+                weighted[output] += float(value / variance)
+                weights[output] += float(1.0 / variance)
+    return {output: (weighted[output] / weight, weight**-0.5) for output, weight in weights.items()}
 
 
 def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[Start, ...]:

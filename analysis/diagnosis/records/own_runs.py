@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.sensor_offset import SensorOffset
-from sim_backend.model import Model, Quantity
+from sim_backend.model import Model, Quantity, Value
 
 
 def fitted_to(model: Model, data: Sequence[str]) -> bool:
@@ -17,8 +17,7 @@ def fitted_to(model: Model, data: Sequence[str]) -> bool:
         for mode in model.modes
         for value in (mode.frequency_hz, mode.decay_rate_1_s, *mode.input.values(), *mode.output.values())
     ]
-    sources = {n.source or "" for n in numbers if isinstance(n, Quantity) and n.origin == "fitted"}
-    return any(name in source for name in data for source in sources)
+    return any(_fitted(number, data) for number in numbers)
 
 
 def with_free_zeros(data: Dataset, model: Model) -> Dataset:
@@ -28,8 +27,7 @@ def with_free_zeros(data: Dataset, model: Model) -> Dataset:
         entry.where
         for entry in model.effects
         for value in entry.parameters.values()
-        if entry.effect == SensorOffset.name and isinstance(value, Quantity) and value.origin == "fitted"
-        if any(name in (value.source or "") for name in runs)
+        if entry.effect == SensorOffset.name and _fitted(value, runs)
     }
     free = tuple(o for o, port in enumerate(model.outputs) if port.dof in fitted)
     return replace(data, records=tuple(replace(r, free_zeros=free) for r in data.records)) if free else data
@@ -41,5 +39,11 @@ def fitted_delays(model: Model, data: Sequence[str]) -> list[int]:
     One that was set before the rest was fitted has no deviation.
     """
     delays = [model.delay_s.get(port.name, 0.0) for port in model.inputs]
-    known = [(j, d) for j, d in enumerate(delays) if isinstance(d, Quantity) and d.origin == "fitted"]
-    return [j for j, d in known if d.value and d.std and any(name in (d.source or "") for name in data)]
+    return [j for j, d in enumerate(delays) if isinstance(d, Quantity) and d.value and d.std and _fitted(d, data)]
+
+
+def _fitted(value: Value, data: Sequence[str]) -> bool:
+    """Tell whether a number was fitted to runs or tables of these names, one of which its source has."""
+    if not isinstance(value, Quantity) or value.origin != "fitted":
+        return False
+    return any(name in (value.source or "") for name in data)

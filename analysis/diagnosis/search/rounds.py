@@ -159,25 +159,22 @@ def _beneath(
 def _in_own_noise(
     setting: Setting, stage: Stage, trials: Sequence[Fit], last: Screen, rules: Rules, scales: Scales
 ) -> list[Fit]:
-    """Return `trials` and those that the noise of a fit without them has hidden, each as near the record as it gets."""
-    more = list[Fit]()
-    if _colour(setting, stage.best) > _DRIFTING:
-        more += _against_white_noise(setting, stage, trials, rules, scales)
-    leads = [lead_of(setting, f, stage.best) for f in (*trials, *more)]
-    if max(leads, default=-np.inf) <= last.price:
-        more += stage.overlooked(setting, last, [*trials, *more])
-    return _closest_in_white_noise(setting, stage.best, [*trials, *more])
+    """Return `trials` and those that the noise of a fit without them has hidden."""
+    found, colour = [*trials], _colour(setting, stage.best)
+    if colour > _DRIFTING:
+        found += _against_white_noise(setting, stage, trials, rules, scales)
+    if max((lead_of(setting, f, stage.best) for f in found), default=-np.inf) <= last.price:
+        found += stage.overlooked(setting, last, found)
+    # further out, shapes themselves are sought against white noise
+    return _closest_in_white_noise(setting, stage.best, found) if found and _MOVING <= colour <= _DRIFTING else found
 
 
-def _closest_in_white_noise(setting: Setting, best: Fit, trials: list[Fit]) -> list[Fit]:
+def _closest_in_white_noise(setting: Setting, best: Fit, trials: Sequence[Fit]) -> list[Fit]:
     """Return `trials`, the one that simulates the record most closely begun anew from there where that is better.
 
     While something large is missing, a coloured noise takes most of it for its own, and a descent in it ends far from
     where the record is simulated well. White noise takes nothing.
     """
-    # beyond that, shapes themselves are sought against white noise
-    if not trials or not _MOVING <= _colour(setting, best) <= _DRIFTING:
-        return trials
     plain = reestimated(setting, best, order=0)
     closest = min((again(plain, f, steps=LONG) for f in trials), key=lambda f: f.objective)
     found, key = iterated_gls(plain, closest)[1], closest.candidates[-1].key
