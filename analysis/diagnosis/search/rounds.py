@@ -165,8 +165,7 @@ def _in_own_noise(
         found += _against_white_noise(setting, stage, trials, rules, scales)
     if max((lead_of(setting, f, stage.best) for f in found), default=-np.inf) <= last.price:
         found += stage.overlooked(setting, last, found)
-    # further out, shapes themselves are sought against white noise
-    return _closest_in_white_noise(setting, stage.best, found) if found and _MOVING <= colour <= _DRIFTING else found
+    return _closest_in_white_noise(setting, stage.best, found) if found and colour > _MOVING else found
 
 
 def _closest_in_white_noise(setting: Setting, best: Fit, trials: Sequence[Fit]) -> list[Fit]:
@@ -321,7 +320,17 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> 
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
         return setting, _begun_at_the_best(setting, trials), before
-    return _settled(replace(setting, substeps=finer), trials, before, price)
+    setting = replace(setting, substeps=finer)
+    return _settled(setting, [_simulated(setting, f) for f in trials], before, price)
+
+
+def _simulated(setting: Setting, fit: Fit) -> Fit:
+    """Return a fit as it is simulated in the steps of `setting`: numbers that suit the error of coarser ones lose it.
+
+    A noise that is not known is that which the fit leaves.
+    """
+    there = again(setting, fit, steps=0)
+    return there if setting.whitener.repeats else again(reestimated(setting, there), there, steps=0)
 
 
 def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
