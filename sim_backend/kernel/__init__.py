@@ -51,9 +51,13 @@ class Loop:
         self.run(structure, np.array(fixed + entries(n, wave, self.parts.mem, out), dtype=np.int64))
         self.parts.mem.samples[0] += n
 
+    def structure(self) -> Structure:
+        """Return the structure by which this loop is played beside others: a lasting bench has its effects inlined."""
+        return self.inlined or self._table(False)[0]
+
     def table(self, n: int, wave: layout.Waveform, out: layout.Output) -> list[int]:
-        """Return what an emitted loop with the effects inlined receives to play `n` samples of `wave`."""
-        return self._table(True)[1] + entries(n, wave, self.parts.mem, out)
+        """Return what the emitted loop of that structure receives to play `n` samples of `wave`."""
+        return self._table(self.inlined is not None)[1] + entries(n, wave, self.parts.mem, out)
 
     def run(self, structure: Structure, table: layout.Ints) -> None:
         """Run the loop of a structure with its table, a row for each of its lanes."""

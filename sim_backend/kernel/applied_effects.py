@@ -22,14 +22,14 @@ def emit_effects(loop: Emission, site: Site) -> None:
             if wires["site"] == site:
                 _inline(loop, site, number, dt_s)
         return
-    at = loop.at
-    batch, address = (at.inttoptr(loop.whole[name], I64.as_pointer()) for name in ("batch", "address"))
+    at, kind = loop.at, ir.FunctionType(ir.VoidType(), [I64, I64.as_pointer(), F64])
     for b in range(*whole(loop.structure.sites)[site : site + 2].tolist()):
-        first, end = (at.load(at.gep(batch, [index(i)])) for i in (b, b + 1))
-        wires = at.add(loop.whole["wires"], at.mul(first, index(8 * WIRES)))
-        kind = ir.FunctionType(ir.VoidType(), [I64, I64.as_pointer(), F64])
-        function = at.inttoptr(at.load(at.gep(address, [first])), kind.as_pointer())
-        at.call(function, [at.sub(end, first), at.inttoptr(wires, I64.as_pointer()), dt_s.value])
+        for table in loop.tables:  # lanes have effects of their own, which find the signals of their lane alone
+            batch, address = (at.inttoptr(table[name], I64.as_pointer()) for name in ("batch", "address"))
+            first, end = (at.load(at.gep(batch, [index(i)])) for i in (b, b + 1))
+            wires = at.add(table["wires"], at.mul(first, index(8 * WIRES)))
+            function = at.inttoptr(at.load(at.gep(address, [first])), kind.as_pointer())
+            at.call(function, [at.sub(end, first), at.inttoptr(wires, I64.as_pointer()), dt_s.lane(0)])
 
 
 def _inline(loop: Emission, site: Site, number: int, dt_s: Number) -> None:

@@ -38,7 +38,7 @@ class Structure:
     `shapes` are those of all weights, `kinds` says of every entry of them whether it is zero or one. `plant` says who
     drives and sees which mode, `sites` which batches are at a site. `wiring`, where each effect is connected, and
     `steps`, their compiled steps, are there only where effects are inlined: otherwise they are called by address.
-    `lanes` benches are played side by side, all with their effects inlined.
+    `lanes` benches are played side by side.
     """
 
     shapes: tuple[tuple[int, ...], ...]

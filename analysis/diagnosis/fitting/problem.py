@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -17,12 +18,13 @@ import scipy
 from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
-from analysis.diagnosis.fitting.fit import Fit, Setting, residuals_of, simulated
+from analysis.diagnosis.fitting.fit import Fit, Hypothesis, Setting, hypothesis, residuals_of, simulated_together
 from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
+from sim_backend.kernel.structure import LANES
 from sim_backend.linear import Array
 
 _NUISANCE_STEP = 0.2
@@ -38,6 +40,11 @@ _HALVINGS = 4
 _ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
 """How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
 else in between; and the gain (twice a log-likelihood) below which that ends."""
+
+
+def together(which: Sequence[int]) -> list[Sequence[int]]:
+    """Return the parameters `which` in groups of as many as are simulated in the time of little more than one."""
+    return [which[first : first + LANES] for first in range(0, len(which), LANES)]
 
 
 @dataclass(frozen=True)
@@ -80,12 +87,21 @@ class Problem:
 
     def raw(self, x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return residuals and torques of every record at `x`, infinite where the model cannot be (a delay below 0)."""
-        s = self.setting
-        try:
-            moved = simulated(s, turned(s.nominal, s.nuisances, x[: len(s.nuisances)]), self.effects(x))
-        except ConfigError:
-            return tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
-        return residuals_of(s.data.records, moved), tuple(m.torque for m in moved)
+        return self._raw([x])[0]
+
+    def _raw(self, places: Sequence[Array]) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
+        """Return the same at several places."""
+        s, there = self.setting, dict[int, Hypothesis]()
+        for i, x in enumerate(places):
+            with suppress(ConfigError):
+                linear = turned(s.nominal, s.nuisances, x[: len(s.nuisances)])
+                there[i] = hypothesis(s, linear, self.effects(x))
+        found = dict(zip(there, simulated_together(s, list(there.values())), strict=True))
+        nowhere = tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
+        return [
+            (residuals_of(s.data.records, found[i]), tuple(m.torque for m in found[i])) if i in found else nowhere
+            for i in range(len(places))
+        ]
 
     def evaluate(self, x: Array) -> Point:
         """Simulate at `x`."""
@@ -111,26 +127,27 @@ class Problem:
             scipy.linalg.block_diag(root_of(self.setting.nuisances), np.diag([1.0 / s.sd for s in self.scales]))
         )
 
-    def nearby(self, x: Array, i: int) -> tuple[tuple[Array, ...], float] | None:
-        """Return the residuals a small step of parameter `i` from `x`, and the step: back where nothing lies ahead."""
-        own = i - len(self.setting.nuisances)
-        size = self.scales[own].difference(float(x[i])) if own >= 0 else _NUISANCE_DIFFERENCE
-        ended = own >= 0 and x[i] + size > self.scales[own].bound(self.scales[own].high)
-        for step in (-size, size) if ended else (size, -size):
-            there = x.copy()
-            there[i] += step
-            residuals, _ = self.raw(there)
-            if all(np.isfinite(r).all() for r in residuals):
-                return residuals, step
-        return None
+    def slopes(self, x: Array, which: Sequence[int], here: Sequence[Array]) -> list[tuple[Array, ...] | None]:
+        """Return d(residuals)/dx_i for each i of `which` by a difference to those `here`, all simulated together.
 
-    def slope(self, x: Array, i: int, here: Sequence[Array]) -> tuple[Array, ...] | None:
-        """Return d(residuals)/dx_i by a difference to those `here`; nothing where there is no model on either side."""
-        found = self.nearby(x, i)
-        if found is None:
-            return None
-        there, step = found
-        return tuple((b - a) / step for b, a in zip(there, here, strict=True))
+        The difference goes back where nothing lies ahead; there is none where no model is on either side.
+        """
+        ahead, found = [self._difference(x, i) for i in which], dict[int, tuple[Array, ...]]()
+        for turn in (1.0, -1.0):
+            left = [(i, turn * step) for i, step in zip(which, ahead, strict=True) if i not in found]
+            moved = self._raw([_with(x, i, float(x[i]) + step) for i, step in left]) if left else []
+            for (i, step), (there, _) in zip(left, moved, strict=True):
+                if all(np.isfinite(r).all() for r in there):
+                    found[i] = tuple((b - a) / step for b, a in zip(there, here, strict=True))
+        return [found.get(i) for i in which]
+
+    def _difference(self, x: Array, i: int) -> float:
+        """Return the small step of parameter `i` from `x` that is tried first."""
+        own = i - len(self.setting.nuisances)
+        if own < 0:
+            return _NUISANCE_DIFFERENCE
+        size = self.scales[own].difference(float(x[i]))
+        return -size if x[i] + size > self.scales[own].bound(self.scales[own].high) else size
 
     def whiten(self, residuals: Sequence[Array]) -> Array:
         """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""

@@ -27,7 +27,7 @@ from analysis.diagnosis.candidates.parameters import parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.parts import Part, parts_of, setting_of, whole_of
-from analysis.diagnosis.fitting.problem import Problem
+from analysis.diagnosis.fitting.problem import Problem, together
 from analysis.diagnosis.fitting.slopes import Slopes
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.nominal.responses import stacked
@@ -227,14 +227,19 @@ def _exact(setting: Setting, held: Sequence[Candidate], sizes: Array, change: Ar
     x = np.concatenate([change, start])
     here, _ = problem.raw(x)  # the starts may have been found anew since the fit
 
-    def column(i: int) -> list[Array]:
+    def fixed(i: int) -> bool:
         # the slope by a step of rounding is that of a gain as long as no number is rounded otherwise: beside it a gain
         # would go anywhere
-        fixed = i >= change.size and held[problem.scales[i - change.size].effect].effect.whole
-        found = None if fixed else problem.slope(x, i, here)
-        return [np.zeros_like(r) for r in here] if found is None else [-slope for slope in found]
+        return i >= change.size and held[problem.scales[i - change.size].effect].effect.whole
 
-    columns = list(side_by_side(column, range(x.size), workers=setting.workers))
+    columns = [[np.zeros_like(r) for r in here] for _ in range(x.size)]
+    groups = together([i for i in range(x.size) if not fixed(i)])
+    alone = replace(problem, setting=replace(setting, workers=1))
+    slopes = side_by_side(lambda several: alone.slopes(x, several, here), groups, workers=setting.workers)
+    for several, found in zip(groups, slopes, strict=True):
+        for i, slope in zip(several, found, strict=True):
+            if slope is not None:
+                columns[i] = [-own for own in slope]
     empty = [np.zeros((*r.shape, 0)) for r in here]
     return [stacked([c[r] for c in columns]) if columns else empty[r] for r in range(len(here))]
 

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.candidates.signature import Motion, force_along, moved_as
-from analysis.diagnosis.fitting.problem import Point, Problem
+from analysis.diagnosis.fitting.problem import Point, Problem, together
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned, turning
 from analysis.diagnosis.records.dataset import Record
@@ -64,7 +64,7 @@ class Slopes:
 
     def __init__(self, problem: Problem, *, strong: bool = False, misled: bool = False) -> None:
         self._problem = problem
-        # columns are computed side by side already; each simulation need not be
+        # columns are computed side by side already; the records of each need not be
         self._alone = replace(problem, setting=replace(problem.setting, workers=1))
         self._answering = strong and any(is_mode(c.where) for c in problem.candidates)
         sites = [e.site for e in problem.setting.known] + [c.effect.site for c in problem.candidates]
@@ -140,9 +140,18 @@ class Slopes:
         return columns
 
     def _fill(self, columns: Array, which: Sequence[int], x: Array, at: Point) -> None:
-        slopes = side_by_side(lambda i: self._slope(x, at, i), which, workers=self._problem.setting.workers)
-        for i, column in zip(which, slopes, strict=True):
-            columns[:, i] = column
+        """Fill columns by differences of full simulations; with zeros where there is no model on either side."""
+        rows = at.stacked.size - x.size
+
+        def fill(several: Sequence[int]) -> None:
+            for i, found in zip(several, self._alone.slopes(x, several, at.residuals), strict=True):
+                columns[:, i] = 0.0
+                if found is not None:
+                    columns[:rows, i] = self._alone.whiten(found)
+                    columns[rows:, i] = self._problem.root[:, i]
+
+        for _ in side_by_side(fill, together(which), workers=self._problem.setting.workers):
+            pass
 
     def _nuisances(self, x: Array, at: Point) -> Array:
         """Return the nuisances' columns: with torques held, or from simulations for modes that an effect acts on."""
@@ -180,16 +189,6 @@ class Slopes:
         if self._answering:
             return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
         return s.each(turning(linear, nuisances, rate_hz, through_delay=commanded).columns, played, s.states)
-
-    def _slope(self, x: Array, at: Point, i: int) -> Array:
-        """Return d(stacked)/dx_i by a difference of full simulations; zero where there is no model on either side."""
-        problem = self._alone
-        column, rows = np.zeros(at.stacked.size), at.stacked.size - x.size
-        found = problem.slope(x, i, at.residuals)
-        if found is not None:
-            column[:rows] = problem.whiten(found)
-            column[rows:] = problem.root[:, i]
-        return column
 
     def _touched(self, nuisance: Nuisance) -> bool:
         """Tell whether an effect acts on, or through, the mode of this nuisance."""
