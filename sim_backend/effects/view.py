@@ -30,6 +30,9 @@ DISTANCES = 1024
 READING_DISTANCES = 16384
 """The same for a residual: an interferometer's error repeats after a third of a micrometre, and over millimetres."""
 
+_REACHES = 1e-6
+"""Part of the most energy that a torque leaves in the readings, below which rounding tells how much it is."""
+
 LEAST_PART = 0.25
 """A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
 
@@ -254,6 +257,34 @@ class RecordView:
             lines.append(i * self.rate_hz / size)
             excess[max(0, i - beside) : i + beside + 1] = 0.0
         return lines
+
+    def modulations(self, signal: Array) -> Array:
+        """Return how much a torque explains that goes with `signal` (n,) in a measure that swings: (n // 2 + 1,).
+
+        For each frequency up to half the sample rate, in units of the noise, with a phase of its own in every run. What
+        it explains is its inner product with `wanted`, squared, over the energy that it leaves in the readings; both
+        are spectra: one of a product, one of the product of two autocorrelations.
+        """
+        size = signal.size
+        found = np.zeros(size // 2 + 1)
+        if self.wanted is None or self.answer is None or not np.any(self.wanted):
+            return found
+        rows = scipy.fft.next_fast_len(2 * self.answer.shape[0], real=True)
+        answer = np.zeros(size)
+        alike = scipy.fft.irfft(np.sum(np.abs(scipy.fft.rfft(self.answer, rows, axis=0)) ** 2, axis=1), rows)
+        known = min(self.answer.shape[0], size)
+        answer[:known] = alike[:known]
+        ends = self.ends or (size,)
+        for start, stop in zip((0, *ends[:-1]), ends, strict=True):
+            wanted, n = self.wanted[start:stop], stop - start
+            acting = np.where(wanted != 0.0, signal[start:stop], 0.0)
+            rows = scipy.fft.next_fast_len(2 * n, real=True)
+            both = scipy.fft.irfft(np.abs(scipy.fft.rfft(acting, rows)) ** 2, rows)[:n] * answer[:n]
+            energy = 2.0 * np.fft.rfft(both, size).real - both[0]
+            agreed = 2.0 * np.abs(np.fft.rfft(wanted * acting, size)) ** 2
+            # what hardly reaches the readings explains nothing; rounding would make much of it
+            found += np.where(energy > _REACHES * np.max(energy), agreed / np.maximum(energy, 1e-300), 0.0)
+        return found
 
     def line_phases(self, frequency_hz: float) -> list[tuple[float, float]]:
         """Return, for each run, the phase of the residual's line in periods, in the middle of the run, and its seconds.

@@ -47,6 +47,11 @@ _LATER = (0.236, 0.472, 0.618, 0.854)
 """Parts of a record by which a command is played later that was not played so: multiples of the golden ratio, which no
 number of periods in a record comes near."""
 
+_SWINGS = 3.0
+"""A size that swings less often in a record changes slowly, which has functions of its own."""
+
+Signal = Literal["command", "position", "rate"]
+
 _BESIDE = (-2.5, -1.5, 1.5, 2.5)
 """Neighbours of a wave, in cycles over its span: next to nothing of it, and all of the noise that is there."""
 
@@ -124,11 +129,40 @@ class Line(Pattern):
         """Return the outputs' change (n, n_y, 2 r) by the wave and a quarter of it later, for r records."""
         motion = motions[record]
         angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
-        own = sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
+        own = _longest(motions)
         out = np.zeros((*motion.sensed.shape, 2 * len(own)))
         if record in own:
             k = 2 * own.index(record)
             out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return out
+
+
+@dataclass(frozen=True)
+class Modulated(Pattern):
+    """A torque that goes with a signal in a measure that swings with time; the span is as of a line.
+
+    Each record has a phase of its own, and so columns of its own.
+    """
+
+    signal: Signal
+
+    @property
+    def what(self) -> str:
+        """The quantity that the pattern follows, as remarks print it."""
+        return f"the {self.signal} in a measure that swings with time"
+
+    def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
+        """Return the outputs' change (n, n_y, 2 r) by the signal times a wave in time and one a quarter of it later."""
+        motion, own = motions[record], _longest(motions)
+        out = np.zeros((*motion.sensed.shape, 2 * len(own)))
+        if record in own:
+            along = {"command": motion.u.T[self.at]}
+            along |= {
+                k: x @ places.coordinates[self.at] for k, x in (("position", motion.position), ("rate", motion.rate))
+            }
+            angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
+            for k, wave in enumerate((np.cos(angle), np.sin(angle)), 2 * own.index(record)):
+                out[:, :, k] = response(plant, wave * along[self.signal], self.at)
         return out
 
 
@@ -173,15 +207,41 @@ def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Patter
     for i, name in enumerate(places.inputs):
         yield from _over_position(views[name], False, i, views[name].force_periods(1))
         yield from _over_command(views[name], i)
+        yield from _modulated(views[name], i)
     for o, name in enumerate(places.outputs):
         view = views[name]
         yield from _over_position(view, True, o, view.residual_periods(1))
         if name in places.inputs:
             yield from _ringing(view, o, places.inputs.index(name))
-        span_s = float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
+        span_s = _span_s(view)
         for frequency in view.residual_lines_hz(1, _PERIODS / span_s, _BANDS):
             if frequency * span_s > _PERIODS:
                 yield Line(True, o, frequency * span_s, span_s, view.residual.size // 2)
+
+
+def _longest(motions: Sequence[Motion]) -> list[int]:
+    """Return the numbers of the longest records, in which something is looked for that has a phase in each."""
+    return sorted(range(len(motions)), key=lambda r: -motions[r].u.shape[0])[:_RUNS]
+
+
+def _span_s(view: RecordView) -> float:
+    """Return how long a middling record is."""
+    return float(np.median(np.diff((0, *view.ends)))) / view.rate_hz
+
+
+def _modulated(view: RecordView, at: int) -> Iterator[Pattern]:
+    """Yield what the residual asks for most of all torques that go with a signal in a measure that swings."""
+    signals: dict[Signal, Array] = {"command": view.u, "position": view.position, "rate": view.rate}
+    span_s, choices = _span_s(view), len(signals) * view.residual.size // 2
+    found: list[tuple[float, int, Signal]] = []
+    least = int(np.ceil(_SWINGS / span_s * view.duration_s))
+    for name, signal in signals.items():
+        explained = view.modulations(signal)
+        explained[:least] = 0.0
+        found.append((float(np.max(explained)), int(np.argmax(explained)), name))
+    _, cycles, strongest = max(found)
+    if cycles >= least:
+        yield Modulated(False, at, cycles * span_s / view.duration_s, span_s, choices, strongest)
 
 
 def _ringing(view: RecordView, at: int, played: int) -> Iterator[Pattern]:

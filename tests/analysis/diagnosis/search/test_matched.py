@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from analysis.diagnosis.search.matched import wanted_inputs
 from sim_backend.effects.command_quantisation import CommandQuantisation
@@ -63,3 +64,31 @@ def test_what_cannot_be_seen_is_not_tried() -> None:
     assert np.all(np.diff(steps) > 0.0)
     assert steps[0] * view.seen * np.sqrt(N / 12.0) == pytest.approx(4.0, rel=1e-3)
     assert CommandQuantisation.choices(view) == steps.size
+
+
+@pytest.mark.parametrize("cycles", [7, 311, 2900])
+def test_what_a_torque_explains_that_swings_with_time_is_as_least_squares_has_it(cycles: int) -> None:
+    """The matched filter takes its two columns for orthogonal and of one energy.
+
+    They are so to the root of the number of independent samples: the resonance is 4 Hz wide and 12 s long, so 0.1.
+    """
+    rng = np.random.default_rng(4)
+    force, noise = lfilter([1.0], [1.0, -0.9], rng.standard_normal(N)), 0.3
+    angle = 2.0 * np.pi * cycles / N * np.arange(N)
+    waves = [moved(force * wave) / noise for wave in (np.cos(angle), np.sin(angle))]
+    swinging = 0.8 * waves[0] - 0.6 * waves[1]
+    residual = noise * (rng.standard_normal(N) + 12.0 * swinging / np.linalg.norm(swinging))
+    view = _view(force, residual, noise)
+    basis, _ = np.linalg.qr(np.stack(waves, axis=1))
+    explained = view.modulations(force)
+    assert explained[cycles] == pytest.approx(float(np.sum((basis.T @ residual / noise) ** 2)), rel=0.2)
+    assert np.argmax(explained[5:]) + 5 == cycles
+
+
+def test_nothing_swings_in_noise_alone() -> None:
+    """Each frequency whose torque reaches the readings explains the squares of two deviations: on average two."""
+    rng = np.random.default_rng(5)
+    force = lfilter([1.0], [1.0, -0.9], rng.standard_normal(N))
+    explained = _view(force, 0.5 * rng.standard_normal(N), 0.5).modulations(force)
+    assert float(np.mean(explained)) == pytest.approx(2.0, rel=0.05)
+    assert float(np.max(explained)) < 2.0 * np.log(1e3 * explained.size)

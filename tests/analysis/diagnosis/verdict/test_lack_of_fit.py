@@ -207,6 +207,8 @@ FORCES: dict[str, Made] = {
     "past positions": lambda u, x, v, t: lfilter([0.02], [1.0, -0.98], x[:, 0]),
     "time": lambda u, x, v, t: t,
     "command and motion in a measure that changes with time": lambda u, x, v, t: t * x[:, 0],
+    "the command in a measure that swings with time": lambda u, x, v, t: np.where((17.0 * t) % 1.0 < 0.2, u[:, 0], 0.0),
+    "the position in a measure that swings with time": lambda u, x, v, t: np.sin(173.0 * t) * x[:, 0],
     "temperature": lambda u, x, v, t: (t - 0.5) * u[:, 0],
     "other degrees of freedom": lambda u, x, v, t: x[:, 1],
     "the position, over and over": lambda u, x, v, t: np.sin(150.0 * x[:, 0] / np.ptp(x[:, 0])),
