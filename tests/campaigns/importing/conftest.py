@@ -31,10 +31,16 @@ dof = "theta_x"
 """
 
 
+@pytest.fixture(autouse=True)
+def readers(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let readers be copies of this process, which has imported what they need; `started_readers` are as users' are."""
+    if "started_readers" not in request.fixturenames:
+        monkeypatch.setattr(isolated, "start_python", forked)
+
+
 @pytest.fixture
-def forked_readers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let readers be copies of this process, which has imported what they need; elsewhere they are started."""
-    monkeypatch.setattr(isolated, "start_python", forked)
+def started_readers() -> None:
+    """Let readers be processes of their own, from their first import on."""
 
 
 @pytest.fixture

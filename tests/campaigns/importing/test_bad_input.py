@@ -12,8 +12,6 @@ from campaigns.importing import import_run
 from campaigns.importing.selecting import parse_selection
 from sim_backend.errors import ConfigError, DataError, MccdError
 
-pytestmark = pytest.mark.usefixtures("forked_readers")
-
 
 def refuse(tmp_path, run_map, text: str, kind: type[MccdError]) -> str:
     with pytest.raises(kind) as caught:

@@ -21,6 +21,8 @@ import pytest
 
 from tests.campaigns.importing.test_hostile import MAP, element
 
+pytestmark = pytest.mark.usefixtures("started_readers")
+
 MOST_BYTES = 2**30
 ROWS = 2**29
 """Of doubles: 4 GiB."""

@@ -15,6 +15,7 @@ from tests.measured import MIRROR, needs_mirror
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "fsm-import.toml"
 
 
+@pytest.mark.usefixtures("started_readers")
 def test_the_map_of_the_contract_works_word_for_word(tmp_path, run_map):
     rng = np.random.default_rng(4)
     torque, angle = rng.normal(size=80_000), rng.normal(size=80_000)

@@ -17,7 +17,7 @@ from tests.campaigns.importing.arrays import whole
 
 COUNTS = np.arange(-20, 20, dtype=np.int16) * 37
 
-FORKED = pytest.mark.usefixtures("forked_readers")
+STARTED = pytest.mark.usefixtures("started_readers")
 """For formats whose library test_formats.py starts in a reader of its own; those that stand here alone are started."""
 
 
@@ -28,7 +28,6 @@ def packed_h5(path: Path, **attributes: object) -> None:
         file["ax"].attrs.update(attributes)
 
 
-@FORKED
 def test_packed_numbers_are_unpacked(tmp_path, run_map, plain):
     packed_h5(tmp_path / "a.h5", scale_factor=2e-3, add_offset=0.5, _FillValue=np.int16(-32768))
     run_map(plain("a.h5"))
@@ -36,7 +35,6 @@ def test_packed_numbers_are_unpacked(tmp_path, run_map, plain):
         np.testing.assert_allclose(run.read("angle"), (COUNTS * 2e-3 + 0.5) * 1e-3, rtol=1e-14)
 
 
-@FORKED
 def test_a_missing_number_is_refused_unless_it_is_not_selected(tmp_path, run_map, plain):
     packed_h5(tmp_path / "a.h5", scale_factor=2e-3, _FillValue=COUNTS[5])
     with pytest.raises(DataError, match="nan at sample 5"):
@@ -50,7 +48,6 @@ def test_values_outside_of_the_valid_range_are_missing():
     np.testing.assert_array_equal(unpacked(COUNTS, {"units": "V"}), COUNTS)
 
 
-@FORKED
 def test_another_unit_than_the_map_says_is_refused(tmp_path, run_map, plain):
     packed_h5(tmp_path / "a.h5", units="urad")
     with pytest.raises(DataError, match="says that 'ax' is in urad, the map says mrad"):
@@ -60,13 +57,13 @@ def test_another_unit_than_the_map_says_is_refused(tmp_path, run_map, plain):
     run_map(plain("a.h5").replace('role = "output"', 'role = "output"\nignore_file_unit = true'))
 
 
-@FORKED
 def test_a_unit_in_a_table_is_held_against_the_map(tmp_path, run_map, plain):
     (tmp_path / "a.csv").write_text("tx,ax\nmN m,urad\n0.5,1.5\n0.6,1.7\n")
     with pytest.raises(DataError, match="in urad, the map says mrad"):
         run_map(plain("a.csv"))
 
 
+@STARTED
 def test_classic_netcdf(tmp_path, run_map, plain):
     with scipy.io.netcdf_file(tmp_path / "a.nc", "w") as file:
         file.createDimension("time", 40)
@@ -80,7 +77,6 @@ def test_classic_netcdf(tmp_path, run_map, plain):
         np.testing.assert_allclose(run.read("angle"), COUNTS * 2e-6, rtol=1e-14)
 
 
-@FORKED
 def test_fields_of_a_compound_dataset(tmp_path, run_map, plain):
     table = np.zeros(40, dtype=[("tx", "f8"), ("ax", "f4"), ("flag", "i2")])
     table["tx"], table["ax"] = np.linspace(0.0, 1.0, 40), COUNTS
@@ -91,6 +87,7 @@ def test_fields_of_a_compound_dataset(tmp_path, run_map, plain):
         np.testing.assert_allclose(run.read("angle"), COUNTS * 1e-3, rtol=1e-14)
 
 
+@STARTED
 def test_tdms(tmp_path, run_map, plain, data):
     nptdms = pytest.importorskip("nptdms")
     channels = [
@@ -111,6 +108,7 @@ def test_tdms(tmp_path, run_map, plain, data):
         run_map(text.replace("a.tdms", "b.tdms"))
 
 
+@STARTED
 def test_parquet_with_dates(tmp_path, run_map, plain, data):
     pd = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
@@ -122,7 +120,6 @@ def test_parquet_with_dates(tmp_path, run_map, plain, data):
         np.testing.assert_allclose(run.read("angle"), data["ax"] * 1e-3, rtol=4e-16)
 
 
-@FORKED
 def test_counters_sums_and_columns_by_part(tmp_path, run_map):
     turn = np.cumsum(np.full(300, 0.13))
     np.savez(tmp_path / "a.npz", up=turn % 1.0, up2=turn[::-1] % 1.0, left=turn + 1.0, right=turn * 0.5)
@@ -180,7 +177,6 @@ def test_files_of_matlab_itself_are_read_or_refused():
     assert foreign.MatSource(own).names() == ["testfunc"]
 
 
-@FORKED
 def test_attributes_that_are_no_numbers_are_refused(tmp_path, run_map, plain):
     packed_h5(tmp_path / "a.h5", scale_factor=np.array([2e-3]), valid_range=np.array([-1000, 1000]))
     run_map(plain("a.h5"))

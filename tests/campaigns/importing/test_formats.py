@@ -9,7 +9,7 @@ import scipy.io
 
 from campaigns.log import read_run, verify
 
-FORKED = pytest.mark.usefixtures("forked_readers")
+STARTED = pytest.mark.usefixtures("started_readers")
 """For what the readers of every format below, each a process of its own, do not show."""
 
 
@@ -45,6 +45,7 @@ WRITERS = {
 }
 
 
+@STARTED
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_format_gives_the_same_log_in_si(tmp_path, run_map, plain, data, name):
     WRITERS[name](tmp_path / name, data)
@@ -59,7 +60,6 @@ def test_every_format_gives_the_same_log_in_si(tmp_path, run_map, plain, data, n
     assert verify(tmp_path / "out.h5").ok
 
 
-@FORKED
 def test_npy_with_indices_and_no_name(tmp_path, run_map, plain, data):
     np.save(tmp_path / "a.npy", np.column_stack([data["tx"], data["ax"]]))
     text = plain("a.npy").replace('select = "tx"', 'select = "u[:, 0]"').replace('select = "ax"', 'select = "[:, -1]"')
@@ -69,7 +69,6 @@ def test_npy_with_indices_and_no_name(tmp_path, run_map, plain, data):
         np.testing.assert_allclose(run.read("torque"), data["tx"] * 1e-3, rtol=4e-16)
 
 
-@FORKED
 def test_text_without_names_is_selected_by_number_and_comments_are_skipped(tmp_path, run_map, plain):
     (tmp_path / "a.csv").write_text(
         "# free run\n\n1.5;2,5;x\n".replace(";x", "").replace("2,5", "2.5").replace(";", ",")
@@ -82,7 +81,6 @@ def test_text_without_names_is_selected_by_number_and_comments_are_skipped(tmp_p
         np.testing.assert_allclose(run.read("angle"), [2.5e-3, 4.5e-3], rtol=4e-16)
 
 
-@FORKED
 def test_semicolons_and_decimal_commas(tmp_path, run_map, plain):
     (tmp_path / "a.csv").write_text("tx;ax\n1,5;2\n-0,25;3\n")
     run_map(plain("a.csv").replace("[channels.torque]", 'delimiter = ";"\ndecimal = ","\n[channels.torque]'))
@@ -90,7 +88,6 @@ def test_semicolons_and_decimal_commas(tmp_path, run_map, plain):
         np.testing.assert_allclose(run.read("torque"), [1.5e-3, -0.25e-3], rtol=4e-16)
 
 
-@FORKED
 def test_a_column_whose_name_looks_like_an_index_wins(tmp_path, run_map, plain):
     (tmp_path / "a.csv").write_text("u[0],ax\n1,5\n2,6\n")
     run_map(plain("a.csv").replace('"tx"', '"u[0]"'))
@@ -98,7 +95,6 @@ def test_a_column_whose_name_looks_like_an_index_wins(tmp_path, run_map, plain):
         np.testing.assert_allclose(run.read("torque"), [1e-3, 2e-3], rtol=4e-16)
 
 
-@FORKED
 def test_fields_of_matlab_structures_and_groups(tmp_path, run_map, plain, data):
     scipy.io.savemat(tmp_path / "a.mat", {"rec": {"tx": data["tx"], "ax": data["ax"]}})
     with h5py.File(tmp_path / "b.mat", "w") as file:
@@ -110,7 +106,6 @@ def test_fields_of_matlab_structures_and_groups(tmp_path, run_map, plain, data):
         (tmp_path / "out.h5").unlink()
 
 
-@FORKED
 def test_both_matlab_versions_index_alike(tmp_path, run_map, plain):
     """A 3 x 200 matrix in MATLAB is u(2, :) there and u[1, :] here, however the file stores it."""
     matrix = np.random.default_rng(2).normal(size=(3, 200))

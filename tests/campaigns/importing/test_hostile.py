@@ -47,7 +47,6 @@ def imported(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: py
     return run
 
 
-@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("suffix", ["h5", "mat"])
 def test_a_hostile_dataset_is_refused(tmp_path, imported, name, suffix):
@@ -62,7 +61,6 @@ def test_a_hostile_dataset_is_refused(tmp_path, imported, name, suffix):
     assert code == 4 and expected in said
 
 
-@pytest.mark.usefixtures("forked_readers")
 def test_a_way_through_a_group_that_contains_itself_ends(tmp_path, imported):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["g"] = file["/"]
@@ -95,6 +93,7 @@ def matlab_bomb(path: Path, gib: float) -> None:
     path.write_bytes(header + struct.pack("<II", 15, len(body)) + body)
 
 
+@pytest.mark.usefixtures("started_readers")
 def test_a_small_matlab_structure_of_that_make_is_read(tmp_path):
     """The bomb is a sound file: with few zeros, scipy unpacks all of them."""
     matlab_bomb(tmp_path / "a.mat", 2**-6)
@@ -103,6 +102,7 @@ def test_a_small_matlab_structure_of_that_make_is_read(tmp_path):
     assert found.shape == (1, 2**21) and not found.any()
 
 
+@pytest.mark.usefixtures("started_readers")
 def test_a_matlab_structure_that_unpacks_to_gibibytes_stays_within_the_bound(tmp_path, imported):
     matlab_bomb(tmp_path / "a.mat", 3.0)
     assert (tmp_path / "a.mat").stat().st_size < 4 * 2**20
@@ -112,6 +112,7 @@ def test_a_matlab_structure_that_unpacks_to_gibibytes_stays_within_the_bound(tmp
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 < 2.5 * 2**30
 
 
+@pytest.mark.usefixtures("started_readers")
 @pytest.mark.parametrize(
     ("code", "said"),
     [
@@ -133,6 +134,7 @@ def test_a_reader_that_does_not_survive_is_a_clear_error(tmp_path, imported, mon
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s < 10.0
 
 
+@pytest.mark.usefixtures("started_readers")
 def test_a_reader_that_is_kept_waiting_is_no_fault_of_the_file(tmp_path, imported, monkeypatch):
     """It computes nothing, so it has its time; a machine that serves others must not damage a sound file."""
     (tmp_path / "a.h5").write_bytes(b"x")
@@ -143,6 +145,7 @@ def test_a_reader_that_is_kept_waiting_is_no_fault_of_the_file(tmp_path, importe
     assert exit_code == 4 and "took too long" in told and "busy, try again" in told and "damaged" not in told
 
 
+@pytest.mark.usefixtures("started_readers")
 def test_a_reader_has_its_time_however_slowly_the_clock_lets_it_compute(tmp_path, imported, monkeypatch):
     """Three times its limit pass on the clock while it waits; it then answers."""
     (tmp_path / "a.h5").write_bytes(b"x")
@@ -152,7 +155,6 @@ def test_a_reader_has_its_time_however_slowly_the_clock_lets_it_compute(tmp_path
     assert "has no variable 'x'" in imported("a.h5")[1]
 
 
-@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize("suffix", ["h5", "mat", "73.mat"])
 def test_mutated_sources_are_imported_or_refused(tmp_path, imported, suffix):
     values = np.random.default_rng(3).normal(size=200)
@@ -172,7 +174,6 @@ def test_mutated_sources_are_imported_or_refused(tmp_path, imported, suffix):
     assert set(codes) <= {0, 4} and 4 in codes
 
 
-@pytest.mark.usefixtures("forked_readers")
 def test_a_map_of_many_files_keeps_few_processes(tmp_path, imported, monkeypatch):
     living: list[int] = []
     started = isolated.start_python  # type: ignore[attr-defined]  # what the fixture has put there
