@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 _NO_EVENTS = np.zeros((0, 4))
 
+_LOOKED_AT = (1 / 32, 1 / 8, 1 / 2, 1.0)
+"""Parts of a record after which is looked how far a motion goes: one that runs away does so early, and takes long."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -107,19 +110,38 @@ def replay_together(
     rate_hz: float,
     *,
     temperature_k: Array | None = None,
+    farthest: Array | None = None,
 ) -> list[Motion]:
-    """Return the motion of every case, to the last bit as `replay` gives it alone; several take less time together."""
+    """Return the motion of every case, to the last bit as `replay` gives it alone; several take less time together.
+
+    A case whose readings go beyond `farthest` (n_y,) before a good part is played is given up: its readings are
+    infinite.
+    """
     motions: dict[int, Motion] = {}
     for finer in {case.ready.finer for case in cases}:
         held = None if temperature_k is None else np.repeat(temperature_k, finer)
         wave = layout.Waveform(*_sent(u, finer), _NO_EVENTS, np.zeros((0, 0)))
         own = {i: case for i, case in enumerate(cases) if case.ready.finer == finer}
         begun = [_begun(case, places, transducers, wave, held) for case in own.values()]
-        loops, waves, outs = zip(*((one.loop, one.wave, one.out) for one in begun), strict=True)
-        side_by_side.play(loops, wave.feedforward.shape[0], waves, outs)
+        _play(begun, wave.feedforward.shape[0], farthest)
         for (i, case), one in zip(own.items(), begun, strict=True):
             motions[i] = _ended(one, case, places, rate_hz)
     return [motions[i] for i in range(len(cases))]
+
+
+def _play(begun: Sequence[_Begun], n: int, farthest: Array | None) -> None:
+    """Play cases of one length, as far as each stays within `farthest`."""
+    first, left = 0, list(begun)
+    for part in (1.0,) if farthest is None else _LOOKED_AT:
+        end = round(part * n)
+        waves, outs = [one.part(first, end) for one in left], [one.out._replace(first=first) for one in left]
+        side_by_side.play([one.loop for one in left], end - first, waves, outs)
+        if farthest is not None:
+            for one in left:
+                if not np.all(np.abs(one.out.reading[:, first:end]) <= farthest[:, None]):
+                    one.out.reading[:] = np.inf
+            left = [one for one in left if np.isfinite(one.out.reading[0, first])]
+        first = end
 
 
 def _sent(u: Array, finer: int) -> tuple[Array, Array]:
@@ -135,6 +157,14 @@ class _Begun:
     loop: kernel.Loop
     wave: layout.Waveform
     out: layout.Output
+
+    def part(self, first: int, end: int) -> layout.Waveform:
+        """Return the wave from one sample to another."""
+        if (first, end) == (0, self.wave.feedforward.shape[0]):
+            return self.wave
+        reference, sent = self.wave.reference[first:end], self.wave.feedforward[first:end]
+        drawn = np.ascontiguousarray(self.wave.exogenous[:, first:end])
+        return self.wave._replace(reference=reference, feedforward=sent, exogenous=drawn)
 
 
 def _begun(

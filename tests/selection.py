@@ -312,6 +312,7 @@ THOROUGH = (
     ("analysis/diagnosis/variance/test_repeats.py::test_nothing_is_lost_in_sixty_*", DRAWN),
     ("analysis/diagnosis/evidence/test_confirmed.py::test_what_only_the_fitted_*", SEARCHED),
     ("campaigns/importing/test_bombs.py::test_a_map_that_selects_one_array_*", MORE),
+    ("campaigns/importing/test_engine.py::test_the_example_map_*", "the measured mirror"),
     ("benchmarks/test_peers_diagnosis.py::test_a_run_writes_a_page_*", "a benchmark that diagnoses a whole case"),
     ("mccdcli/test_links.py::*", "every output of every command; test_written_where_named.py stays"),
     ("mccd/test_programs.py::test_a_design_as_table_*", "designs; test_schema.py runs the command"),

@@ -119,3 +119,17 @@ def test_a_loop_for_several_replays_is_made_once_it_pays(monkeypatch: pytest.Mon
     played(cases)
     assert [s.lanes for s in made] == [LANES]
     kernel.played.clear()
+
+
+def test_a_motion_that_goes_too_far_is_given_up_and_its_neighbours_are_not(lanes: list[int]) -> None:
+    """Of four, one swings 31 times as far; the others are as without a limit, to the last bit."""
+    effects = [[make_effect("actuator-gain", DRIVE, {"relative": gain})] for gain in (0.0, 0.1, 30.0, 0.2)]
+    cases = [Case(stepped(LINEAR, own, PLACES, RATE_HZ, 4), own) for own in effects]
+    free = played(cases)
+    limit = 10.0 * np.max(np.abs(free[0].reading), axis=0)
+    held = replay_together(cases, PLACES, TRANSDUCERS, U, RATE_HZ, farthest=limit)
+    assert [bool(np.isinf(motion.reading).all()) for motion in held] == [False, False, True, False]
+    for i in (0, 1, 3):
+        for name in ("reading", "position", "torque", "states"):
+            np.testing.assert_array_equal(getattr(held[i], name), getattr(free[i], name), err_msg=name)
+    assert LANES in lanes

@@ -167,8 +167,13 @@ def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -
     return simulated_together(setting, [hypothesis(setting, linear, effects)])[0]
 
 
-def simulated_together(setting: Setting, hypotheses: Sequence[Hypothesis]) -> list[list[Motion]]:
-    """Return for each hypothesis every record replayed: together they take less time than one by one."""
+def simulated_together(
+    setting: Setting, hypotheses: Sequence[Hypothesis], farthest: Sequence[Array] | None = None
+) -> list[list[Motion]]:
+    """Return for each hypothesis every record replayed: together they take less time than one by one.
+
+    With `farthest`, (n_y,) for each record, readings of motions that go beyond are infinite.
+    """
 
     def played(run: int, record: Record, states: Array) -> list[Motion]:
         cases = [
@@ -177,7 +182,8 @@ def simulated_together(setting: Setting, hypotheses: Sequence[Hypothesis]) -> li
             for h in hypotheses
         ]
         given = setting.places, setting.transducers, record.u, setting.data.rate_hz
-        return replay_together(cases, *given, temperature_k=record.temperature_k)
+        limit = None if farthest is None else farthest[run]
+        return replay_together(cases, *given, temperature_k=record.temperature_k, farthest=limit)
 
     motions = setting.each(played, range(len(setting.data.records)), setting.data.records, setting.states)
     return [list(own) for own in zip(*motions, strict=True)]

@@ -20,6 +20,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Hypothesis, Setting, hypothesis, residuals_of, simulated_together
 from analysis.diagnosis.fitting.starts import Start, stack_white
+from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
@@ -36,6 +37,9 @@ _NUISANCE_DIFFERENCE = 1e-6
 quality factor, while rounding leaves 1e-7 of it."""
 
 _HALVINGS = 4
+
+_WILD = 10.0
+"""Times the largest of readings and linear model from which on a simulation is of no use: it swings up by itself."""
 
 _ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
 """How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
@@ -86,7 +90,10 @@ class Problem:
         return tuple(c.effect(c.where, **v, **c.given) for c, v in zip(self.candidates, values, strict=True))
 
     def raw(self, x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """Return residuals and torques of every record at `x`, infinite where the model cannot be (a delay below 0)."""
+        """Return residuals and torques of every record at `x`.
+
+        Residuals are infinite where the model cannot be (a delay below 0), or swings far beyond all that was seen.
+        """
         return self._raw([x])[0]
 
     def _raw(self, places: Sequence[Array]) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
@@ -96,12 +103,20 @@ class Problem:
             with suppress(ConfigError):
                 linear = turned(s.nominal, s.nuisances, x[: len(s.nuisances)])
                 there[i] = hypothesis(s, linear, self.effects(x))
-        found = dict(zip(there, simulated_together(s, list(there.values())), strict=True))
+        found = dict(zip(there, simulated_together(s, list(there.values()), self._farthest), strict=True))
         nowhere = tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
         return [
             (residuals_of(s.data.records, found[i]), tuple(m.torque for m in found[i])) if i in found else nowhere
             for i in range(len(places))
         ]
+
+    @cached_property
+    def _farthest(self) -> list[Array]:
+        """How far the readings of each record go at most in a simulation that is of any use, (n_y,)."""
+        s = self.setting
+        model = played(s.nominal, s.data.rate_hz)
+        swings = [np.stack([r.y, simulate(model, r.u)]) for r in s.data.records]
+        return [_WILD * np.max(np.abs(both), axis=(0, 1)) for both in swings]
 
     def evaluate(self, x: Array) -> Point:
         """Simulate at `x`."""
