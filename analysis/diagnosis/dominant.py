@@ -1,10 +1,10 @@
 """The dominant cause, where the error of a model is many times the noise.
 
-A model fitted to a bench that is far from linear misses it by more than any refinement could put right, and then the
-noise says nothing of what is worth explaining. All rows are weighed alike instead, and one kind of cause is looked for,
-at all places at once where it stands out: drives and axes are built alike, and with one of three alike in the model the
-other two are still in the way. It is held against the other kinds and against a force that is no listed cause at all.
-What happens in the modes themselves is looked for first, and kinds are compared beside it.
+A model fitted to a bench that is far from linear has an error that no refinement could remove, and the noise then says
+nothing of what is worth explaining. Instead, all samples have equal weight, and one kind of cause is searched for, at
+once at all locations where it is significant: drives and axes are built alike, and with only one of three in the model
+the other two still hide it. Each kind is compared with the others and with an unlisted force. Modal effects are
+searched for first, and kinds are compared beside them.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from sim_backend.linear import Array
 from sim_backend.modes import is_mode
 
 _TAKES_PART = 0.1
-"""A place takes part where the cause explains at least this part of what it does where it explains most."""
+"""A location counts where the cause explains at least this part of what it explains at the best one."""
 
 _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
-"""Kinds that are fitted, those that explain most to first order: beside a linear model that is wrong by half that says
-little, so they are as many as so many products of rows and re-tuned numbers allow. What is left begins elsewhere."""
+"""Kinds that are fitted: those that explain most to first order. Beside a linear model that is wrong by half, first
+order says little; so as many are fitted as the limit on samples times adjusted parameters allows."""
 
 _STEPS, _ROUNDS = 6, 5
 """Steps of every kind before they are compared, and how often as many more the best may go on."""
@@ -61,7 +61,7 @@ _NEAR = 3.0
 """A cause without the modes that leaves so many times more, after as many steps as all, will not come near."""
 
 _GROSS = 5.0
-"""Ratio of a residual to repeating noise beyond which what is left is an error of the model and next to no noise."""
+"""Ratio of a residual to repeating noise beyond which the residual is model error and next to no noise."""
 
 _COARSER = 4
 """So many times longer steps than a small torque would ask for: the error of the model is many times the noise."""
@@ -72,7 +72,7 @@ _LEAST_SHARE = 0.5
 
 @dataclass(frozen=True)
 class _Kind:
-    """One kind of cause where it stands out, with sizes, nuisances and by how much it lowers the misfit."""
+    """One kind of cause where it is significant, with sizes, nuisances and by how much it lowers the misfit."""
 
     candidates: tuple[Candidate, ...]
     sizes: Array
@@ -83,7 +83,7 @@ class _Kind:
 def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
     """Return even weights and the model as it is, where that misses the very data it was fitted to by many noises.
 
-    Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
+    Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest samples.
     """
     setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     residuals = left_by(setting, setting.nominal, ())
@@ -109,9 +109,9 @@ def _above(setting: Setting, fit: Fit) -> float:
 
 
 def still_large(found: Found) -> bool:
-    """Tell whether the best fit, a force that is no listed cause included, leaves many times the noise.
+    """Tell whether the residual of the best fit, unlisted forces included, is many times the noise.
 
-    Where next to nothing else is left, every row and every refinement counts, and that is another search.
+    Where it is not, every sample and every refinement counts, and that is another search.
     """
     return _noises(found) > _GROSS
 
@@ -119,8 +119,8 @@ def still_large(found: Found) -> bool:
 def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
 
-    What happens in the modes may be beside it, or in its place. The rivals begin with the best fit itself and with
-    where it stood after as many steps as the other kinds have had.
+    Modal effects may be beside it, or replace it. The rivals begin with the best fit itself and with
+    its state after as many steps as the other kinds have had.
     """
     setting = replace(setting, substeps=-(-setting.substeps // _COARSER))
     progress("looking into the modes", 0.02)
@@ -193,21 +193,21 @@ def _elsewhere(
 
 
 def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
-    """Return the best fits from other starts, gone on with.
+    """Return the best fits from other starts, after further steps.
 
-    A loop that is most of what moves the axis is screened beside a motion that it has bent: to first order the wrong
-    one of its shapes stands out most, and from there a descent may not come out again.
+    A hysteresis loop that dominates the motion of the axis is screened along a motion that it distorts: to first order
+    a wrong one of its shapes is the most significant, and a descent from there may not leave it.
     """
     fits = [_fitted(setting, beside, start, 0.5 + 0.1 * k / len(starts), progress) for k, start in enumerate(starts)]
     return [_settled(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
 
 
 def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progress) -> Fit:
-    """Return a cause beside what happens in the modes where both are needed, else the one that is.
+    """Return a cause beside modal effects where both are needed, else the one that is.
 
-    Each has to be worth being sure of beside the other, and to matter: where every row counts, a small error of the one
-    is evidence for the other. What happens in the modes has to take most of what the cause by itself leaves; the cause,
-    a part by itself of all that the model misses.
+    Each must be significant beside the other, and must matter: where every sample counts, a small error of the one is
+    evidence for the other. Modal effects must explain most of the cause's own residual; the cause by itself must
+    explain a part of the model's whole error.
     """
     within = [i for i, c in enumerate(both.candidates) if is_mode(c.where)]
     alone, rest = (
@@ -252,15 +252,15 @@ def _told(candidates: Sequence[Candidate]) -> str:
 
 
 def _cost(fit: Fit, rows: float) -> float:
-    """Return twice the negative logarithm of the evidence of a fit to so many independent rows, up to a constant.
+    """Return twice the negative logarithm of the evidence of a fit to so many independent samples, up to a constant.
 
-    The level of what is left is part of the hypothesis, and each parameter costs half the logarithm of the rows.
+    The level of the residual is part of the hypothesis, and each parameter costs half the logarithm of the samples.
     """
     return float(rows * np.log(fit.misfit) + len(fit.values) * np.log(rows))
 
 
 def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:
-    """Return the kinds that explain most when each acts at all its places at once, best first."""
+    """Return the kinds that explain most when each acts at all its locations at once, best first."""
     reduced = gram.without(gram.nuisance_columns())
     per_kind: dict[str, list[int]] = {}
     for i in screen.best_per_key():

@@ -1,8 +1,8 @@
-"""What happens in the modes themselves, where no channel stands: looked for beside a dominant cause.
+"""Modal effects, which act within the modes, where no channel is: searched for beside a dominant cause.
 
-Joints, ceramics and glue are deformed by every mode in its own measure, and seldom by that of the drives alone. So a
-place inside the structure is a mode: it is deflected by what it adds to the outputs, and pushed by a force of its own.
-Something that changes all modes is looked for in all of them at once, one kind against another.
+Joints, ceramics and glue are deformed by every mode in its own proportion, seldom in that of the drives alone. So a
+location within the structure is a mode: it is deflected by what it adds to the outputs, and driven by a force of its
+own. An effect that changes all modes is searched for in all of them at once, one kind against another.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ class Options:
     """How a diagnosis is done.
 
     `tolerance` is how far the nominal model's own numbers are trusted (relative standard deviation of each); numbers
-    that were fitted to the same runs are re-tuned freely, whatever it is.
+    that were fitted to the same runs are adjusted freely, whatever it is.
     `without` leaves causes out of the search; `false_alarm` is the chance that any candidate passes the screening on
     noise alone. Raises ConfigError when an effect to leave out is unknown.
     """
@@ -148,9 +148,9 @@ def search_causes(
 
 
 def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) -> Fit:
-    """Return a fit without its vibration lines, where these are a band of noise in which all else has to be seen.
+    """Return a fit without its vibration lines, where these are part of broadband noise that hides all else.
 
-    What stands out beside such a line is its neighbours in the band, one after the other.
+    Beside such a line, its neighbours in the band are significant one after the other.
     """
     if not setting.whitener.repeats:
         return fit
@@ -179,7 +179,7 @@ def found_with_variance_effects(
 ) -> tuple[Found, VarianceEffects]:
     """Return what the search finds, and the causes that show only in the noise.
 
-    Where one of these makes noise louder, whatever stood out beside it has to stand out again in that noise.
+    Where one of these makes noise louder, whatever was significant beside it has to be so again in that noise.
     """
     searched = searched_effects(options)
     found = without_lines(search_causes(data, model, options, progress))
@@ -189,7 +189,7 @@ def found_with_variance_effects(
         return found, variance
     found = without_lines(search_causes(data, model, options, progress, variance.louder))
     again = variance_effects(found.setting, found.best, searched, found.discrepancy)
-    # what made the noise louder is there, whether or not it stands out once more
+    # what made the noise louder is there, whether or not it is significant once more
     same = {(type(c.effect), c.effect.where) for c in again.causes}
     kept = [replace(c, allowed=0.0) for c in variance.causes if c.louder is not None]
     more = tuple(c for c in kept if (type(c.effect), c.effect.where) not in same)
@@ -199,7 +199,7 @@ def found_with_variance_effects(
 def _confirmed(
     data: Dataset, options: Options, progress: Progress, found: Found, variance: VarianceEffects
 ) -> tuple[Found, VarianceEffects]:
-    """Return what held-out rows leave of what was found, and of the causes that show only in the noise beside that."""
+    """Return what was found and held-out samples confirm, with the causes that show only in the noise beside that."""
     kept = confirmed(found, data)
     if kept is found:
         return found, variance
@@ -316,7 +316,7 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
 def _checked(
     judgement: Judgement, data: Dataset, answer: _Answer, shown: Mapping[str, Sequence[Domain]], *, repeats: bool
 ) -> tuple[Judgement, str]:
-    """Return the verdict that held-out rows and evidence leave of one, and in words what is no steady noise."""
+    """Return the verdict that held-out samples and evidence leave of one, and in words what is no steady noise."""
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     if growing := scatter_follows_play(data, answer.after):
         unsteady, played = growing, True
@@ -329,7 +329,7 @@ def _judged(found: Found, variance: VarianceEffects) -> tuple[Judgement, str]:
         return judge_dominant(found), ""
     random, louder = variance.share(found.best.rows), variance.beside(found.setting, found.best)
     left = sorted((*lacks_of_fit(louder, found.best), *drifts(louder, found.best)), key=LackOfFit.p_value)
-    # of patterns there are many: they are asked for where one of them stands out most of what is left
+    # there are many patterns: they are tested where one of them is the most significant part of the residual
     repeating = bool(left) and left[0].choices > 1
     judgement = judge(found, variance.allowed, left, random, generic_alternatives(louder, found, repeating=repeating))
     return judgement, shortfall(found, judgement, variance.allowed, random)
@@ -339,7 +339,7 @@ def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fi
     """Return the nominal model and the best one as the answer has them."""
     whitener = found.setting.whitener
     if whitener.even:
-        # a force that is no cause has no place in a model file
+        # an unlisted force cannot be written to a model file
         return found.tuned, found.tuned if judgement.verdict == "unknown" else found.best
     tuned = found.tuned
     # a noise that is known makes the tuned numbers the better ones
@@ -351,8 +351,8 @@ def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fi
 def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], remaining: Whitener) -> Whitener:
     """Return the noise above which the residual `before` is evidence.
 
-    It is the `remaining` one, that of what the best model leaves: whatever is slow and explained would pass for slow
-    noise otherwise.
+    It is the `remaining` one, estimated from the residual of the best model: otherwise slow noise would absorb whatever
+    is slow and explained.
     """
     if found.setting.whitener.even:
         return whitener_from(data, list(before))
@@ -360,7 +360,7 @@ def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], rem
 
 
 def _doubts(found: Found) -> list[str]:
-    """Return what a reader has to know about the noise and about what is left."""
+    """Return what a reader has to know about the noise and about the residual."""
     whitener = found.setting.whitener
     if whitener.even:
         return [remainder(found)]

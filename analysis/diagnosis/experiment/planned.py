@@ -191,9 +191,9 @@ class BenchDescription:
 
 
 def first_plan(bench: Bench, model: Model) -> Plan:
-    """Return a multisine on all axes that bench and `model` share: its repeated periods tell noise from motion.
+    """Return a multisine on all axes that bench and `model` share: its repeated periods separate noise from motion.
 
-    It has the largest amplitude that keeps the limits by `model`; on a bench that states none, the plan's own. Raises
+    It has the largest amplitude within the limits by `model`; on a bench that states none, the plan's own. Raises
     ConfigError when bench and model share no axis.
     """
     places = places_of(model)

@@ -32,7 +32,7 @@ _SHORTER, _LONGER, _FAILURES = 0.25, 4.0, 12
 often one fails until nothing moves."""
 
 _TRIES = 2
-"""Failures at one place from which on it is rather the slopes that fail than the steps that are too long."""
+"""Failures at one point from which on the slopes are likely wrong, rather than the steps too long."""
 
 _ROUNDING = 1e-15
 """Eigenvalues of a matrix of ones on its diagonal are known no better."""
@@ -46,7 +46,7 @@ _DISTANCES, _FINEST = 48, 2.0**-24
 _PASSES = 20
 
 _FLAT = 6.0
-"""Rise of the objective at the widest distance that ends a likelihood: a twentieth is left."""
+"""Rise of the objective at the widest distance that ends a likelihood: it has fallen to a twentieth."""
 
 _SPARSE = 3
 """One in so many distances is tried first: while those still gain, the ones between are not needed."""
@@ -73,7 +73,7 @@ class Slopes(Protocol[At]):
         """Return the normal equations (H, -gradient/2) at `x`."""
 
     def fresh(self) -> bool:
-        """Tell whether the last ones were of the place itself; if not, they will be when they are asked for again."""
+        """Tell whether the last ones were of the point itself; if not, they will be when they are asked for again."""
 
     def truer(self) -> bool:
         """Tell whether there are truer ones, which is what is asked for from then on."""
@@ -86,8 +86,8 @@ class Descent(Generic[Point]):
     """A least-squares problem: what to evaluate, its slopes, its bounds.
 
     `low` and `high` bound the parameters; `cap` (n,) is how far each may move in one step. `rows` is how many numbers
-    of unit variance the sum of squares is of; without it the variance is taken for one. An `exact` descent ends only
-    where the truest slopes there are, those of the place itself, promise nothing more.
+    of unit variance the sum of squares has; without it the variance is taken as one. An `exact` descent ends only
+    where the most exact slopes there are, those of the point itself, promise no further gain.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Descent(Generic[Point]):
         return x, here
 
     def _level(self, at: Point) -> float:
-        """Return the unit of a change: where far more than noise is left, so much more is a standard deviation."""
+        """Return the unit of a change: a residual far above the noise enlarges a standard deviation by as much."""
         return max(1.0, at.objective / self._rows) if self._rows else 1.0
 
     def _improved(self, *, sure: bool) -> bool:
@@ -202,7 +202,7 @@ class Descent(Generic[Point]):
 
 
 class _Way:
-    """What normal equations (H, -gradient/2) say of the steps from a place, along the parameters that are `free`.
+    """What normal equations (H, -gradient/2) say of the steps from a point, along the parameters that are `free`.
 
     Lengths are in units of each parameter's own curvature.
     """

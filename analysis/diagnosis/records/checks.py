@@ -1,4 +1,4 @@
-"""Whether records can decide anything: refused with a reason where they cannot, told where they decide less.
+"""Whether records can decide anything: refused with a reason where they cannot, with a note where they decide less.
 
 A record of another bench than the model's is refused before any fit, as no cause in the library is a factor of ten.
 Compared are the measured motion and that which the linear model simulates from the recorded inputs, by thirds of an
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 MIN_ROWS = 60
-"""Fewest rows that a fit may use: three per output would fit a noise model alone."""
+"""Fewest samples that a fit may use: three per output would fit a noise model alone."""
 
 SHORTEST = 8
-"""Rows between two cut-off stretches that are worth a window."""
+"""Samples between two cut-off stretches that are worth a window."""
 
 FACTOR = 10.0
 """Ratio of measured to simulated motion, either way, for half of the motion; no listed effect is so large."""
@@ -43,10 +43,10 @@ _MOVES = 0.01
 """Part of the energy of the strongest band from which on the output moves in another."""
 
 _SHOWN = 0.5
-"""Part of the energy of the motion below which the bands say nothing of it: slower ones have too few lines."""
+"""Part of the energy of the motion below which the bands say nothing of it: slower ones have too few bins."""
 
 _LINES = 16
-"""Fewest lines of a band: a coherence of fewer is high by chance."""
+"""Fewest bins of a band: a coherence of fewer is high by chance."""
 
 _BANDS = 3
 """Fewest bands that a verdict rests on."""
@@ -69,9 +69,9 @@ def check_outputs(records: Sequence[Record], names: Sequence[str], where: str) -
 def without_cut_off(
     records: Sequence[Record], names: Sequence[str], facts: Sequence[Fact]
 ) -> tuple[list[Record], list[str]]:
-    """Return the records without the rows where the `facts` say that an output is cut off, and notes.
+    """Return the records without the samples where the `facts` say that an output is cut off, and notes.
 
-    Such rows are simulated like all others, but neither fitted nor judged. The outputs of the records have these
+    Such samples are simulated like all others, but neither fitted nor judged. The outputs of the records have these
     `names`, in order.
     """
     told = [fact for fact in facts if fact.name == NAME and fact.channel in names]
@@ -92,7 +92,7 @@ def without_cut_off(
 
 
 def _around(windows: Sequence[Window], cut: Mask) -> tuple[Window, ...]:
-    """Return the pieces of windows in which nothing is `cut` (n,); what is left of periods repeats no more."""
+    """Return the pieces of windows in which nothing is `cut` (n,); what remains of periods repeats no more."""
     pieces = []
     for w in windows:
         if not cut[w.start : w.stop].any():
@@ -118,7 +118,7 @@ def check_inputs(records: Sequence[Record], names: Sequence[str]) -> list[str]:
 
 
 def check_enough(records: Sequence[Record], where: str) -> None:
-    """Raise DataError when too few rows of the `records` of the logs `where` may be fitted."""
+    """Raise DataError when too few samples of the `records` of the logs `where` may be fitted."""
     fitted = sum(int(r.fitted().sum()) for r in records)
     if fitted < MIN_ROWS:
         raise DataError(
@@ -185,13 +185,13 @@ def check_same_bench(loaded: Loaded, model: Model) -> None:
 
 
 def _level(x: Array) -> Array:
-    """Return `x` (n,) without the straight line that runs through it best."""
+    """Return `x` (n,) without the straight line that fits it best."""
     along = np.arange(x.size) - 0.5 * (x.size - 1)
     return np.asarray(x - x.mean() - along * (along @ x) / (along @ along))
 
 
 def _bands(lines: int) -> Iterator[slice]:
-    """Yield the lines of every third of an octave, `_LINES` or more of them."""
+    """Yield the frequency bins of every third of an octave, `_LINES` or more of them."""
     edge = float(_LINES)
     while edge < lines - 1:
         stop = max(edge * _THIRD, edge + _LINES)

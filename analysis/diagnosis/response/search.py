@@ -1,6 +1,6 @@
-"""Which linear effects of the library a response asks for: each screened along its first order, fitted, and judged.
+"""Search for linear effects of the library in a response: each is screened to first order, fitted, and judged.
 
-The library decides what is tried: every effect that is linear and acts where its response is known, at every place.
+The library decides what is tried: every linear effect that acts where its response is known, at every location.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SMALL = 1e-4
 """Part of a natural size by which an effect is tried for its first order."""
 
 _SUREST = 0.999
-"""Highest probability that is told: what no hypothesis here holds has a share of its own."""
+"""Highest probability that is stated: causes outside of all hypotheses here have a share of their own."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _beside(setting: Setting, base: Fit, keys: Sequence[tuple[type[Effect], str]
 
 @dataclass(frozen=True)
 class _Footing:
-    """What a fit leaves (rows,), what its parameters can take of it (rows, k) orthonormal, and its response (n,)."""
+    """Residual of a fit (rows,), an orthonormal basis of what its parameters absorb (rows, k), and response (n,)."""
 
     left: Array
     basis: Array
@@ -153,7 +153,7 @@ def _starts(
 
 
 def _columns(setting: Setting, base: Fit, footing: _Footing, candidate: Candidate) -> Array | None:
-    """Return what each size of a candidate takes off what is left, to first order, (rows, sizes); None where none."""
+    """Return by how much each size of a candidate reduces the residual, to first order, (rows, sizes); None if none."""
     columns = []
     for name in list(candidate.unit_sizes) or [""]:
         for step in (_SMALL, -_SMALL) if name else (1.0,):
@@ -218,7 +218,7 @@ def _view(setting: Setting) -> RecordView:
 
 
 def judged(setting: Setting, found: Found) -> Judgement:
-    """Return the verdict on what a search found in lines of one linear response."""
+    """Return the verdict on what a search found at points of one linear response."""
     best = found.best
     against = _failed_check(setting, found)
     gaps = _gaps(found)

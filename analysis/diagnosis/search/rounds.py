@@ -1,4 +1,4 @@
-"""The search for causes: tune, screen, refit what stands out, screen again for more, drop what is not needed."""
+"""The search for causes: tune, screen, refit the significant ones, screen again, drop what is not needed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def as_it_is(setting: Setting, fit: Fit) -> Fit:
 
 
 _TUNED, _SEARCH = 0.05, 0.85
-"""Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
+"""Shares of the progress of the whole diagnosis: done after the tuning, and given to the search."""
 
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
@@ -61,9 +61,9 @@ class Found:
     """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
 
     `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves,
-    `discrepancy` the part of it that may be wrong because nature's form of the effects is another. `passed` says of
-    each single effect that was fitted first, by what and where, by which logarithm of the evidence it trailed the best
-    of them, `unlisted_leads` by how much the best leads that of a force at a place which is no listed cause.
+    `discrepancy` the part of it that may be model discrepancy of the effects. `passed` gives for each single effect
+    that was fitted first its name, its location and the logarithm of the evidence by which it trailed the best of
+    them, `unlisted_leads` by how much the best leads an unlisted force at a location.
     """
 
     setting: Setting
@@ -96,7 +96,8 @@ def search(
     """Return the best set of effects, by alternating screening and refitting, and all that came near it.
 
     The effects of `start` are there to begin with; no more are added than there are `rounds`. `without_noise` returns a
-    fit without what is noise: where that is something the noise is louder than thought, and nothing more is looked for.
+    fit without what is noise: where that is something the noise is louder than thought, and nothing more is searched
+    for.
     """
     best = tuned if start is None else start
     rivals = [best]
@@ -107,7 +108,7 @@ def search(
     passed: dict[tuple[str, str], float] = {}
     for depth in range(rounds):
         least = discrepancy_of(setting, tuned, best)
-        # most searches end early: each further effect gets half of what is left of the time to be told
+        # most searches end early: each further effect gets half of the remaining part of the progress
         share = 0.5 ** (depth + 1)
         allowed = rules.beside([c.effect for c in best.candidates])
         if shortlist(last, allowed) and (less := without_noise(setting, best)) is not best:
@@ -120,7 +121,7 @@ def search(
         ahead = [(lead_of(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
-            if upheld and not best.candidates:  # causes are compared where they stand out
+            if upheld and not best.candidates:  # causes are compared where they are significant
                 first = screen(reestimated(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
         if _top(ahead) <= last.price:
@@ -148,9 +149,9 @@ def search(
 def _beneath(
     flat: Setting, stage: Stage, beneath: Screen, price: float, ahead: Sequence[tuple[float, Fit]]
 ) -> tuple[list[tuple[float, Fit]], list[Fit]]:
-    """Return leads and fits with those that stand out against `flat` noise in place of their like, and these alone."""
+    """Return leads and fits with those that are significant in `flat` noise replacing their like, and these alone."""
     found = _unmasked(flat, stage.best, beneath, price)
-    # what the slow noise has taken for its own may have stood out there as well, by too little
+    # what slow noise has absorbed may have been significant there as well, by too little
     upheld = _upheld(flat, stage.trials(flat, found), stage.best, price)
     kept = [(lead, f) for lead, f in ahead if not added_by([f]) & added_by(upheld)]
     return kept + [(score(stage.best, True) - score(f, True), f) for f in upheld], upheld
@@ -169,10 +170,10 @@ def _in_own_noise(
 
 
 def _closest_in_white_noise(setting: Setting, best: Fit, trials: Sequence[Fit]) -> list[Fit]:
-    """Return `trials`, the one that simulates the record most closely begun anew from there where that is better.
+    """Return `trials`, the one that simulates the record most closely refitted from there where that is better.
 
-    While something large is missing, a coloured noise takes most of it for its own, and a descent in it ends far from
-    where the record is simulated well. White noise takes nothing.
+    While something large is missing, coloured noise absorbs most of it, and a descent in that noise ends far from
+    where the record is simulated well. White noise absorbs nothing.
     """
     plain = reestimated(setting, best, order=0)
     closest = min((again(plain, f, steps=LONG) for f in trials), key=lambda f: f.objective)
@@ -183,10 +184,10 @@ def _closest_in_white_noise(setting: Setting, best: Fit, trials: Sequence[Fit]) 
 def _against_white_noise(
     setting: Setting, stage: Stage, trials: Sequence[Fit], rules: Rules, scales: Scales
 ) -> list[Fit]:
-    """Return the fits beside `trials` with shapes that stand out against white noise.
+    """Return the fits beside `trials` with shapes that are significant in white noise.
 
-    A coloured noise takes what is slow for its own, a force that stays or turns with the motion among it. What gained
-    nothing beside that noise may gain here.
+    Coloured noise absorbs what is slow, for example a force that is constant or changes sign with the motion. What
+    gained nothing beside that noise may gain here.
     """
     plain = reestimated(setting, stage.best, order=0)
     found = screen(plain, stage.best, rules, scales)
@@ -207,10 +208,10 @@ def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
 
 
 def _begun_at_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
-    """Return `trials`, those with steps at the best one's place begun anew at its nuisances where that is better.
+    """Return `trials`, those with steps at the best one's location refitted from its nuisances where that is better.
 
-    A rounding sees the motion to a small part of its step, and away from the right motion no slope leads there. A
-    smooth effect at the same place finds it: the wave that the steps make.
+    The effect of a rounding depends on the motion to a small part of its step, and from a wrong motion no slope leads
+    to the right one. A smooth effect at the same location finds it: the wave that the steps make.
     """
     known = setting.whitener.repeats
     best = min(trials, key=lambda f: score(f, known))
@@ -275,7 +276,7 @@ def _rise(setting: Setting, flat: Setting) -> float:
 
 
 def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
-    """Return a screening against flat noise by the evidence that is left when the noise falls to what then remains.
+    """Return a screening against flat noise by the evidence that remains when the noise falls to the new residual.
 
     It falls no lower than where it is flat, and what lowers the misfit elsewhere needs no such screening.
     """

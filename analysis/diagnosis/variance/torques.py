@@ -1,6 +1,6 @@
 """Many fits at once of a smooth floor with a random torque on top, each from a start of its own.
 
-A likelihood of spectra has a maximum near every feature, so a fit begins at many places and over several floors. One
+A likelihood of spectra has a maximum near every feature, so fits begin at many points and over several floors. One
 takes microseconds of arithmetic and a millisecond of Python; as arrays all take hardly longer than one.
 """
 

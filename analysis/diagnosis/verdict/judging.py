@@ -40,8 +40,8 @@ class Judgement:
 
     `probability` is among the listed causes alone, `general` the least natural logarithm by which the best leads a law
     that is none of them.
-    `failed_check` says what of the best model is left, or wrong, that makes its verdict *unknown*; `remainder` what the
-    effects it names leave that is no noise.
+    `failed_check` says what of the best model is a lack of fit, or wrong, and makes its verdict *unknown*; `remainder`
+    what the effects it names leave above noise.
     """
 
     verdict: Verdict
@@ -128,8 +128,8 @@ def names_of(effects: Iterable[Effect]) -> tuple[str, ...]:
 def failed_check(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
-    What it leaves along a general law is no noise, beside what the form of its effects may be wrong by, or `refuted`
-    says why.
+    Either its residual along a basis function exceeds noise and the model discrepancy of its effects, or `refuted`
+    gives the reason.
     """
     one = telling(found, left, random)
     return refuted(found) if one is None else f"what the best model leaves holds {one.words()}"
@@ -147,7 +147,7 @@ def refuted(found: Found) -> str:
             f"a torque of command, position and rate at {equal[0]} that is not a listed cause explains the data as well"
         )
     count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
-    # what the form of an effect gets wrong, nuisances that the data do not hold make up for
+    # nuisances that the data do not determine absorb the model discrepancy of an effect
     if count and chi2_tail(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
@@ -157,10 +157,10 @@ def refuted(found: Found) -> str:
 
 
 def _general(found: Found, general: Iterable[GenericAlternative], random: float, rest: Remainder | None) -> str:
-    """Return which general laws forbid a name, in words; nothing where none does.
+    """Return which generic alternatives forbid a name, in words; nothing where none does.
 
-    Where the effects leave noise, those that are sure to explain more; where a part is left, those that are not sure to
-    explain less: what a neighbour's law leaves, general laws explain about as well as the neighbour.
+    Where the effects leave noise, those that are sure to explain more; where they leave more, those that are not sure
+    to explain less: generic alternatives explain the residual of a confounder about as well as the confounder.
     """
     if rest is None:
         return outdone(found, general, random)
@@ -218,7 +218,7 @@ def confounder_in(best: Fitted) -> str:
 def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: float = 0.0) -> str:
     """Return in words how far the best model of an *unknown* verdict gets, where the size of the noise is known.
 
-    What `allowed` and `random` are is told by `judge`.
+    See `judge` for `allowed` and `random`.
     """
     if judgement.verdict != "unknown":
         return ""
@@ -241,9 +241,9 @@ def _loud(found: Found, allowed: float) -> bool:
 
 
 def _outstanding(found: Found, random: float) -> list[Candidate]:
-    """Return the candidates that stand out where no cause was found, the strongest first.
+    """Return the significant candidates where no cause was found, the strongest first.
 
-    Of what one promises `random` may be what causes of the spread have in a few columns.
+    `random` of what one promises may be what variance effects have in a few columns.
     """
     last = found.last
     trusted = (last.tolerance > COLLINEAR) | np.array(
@@ -260,7 +260,7 @@ def _outstanding(found: Found, random: float) -> list[Candidate]:
 
 
 def _odds(found: Found, allowed: float, random: float) -> str:
-    """Return which cause stands out by too little to be named, and how likely it is; nothing where none does."""
+    """Return which cause is too weak to be named, with its probability; nothing where none is."""
     known, tuned = found.setting.whitener.repeats, found.tuned
     for candidate in [] if _loud(found, allowed) else _outstanding(found, random):
         fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
@@ -304,13 +304,13 @@ def _material(found: Found) -> tuple[int, ...]:
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
         nearest.append(without[int(np.argmin(worth))] if worth else best)
-        # what spares the nuisances more than it explains has no form that could be another's error
+        # what saves the nuisances more than it explains cannot be another effect's discrepancy
         eased = (mahalanobis2_of(nuisances, r.change) - mahalanobis2_of(nuisances, best.change) for r in without)
         spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
 
     def least(i: int, part: float) -> float:
-        """Return what the form of an effect at the same place may be wrong by, along what follows the drive in part."""
+        """Return the model discrepancy of an effect at the same location, along what follows the drive in part."""
         others = zip(best.effects, places, costs, strict=True)
         return max((form_error(e, part) * c for e, p, c in others if p == places[i] and np.isfinite(c)), default=0.0)
 
@@ -360,7 +360,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
         shown = found.explained if known else gained(found.tuned, found.best, False)
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
-        # what the nuisances cost less beside the best is part of what stands out
+        # what the nuisances cost less beside the best is part of its evidence
         nuisances = mahalanobis2_of(found.setting.nuisances, found.best.change)
         paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - nuisances)
         for i in found.first.best_per_key():

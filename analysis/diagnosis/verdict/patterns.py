@@ -1,4 +1,4 @@
-"""Patterns that repeat over position, command or time: looked for in the residual, as no few columns hold them all.
+"""Patterns that repeat over position, command or time: searched for in the residual itself.
 
 Any function of the position, or of the command, however fine, is a sum of waves over it, whatever goes on by itself
 one of waves in time, and whatever answers the command one of waves that die away after it. The strongest of each in the
@@ -29,19 +29,19 @@ _REPEATED = 2.0
 """What comes again less often within where the positions mostly are is no pattern."""
 
 _RUNS = 12
-"""A line in time is looked for in so many of the longest records, each with a phase of its own."""
+"""A sinusoid in time is searched for in so many of the longest records, each with a phase of its own."""
 
 _PERIODS = 20.0
-"""A wave in time of fewer periods is a drift: noise down there is known from a handful of rows."""
+"""A sinusoid in time of fewer periods is a drift: noise at low frequencies is known from a handful of coefficients."""
 
 _BANDS = 512
-"""A wave in time is a line, and stands out of a narrow band: slow noise would stand out of a wide one."""
+"""A sinusoid in time is compared with a narrow band around it: slow noise would be significant in a wide one."""
 
 _DAMPING = (0.005, 0.05)
 """Damping ratios of answers to the command: what rings for long, and what is soon over."""
 
 _ANSWERS = 4
-"""The likeliest answers that are tried: what the model's own modes imitate is among the likeliest as well."""
+"""The likeliest responses that are tried: those that the model's own modes absorb are among the likeliest as well."""
 
 _LATER = (0.236, 0.472, 0.618, 0.854)
 """Parts of a record by which a command is played later that was not played so: multiples of the golden ratio, which no
@@ -109,9 +109,9 @@ class Wave(Pattern):
 
 @dataclass(frozen=True)
 class Line(Pattern):
-    """A wave in time; the span is a middling record in seconds.
+    """A sinusoid in time; the span is the median length of a record in seconds.
 
-    Each record has a phase of its own, and so columns of its own: what shakes a bench does not wait for the start of a
+    Each record has a phase of its own, and so columns of its own: a disturbance is not synchronised with the start of a
     run.
     """
 
@@ -169,7 +169,7 @@ class Ringing(Pattern):
 
 
 def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Pattern]:
-    """Yield the strongest patterns at every place; those in time as errors of a reading, which they resemble."""
+    """Yield the strongest patterns at every location; those in time as errors of a reading, which they resemble."""
     for i, name in enumerate(places.inputs):
         yield from _over_position(views[name], False, i, views[name].force_periods(1))
         yield from _over_command(views[name], i)
