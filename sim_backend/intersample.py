@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _EDGE = 256
-"""Rows reflected at each end of a record that does not repeat: the inverse of a hold reaches a few samples far."""
+"""Samples reflected at each end of a record that does not repeat: the inverse of a hold reaches a few samples far."""
 
 
 def steps_for(u: Array, *, period: int = 0) -> Array:

@@ -1,4 +1,4 @@
-"""Averaged cross spectra of long records, added up a block of rows at a time: memory does not grow with the record."""
+"""Averaged cross spectra of long records, added up block by block: memory does not grow with the record."""
 
 from __future__ import annotations
 

@@ -106,6 +106,6 @@ def _needed(fit: _AnyFit, fewer: _AnyFit) -> bool:
 
     Its numbers may be poorly known, as those of a pole that stands for what lies above the band; it is there.
     """
-    if isinstance(fit, TimeFit):  # the criterion is twice a logarithm of likelihood, of so many rows
+    if isinstance(fit, TimeFit):  # the criterion is twice a logarithm of likelihood, of so many samples
         return bool(fewer.criterion - fit.criterion > np.log(LEAVES) * fit.dof)
     return fewer.chi2 > LEAVES * max(fit.chi2, fit.dof)

@@ -40,7 +40,7 @@ def _new_block(target: TimeTarget, rest: Sequence[Array], *, mechanical: bool) -
     omega = 2.0 * np.pi * _peak_hz(target, rest)
     pole = omega * complex(-_DAMPING_RATIO, np.sqrt(1.0 - _DAMPING_RATIO**2))
     n_u, n_y = target.inputs[0].shape[1], rest[0].shape[1]
-    states = np.concatenate([_states(omega, u, target.rate_hz) for u in target.inputs])  # (rows, 2 n_u)
+    states = np.concatenate([_states(omega, u, target.rate_hz) for u in target.inputs])  # (samples, 2 n_u)
     size = np.linalg.norm(states, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     columns = states[:, :n_u] / size[:n_u] if mechanical else states / size

@@ -51,8 +51,8 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given, for each input."""
 
 MANY_ROWS = 50_000
-"""Rows of a segment from which on the number of modes is not chosen in time: each takes minutes, and what is not linear
-makes for more of them."""
+"""Samples of a segment from which on the number of modes is not chosen in time: each takes minutes, and what is not
+linear makes for more of them."""
 
 
 def identify_runs(
@@ -289,7 +289,7 @@ def _from_spectra(
 
 
 def _whole_delay(fitting: Sequence[tuple[Run, LogSegment]]) -> Array:
-    """Return by how many whole samples each input (n_u,) acts late, from the first rows of the longest segment."""
+    """Return by how many whole samples each input (n_u,) acts late, from the first samples of the longest segment."""
     run, longest = max(fitting, key=lambda part: part[1].rows)
     if not may_be_late(run):
         return np.zeros(len(run.names("input")))

@@ -74,7 +74,8 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
     proposed = beginning(inputs, outputs).whole
     bases = [known] if np.array_equal(known, proposed) else [known, proposed]
-    # more rows are left out than these need: a free delay may turn out longer, and what was played before is not known
+    # more samples are left out than these need: a free delay may turn out longer, and what was played before is not
+    # known
     unknown = max(*(int(base.max()) + 1 for base in bases), min(LATEST, min(y.shape[0] for y in outputs) // 20))
     bare = fit.model.with_(delay_s=np.zeros(known.size))
     if bare.n_blocks == 1 and np.abs(bare.poles_1_s()).max() < rate_hz and not _holds_inputs(fit, inputs, outputs):
@@ -114,7 +115,7 @@ def _free_delays(
     """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer of the fast.
 
     Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found
-    are moved into the records, and it is fitted again: else the first rows lack what was played before them.
+    are moved into the records, and it is fitted again: else the first samples lack what was played before them.
     """
     free = replace(structure, delay=True)
     earlier = np.maximum(base - _EARLIER, 0)
@@ -155,7 +156,7 @@ def _later(fit: TimeFit, whole: IntArray, rate_hz: float) -> TimeFit:
 
 
 def _holds_inputs(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
-    """Tell whether inputs explain some of what a fit leaves; the first rows of a record may be left out of the fit."""
+    """Tell whether inputs explain part of the residual of a fit, which may leave out the first samples of a record."""
     kept = [
         (u[u.shape[0] - m.shape[0] :], y[y.shape[0] - m.shape[0] :] - m)
         for u, y, m in zip(inputs, outputs, fit.outputs, strict=True)

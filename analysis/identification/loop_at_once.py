@@ -58,7 +58,7 @@ class Echo:
 def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
     """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each.
 
-    A fit with a delay leaves out the first rows of each record.
+    A fit with a delay leaves out the first samples of each record.
     """
     inputs, outputs = (
         [x[x.shape[0] - m.shape[0] :] for x, m in zip(records, fit.outputs, strict=True)]

@@ -20,7 +20,7 @@ from analysis.identification.whole_delay import freed
 from sim_backend.linear import Array, ModalModel
 
 MOST = 10_000_000
-"""Rows times numbers of a model that are fitted on: 100,000 rows of two modes take a few seconds."""
+"""Samples times numbers of a model that are fitted on: 100,000 samples of two modes take a few seconds."""
 
 _ITERATIONS = 30
 

@@ -133,7 +133,7 @@ def _products(
     m, n_u, n = layout.n_blocks, layout.n_inputs, u.shape[1]
     weights = [_weights(model, vector[place.state], o) for o in range(layout.n_outputs)]
     k, skip, chunk = m * weights[0].shape[1] + 2 * n_u + 2, target.whitening.shape[1] - 1, min(_CHUNK, n)
-    # before its first sample a record has no rows; the first `skip` of a chunk are the last of the one before
+    # before its first sample a record has no samples; the first `skip` of a chunk are the last of the one before
     rows, white = np.zeros((layout.n_outputs, k, skip + chunk)), np.empty((k, chunk))
     state, room = np.zeros((m, n_u + 2, 6)), np.empty(m * (n_u + 2) * 6 * chunk)
     state[:, n_u, 0] = state[:, n_u + 1, 1] = 1.0

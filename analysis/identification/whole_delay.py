@@ -27,7 +27,7 @@ LATEST = 64
 """Samples: more is no delay of a drive's electronics; and columns of inputs that are solved at once."""
 
 BEGINNING_ROWS = 20_000
-"""Rows of the longest record that a delay is told from."""
+"""Samples of the longest record that a delay is told from."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def freed(
 ) -> tuple[list[Array], list[Array]]:
     """Return the records with each input moved later by `late` (n_u,) samples, as the plant gets it.
 
-    The first `unknown` rows are left out: what was played before a record is not known.
+    The first `unknown` samples are left out: what was played before a record is not known.
     """
     moved = [
         np.stack([u[unknown - k : u.shape[0] - k, j] for j, k in enumerate(late.tolist())], axis=1) for u in inputs

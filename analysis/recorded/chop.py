@@ -30,7 +30,7 @@ R = TypeVar("R", bound=Recorded)
 
 @dataclass(frozen=True)
 class ChopOf(Generic[R]):
-    """One phase of a recorded chop (`learning`, `chop` …): rows `start` to `stop`, beginning with whole periods.
+    """One phase of a recorded chop (`learning`, `chop` …): samples `start` to `stop`, beginning with whole periods.
 
     `start` is where the first move to position 2 begins. `commanded_rad` (2, 2) are positions 1 and 2 as (θx, θy).
     """
@@ -54,7 +54,7 @@ class ChopOf(Generic[R]):
 
     @property
     def start_s(self) -> float:
-        """Time of the first row after the start of the run."""
+        """Time of the first sample after the start of the run."""
         return self.start / self.rate_hz
 
     @property

@@ -113,7 +113,7 @@ def _answer(output: str, regression: Regression) -> _Answer:
         return _Answer(output, 0.0, 1.0, 0.0, regression.rows)
     ratio = (before - after) / tests / (after / free)
     chance = float(scipy.special.fdtrc(tests, free, max(ratio, 0.0)))
-    # of so many numbers, that many parts of the rows are held by chance
+    # of so many numbers, that many parts of the samples are held by chance
     share = (before - after) / before - tests / regression.rows
     return _Answer(output, share, chance, (plain - before) / plain - tests / regression.rows, regression.rows)
 

@@ -68,7 +68,7 @@ def facts(seen: Seen) -> list[Fact]:
 
 
 def period_of(inputs: dict[str, Array]) -> int:
-    """Return the number of rows after which the inputs (n,) repeat nearly exactly, 0 where they do not."""
+    """Return the number of samples after which the inputs (n,) repeat nearly exactly, 0 where they do not."""
     moving = _moving(inputs)
     if not moving:
         return 0
@@ -78,7 +78,7 @@ def period_of(inputs: dict[str, Array]) -> int:
 
 
 def claimed_period(segment: LogSegment) -> int:
-    """Return the rows after which a segment says that it repeats, 0 where it says nothing."""
+    """Return the samples after which a segment says that it repeats, 0 where it says nothing."""
     value = segment.settings.get("period_samples")
     return int(value) if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else 0
 

@@ -30,7 +30,7 @@ MOST_ROWS = 20_000
 PIECES = 4
 
 ROWS_PER_COLUMN = 5
-"""Fewest rows for each number that is fitted."""
+"""Fewest samples for each number that is fitted."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ def triangle_of(matrix: Array) -> Array:
 
 
 def regression_of(stretches: Sequence[Stretch], output: int, *, worth: float = 1.0) -> Regression | None:
-    """Return the regression of an output, of the order that the Bayesian criterion chooses; None for too few rows.
+    """Return the regression of an output, of the order that the Bayesian criterion chooses; None for too few samples.
 
-    `worth` is the part of the rows that are independent of each other.
+    `worth` is the part of the samples that are independent of each other.
     """
     some = _pieces(stretches)
     if not some:
@@ -119,7 +119,7 @@ def regression_of(stretches: Sequence[Stretch], output: int, *, worth: float = 1
 
 
 def _pieces(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Return all rows, or so many as are looked at in pieces spread over those there are."""
+    """Return all samples, or so many as are looked at in pieces spread over those there are."""
     least = MOST_ORDER + 2 * AHEAD + 1
     enough = [s for s in stretches if s.rows >= 2 * least]
     total = sum(s.rows for s in enough)
@@ -148,7 +148,7 @@ def _columns(order: int, n_u: int, n_r: int) -> tuple[NDArray[np.intp], NDArray[
 
 
 def _matrix(s: Stretch, output: int, lag: NDArray[np.intp], of: NDArray[np.intp], deepest: int) -> Array:
-    """Return the columns and the output for every row that has all of them, without their means."""
+    """Return the columns and the output for every sample that has all of them, without their means."""
     rows = np.arange(deepest, s.rows - AHEAD)
     out = np.empty((rows.size, lag.size + 1))
     for c, (k, j) in enumerate(zip(lag, of, strict=True)):

@@ -83,7 +83,7 @@ def _is_coarse(values: Array) -> bool:
 
 
 def beat(at: NDArray[np.intp]) -> int:
-    """Return the largest number of rows of which nearly all changes, at rows (n,), fall on one, 1 if there is none."""
+    """Return the largest period in samples on which nearly all changes, at samples (n,), fall; 1 if there is none."""
     starts = range(0, at.size, AT_ONCE)
     gaps = np.zeros(MOST_ROWS + 1, dtype=np.intp)
     for first in starts:

@@ -13,7 +13,7 @@ SMALL = 0.1
 
 
 def facts(seen: Seen) -> list[Fact]:
-    """Return the outputs that jump over nearly their whole range from one row to the next."""
+    """Return the outputs that jump over nearly their whole range from one sample to the next."""
     found = []
     for name, values in seen.of_role("output").items():
         steps = np.diff(values)

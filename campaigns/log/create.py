@@ -1,4 +1,4 @@
-"""The empty log: everything that stands in the file before its first row."""
+"""The empty log: everything that stands in the file before its first sample."""
 
 from __future__ import annotations
 

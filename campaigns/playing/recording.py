@@ -40,7 +40,7 @@ class Recorded(Protocol):
         """The rate that all channels share."""
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,), SI."""
+        """Return samples `start` to `stop` (exclusive; default: all) of a channel as (n,), SI."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Recording:
         return next(iter(self.channels.values())).sample_rate_hz
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,); raises ConfigError for none."""
+        """Return samples `start` to `stop` (exclusive; default: all) of a channel as (n,); ConfigError for none."""
         if name not in self.values:
             raise ConfigError(f"{self.path} has no channel '{name}'; it has {', '.join(self.values)}")
         first, last, _ = slice(start, stop).indices(self.rows)

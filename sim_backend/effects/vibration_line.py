@@ -76,7 +76,7 @@ class VibrationLine(Effect):
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the strongest lines of the residual."""
-        # fewer periods than this are drift: the noise down there is known from a handful of rows
+        # fewer periods than this are drift: the noise down there is known from a handful of samples
         lowest = _PERIODS / view.duration_s
         return [{"frequency_hz": f} for f in view.residual_lines_hz(5, lowest, _BANDS) if f > lowest]
 

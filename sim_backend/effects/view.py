@@ -20,8 +20,8 @@ _LINES = 32
 
 _VISIBLE, _FINE, _MOST, _LOOKED_AT, _LEAST_LOOKS, _MOST_LOOKS = 4.0, 0.2, 60_000, 8_000_000, 8, 600
 """Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
-that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely, at
-least so many steps and at most so many."""
+that shift the input by so much of a step; at most so many are tried, and on so many samples in all looked at closely,
+at least so many steps and at most so many."""
 
 
 DISTANCES = 1024
@@ -86,7 +86,7 @@ def _squares_of_answers(answer: Array, rows: int) -> Callable[[Array], float]:
 
 
 def _energy_of_levels(answer: Array, levels: Ints) -> Array:
-    """Return the squared answer of the readings to a unit of each level of the input, by the rows' `levels` (n,).
+    """Return the squared answer of the readings to a unit of each level of the input, by the samples' `levels` (n,).
 
     Samples of a stretch that holds one level add up in the answer, stretches apart from each other only in its
     square: that of m samples is the sum of (m - |k|) r(k) over the autocorrelation r of the answer to one.
@@ -105,10 +105,10 @@ def _energy_of_levels(answer: Array, levels: Ints) -> Array:
 class RecordView:
     """The signals at one place: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
 
-    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first
-    resonance of the nominal model at this place (0 for a rigid body). `wanted` (n,), where known, is by how much the
-    likelihood would rise per unit of a small change of each sample of the input, and `answer` (rows, n_y) what a change
-    by one unit of a single sample makes of the readings, in standard deviations of their noise. `ends` are the rows at
+    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first resonance
+    of the nominal model at this place (0 for a rigid body). `wanted` (n,), where known, is by how much the likelihood
+    would rise per unit of a small change of each sample of the input, and `answer` (rows, n_y) what a change by one
+    unit of a single sample makes of the readings, in standard deviations of their noise. `ends` are the samples at
     which the runs end that are joined here.
     """
 
@@ -258,7 +258,7 @@ class RecordView:
     def line_phases(self, frequency_hz: float) -> list[tuple[float, float]]:
         """Return, for each run, the phase of the residual's line in periods, in the middle of the run, and its seconds.
 
-        In the middle, because a frequency that is a little off turns the phase there least. Rows that no fit may use
+        In the middle, because a frequency that is a little off turns the phase there least. Samples that no fit may use
         (`wanted` is zero) take no part.
         """
         ends = self.ends or (self.residual.size,)

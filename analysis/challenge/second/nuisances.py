@@ -46,7 +46,7 @@ def tuned(plant: Plant, numbers: Sequence[Number], steps: Array) -> Plant:
 
 
 def whitened(campaign: Campaign, parts: Sequence[Array]) -> Array:
-    """Return readings of every run (n, axes), or columns of them (n, axes, k), as fitted rows in units of the noise."""
+    """Return the fitted samples of every run, (n, axes) or columns (n, axes, k), in units of the noise."""
     rows = []
     for record, part in zip(campaign.records, parts, strict=True):
         level = 1.0 + campaign.louder * record.levels()
