@@ -367,6 +367,6 @@ def _doubts(found: Found) -> list[str]:
     if whitener.repeats:
         return []
     return [
-        "nothing repeats in these records, so the noise is taken from what the model leaves: slow forces and slow "
+        "nothing repeats in these records, so the noise is estimated from the residual: slow forces and slow "
         "noise look alike, and an error of the model may be taken as noise; play every excitation at least twice"
     ]

@@ -180,7 +180,7 @@ def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> s
     p, name, curve = least
     return (
         f"no effect of the library explains more than noise may, yet the residual is not steady noise: by {name}, "
-        f"{curve.where} ({chance(p)}); its size may follow what is played or change with time"
+        f"{curve.where} ({chance(p)}); its size may follow the excitation or change with time"
     )
 
 
@@ -192,7 +192,7 @@ def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
     p, name, curve = least
     if not p < SIGNIFICANT:
         return "; see the remarks for the residual"
-    return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
+    return f"; its residual is most significant by {name}, {curve.where} ({chance(p)})"
 
 
 def surety(diagnosis: Diagnosis) -> Surety:
@@ -231,10 +231,10 @@ def _how(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "consistent" and least is not None:
         p, name, curve = least
         if p >= SIGNIFICANT:
-            said.append(f"The residual stands out most by {name}, no more than by chance ({chance(p)}).")
+            said.append(f"The residual is most significant by {name}, no more than by chance ({chance(p)}).")
         else:
             said.append(
-                f"The residual stands out most by {name}: {curve.where} ({chance(p)}). No effect of the library "
+                f"The residual is most significant by {name}: {curve.where} ({chance(p)}). No effect of the library "
                 "explains more than noise may."
             )
     return said

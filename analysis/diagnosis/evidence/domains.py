@@ -281,7 +281,7 @@ def _direction(s: _Series) -> Domain:
     count = np.array([np.sum(index == 0), np.sum(index == 1)])
     if count.min() == 0:
         return _domain(
-            s, np.array([-1.0, 1.0]), "sign of the rate", np.ones(2), 1.0, f"{s.port.dof} moves one way only"
+            s, np.array([-1.0, 1.0]), "sign of the rate", np.ones(2), 1.0, f"{s.port.dof} moves in one direction only"
         )
     square = np.array([np.mean(s.w[index == k] ** 2) for k in (0, 1)])
     means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])

@@ -216,6 +216,6 @@ def first_plan(bench: Bench, model: Model) -> Plan:
         if play_on_paper(plan, bench, quiet, headroom) is not None:
             return plan
     raise ConfigError(
-        f"by model '{model.name}' no multisine keeps the bench's limits, not at {LEVELS[-1]:g} of its reach at rest; "
+        f"by model '{model.name}' no multisine keeps the bench's limits, even at {LEVELS[-1]:g} of its stroke at rest; "
         "choose the first plan with --first and --set"
     )

@@ -86,7 +86,7 @@ def without_cut_off(
     if notes and not any(record.windows for record in kept):
         raise DataError(
             f"an output is cut off every few samples ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} "
-            "samples is left between; record with a smaller motion or a wider range"
+            "samples remains in between; record with a smaller motion or a wider range"
         )
     return kept, notes
 
@@ -179,7 +179,7 @@ def check_same_bench(loaded: Loaded, model: Model) -> None:
             if max(middle, 1.0 / middle) > FACTOR:
                 raise DataError(
                     f"{file}: output '{name}' moves {middle:.3g} times as much as the model says, where half of its "
-                    f"motion is; causes are looked for up to a factor of {FACTOR:g}. Is it a record of another "
+                    f"motion is; causes are searched for up to a factor of {FACTOR:g}. Is it a record of another "
                     "bench, or is a unit or a channel wrong? `mccd log plot` shows it, `mccd identify` models it"
                 )
 

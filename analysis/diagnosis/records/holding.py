@@ -43,7 +43,7 @@ def with_held_out(records: Sequence[Record]) -> tuple[tuple[Record, ...], str | 
     if any(w.held_out for w in windows):
         if all(w.held_out for w in windows):
             raise DataError(
-                f"all {len(windows)} segments are held out, so that nothing is left to fit; "
+                f"all {len(windows)} segments are held out, so that nothing can be fitted; "
                 "give a run of which some segment's label does not contain 'held-out'"
             )
         return tuple(records), None

@@ -247,7 +247,7 @@ def gain_of(
     # noise that is known from other points may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean(np.sum(noise.sigma[held] ** 2, axis=1) / size2))), first, last)
     return Gain(
-        held_out=(f"{record}#one of {EVERY} blocks of neighbouring lines, {int(held.sum())} of {lines.n} lines",),
+        held_out=(f"{record}#one of {EVERY} blocks of neighbouring points, {int(held.sum())} of {lines.n} points",),
         rms_before=first,
         rms_after=last,
         noise_floor=floor,

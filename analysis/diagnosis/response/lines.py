@@ -110,10 +110,10 @@ def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines
     sizes = np.bincount(lines.curve)
     few = int(sizes[sizes > 0].min()) if lines.n else 0
     if few < LEAST_LINES:
-        raise DataError(f"{path} has {few} lines of a response above 0 Hz; {LEAST_LINES} are needed to judge a model")
+        raise DataError(f"{path} has {few} points of a response above 0 Hz; {LEAST_LINES} are needed to judge a model")
     if np.any(lines.response == 0.0):
         f = lines.frequency_hz[lines.response == 0.0][0]
-        raise DataError(f"{path}: the response at {f:g} Hz is zero; leave lines out at which nothing was measured")
+        raise DataError(f"{path}: the response at {f:g} Hz is zero; leave out points at which nothing was measured")
     return replace(lines, held_out=_held_out(lines.curve))
 
 
@@ -251,7 +251,7 @@ def noise_of(lines: Lines, modelled: ComplexArray) -> Noise:
     if lines.scatter.shape[0] >= _LEAST_REPEATS:
         along, across, of = lines.scatter.T
         part, rest = _levels(along / of, across / of, 1.0 / of**2)
-        return Noise(_sigma(lines, size, part, rest), float(np.sum(2.0 * (lines.count - 1.0))), "repeated lines")
+        return Noise(_sigma(lines, size, part, rest), float(np.sum(2.0 * (lines.count - 1.0))), "repeated points")
     along, across, weights, at = _roughness(lines, modelled)
     dof = max(PER_LINE * along.size, 2.0)
     if lines.coherence is not None:

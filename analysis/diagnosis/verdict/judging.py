@@ -132,7 +132,7 @@ def failed_check(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -
     gives the reason.
     """
     one = telling(found, left, random)
-    return refuted(found) if one is None else f"what the best model leaves holds {one.words()}"
+    return refuted(found) if one is None else f"the residual of the best model holds {one.words()}"
 
 
 def refuted(found: Found) -> str:
@@ -167,7 +167,7 @@ def _general(found: Found, general: Iterable[GenericAlternative], random: float,
     doubt = next((rival for rival in general if not rival.behind(random)), None)
     if doubt is None:
         return ""
-    return f"what the best model leaves follows {rest.lives}, and {doubt.words(found.setting.places)}, or as well"
+    return f"the residual of the best model follows {rest.lives}, and {doubt.words(found.setting.places)}, or as well"
 
 
 def outdone(found: Found, general: Iterable[GenericAlternative], random: float = 0.0) -> str:
@@ -223,14 +223,14 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: 
     if judgement.verdict != "unknown":
         return ""
     if not found.best.candidates:
-        nothing = "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
+        nothing = "the residual is above the noise, and no effect of the library explains a good part of it"
         return "" if judgement.failed_check else _odds(found, allowed, random) or nothing
     if not found.setting.whitener.repeats:
         return ""
     names = " and ".join(f"{e.reported()} at {e.where}" for e in found.best.effects)
     explains = f"explains {100.0 * explained_part(found):.4g} % of what was more than noise"
     if found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
-        explains = "explains what stands out of a total that may be noise"
+        explains = "explains a significant part of a residual that may be noise in total"
     return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
 
 
@@ -269,14 +269,14 @@ def _odds(found: Found, allowed: float, random: float) -> str:
         chance = scipy.special.expit(0.5 * (lead - found.first.price) + SURE_LEAD)
         if chance >= SURE:
             return (
-                f"{candidate.effect.reported()} at {candidate.where} stands out of the noise, but none of its sizes is "
-                f"{SEEN:g} standard deviations from nothing; longer or stronger runs would show it"
+                f"{candidate.effect.reported()} at {candidate.where} is above the noise, but none of its sizes is "
+                f"{SEEN:g} standard deviations from zero; longer or stronger runs would show it"
             )
         if chance > 1.0 - SURE:
             return (
-                f"{candidate.effect.reported()} at {candidate.where} stands out of the noise and may be it, with a "
-                f"chance of {100.0 * chance:.2g} %, where a name asks for {100.0 * SURE:.0f} %; longer or stronger "
-                "runs would tell"
+                f"{candidate.effect.reported()} at {candidate.where} is above the noise and may be the cause, with a "
+                f"chance of {100.0 * chance:.2g} %, where a name needs {100.0 * SURE:.0f} %; longer or stronger "
+                "runs would decide"
             )
     return ""
 
