@@ -1,9 +1,9 @@
-"""A linear axis beside friction: the balance of torques, term by term, where a linear fit alone would be bent.
+"""A linear axis beside friction: the balance of torques, term by term, where a linear fit alone would be biased.
 
-An axis that drifts (nothing or little holds it) and rubs has no linear model that simulates it: a fit then makes an
-oscillator of the friction. The balance of torques u = M a + D v + K y + F sign(v) + u0 is linear in all its numbers,
-and whatever the loop around the axis does, the measured motion stands on one side only. All signals pass the same
-smoothing, so that the equation holds for what is left of them.
+An axis that drifts (with little or no suspension) and has friction has no linear model that simulates it: a fit then
+makes an oscillator of the friction. The balance of torques u = M a + D v + K y + F sign(v) + u0 is linear in all its
+numbers, and whatever the loop around the axis does, the measured motion is on one side only. All signals pass the same
+smoothing filter, so that the equation holds for the filtered signals.
 
 Source: the inverse dynamic identification of robots, M. Gautier, J. Robotic Systems 14 (1997).
 """
@@ -126,9 +126,9 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
 
 @dataclass(frozen=True)
 class _Fitted:
-    """M, D, K, F, offset and what other drives take off, with deviations, and the part of the torque they explain.
+    """M, D, K, F, offset and what other drives subtract, with deviations, and the part of the torque they explain.
 
-    `by_friction` and `by_constant` are the parts that friction and offset take of what is left without them.
+    `by_friction` and `by_constant` are the parts that friction and offset explain of the residual without them.
     """
 
     numbers: Array
@@ -141,8 +141,8 @@ class _Fitted:
 def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted | None:
     """Return the balance over the samples in which the axis moves; None where these are few.
 
-    Where there are enough samples around which the axis goes one way for a whole window, friction is constant there and
-    nothing has to be known of how it turns.
+    Where there are enough samples with motion in one direction over a whole window, friction is constant there and its
+    behaviour at a reversal need not be known.
     """
     records = [(u, y[:, 0]) for u, y in zip(inputs, outputs, strict=True) if y.size > 2 * window + 2]
     parts = [_terms(u, y, rate_hz, window) for u, y in records]
@@ -196,7 +196,7 @@ def _terms(u: Array, y: Array, rate_hz: float, window: int) -> _Part:
     torque, *other = (smooth(column) for column in (0.5 * (held[1:-1] + held[:-2])).T)
     own = (acceleration, _slope(inner, rate_hz), inner[1:-1], np.sign(rate))
     terms = [*(smooth(series) for series in own), np.ones_like(torque), *other]
-    # at rest friction is whatever holds the axis, and no balance tells it from the drive
+    # at rest friction equals the applied torque, and no balance distinguishes it from the drive
     slow = np.abs(rate) <= _SLIPS * _still(rate)
     throughout = np.convolve(slow, np.ones(window), mode="valid") < 0.5
     return _Part(torque, np.stack(terms, axis=1), np.abs(smooth(rate)) > _still(rate), throughout)
@@ -213,7 +213,7 @@ def _still(rate: Array) -> float:
 
 
 def _least_squares(x: Array, y: Array, window: int) -> tuple[float, Array, Array]:
-    """Return the sum of squares that is left, the numbers and their deviations; `window` samples count as one."""
+    """Return the residual sum of squares, the numbers and their deviations; `window` samples count as one."""
     scale = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
     numbers, _, _, _ = np.linalg.lstsq(x / scale, y, rcond=1e-12)
     left = float(np.sum((y - x / scale @ numbers) ** 2))

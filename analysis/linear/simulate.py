@@ -15,14 +15,14 @@ from sim_backend.errors import ConfigError
 from sim_backend.jit import njit
 from sim_backend.linear import Array, DiscreteModel, delay_taps
 
-# a pass takes so many stretches of so many samples, a few samples of all at a time, so that these stay in the
-# processor's nearest caches; a length of a power of two would put all stretches into the same few places of a cache
+# a pass takes a few samples of many stretches at a time, so that these stay in the processor's nearest caches; a
+# length of a power of two would put all stretches into the same few addresses of a cache
 _LANES, _STRETCH, _ROWS = 64, 136, 68
 
 
 @njit
 def recur(a: Array, drive: Array, x: Array) -> None:
-    """Turn each block's drive (m, 2, n) into its states (q, v) in place; `x` (m, 2) is the state before and after."""
+    """Convert each block's drive (m, 2, n) to its states (q, v) in place; `x` (m, 2) is the state before and after."""
     m, _, n = drive.shape
     for i in range(m):
         q, v = x[i, 0], x[i, 1]
@@ -59,10 +59,10 @@ def delayed(u: Array, delay_samples: Array) -> Array:
 def _respond_from_rest(a: Array, b: Array, c: Array, u: Array, x: Array, y: Array, first: int, last: int) -> None:
     """Add one block's response to the samples from `first` to `last` of `y` (n_y, stretch, lanes).
 
-    It is driven by the first samples of `u` (n_u, rows, lanes), its states `x` (2 lanes) are moved on. `a` (2, 2), `b`
-    (2, n_u), `c` (n_y, 2). All lanes are stepped together, as they do not depend on each other: one
-    chain of states would have to wait for every product. Rates stand behind all positions in one row, so that the
-    compiler sees that they do not overlap. The first output and input that the block has go along with its step.
+    It is driven by the first samples of `u` (n_u, rows, lanes), and its states `x` (2 lanes) are advanced. `a` (2, 2),
+    `b` (2, n_u), `c` (n_y, 2). All lanes are stepped together, as they do not depend on each other: one chain of states
+    would have to wait for every product. Rates follow all positions in one row, so that the compiler sees that they do
+    not overlap. The first output and input that the block has are included in its step.
     """
     n, a00, a01, a10, a11 = _LANES, a[0, 0], a[0, 1], a[1, 0], a[1, 1]
     first_out, first_in = _first(c[:, 0], c[:, 1]), _first(b[0], b[1])
