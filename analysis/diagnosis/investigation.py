@@ -147,7 +147,7 @@ def investigate(
 
 
 def _require_ports(description: BenchDescription, model: Model) -> None:
-    """Raise ConfigError, before anything moves, when the bench does not have what the model speaks of."""
+    """Raise ConfigError, before anything moves, when the bench does not have what the model needs."""
     have = {(s.role, s.dof) for s in description.signals}
     for role, ports in (("input", model.inputs), ("output", model.outputs)):
         for port in ports:

@@ -81,7 +81,7 @@ def identify_runs(
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
         raise DataError(
-            f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, match --only, move, and "
+            f"{runs[0].path}: no segment remains to fit; give segments that are not held-out, match --only, move, and "
             f"are not cut off by their sensor every few samples{_missing(runs)}"
         )
     # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs

@@ -112,7 +112,7 @@ def _free_delays(
     structure: Structure,
     unknown: int,
 ) -> list[TimeFit]:
-    """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and without ever more of the fast.
+    """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer fast ones.
 
     Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found
     are moved into the records, and it is fitted again: otherwise the first samples lack the commands before them.

@@ -114,7 +114,7 @@ class Watch:
             return self.seen(run, now_s)
 
     def seen(self, run: Run, now_s: float) -> Snapshot:
-        """Return the run as it is, opened by the caller; one that has taken the place of another is followed anew.
+        """Return the run as it is, opened by the caller; one that has replaced another is followed from its start.
 
         Raises as `look`.
         """
