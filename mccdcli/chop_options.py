@@ -53,8 +53,8 @@ class Form(click.ParamType[tuple[float, float]]):
 def chop_options(command: F) -> F:
     """Decorator that adds the options of a chop.
 
-    They reach the command as `alpha`: float, `form`: (float, float) in rad, `strategy`: str, `model`: str and
-    `controller`: str | None.
+    The command receives them as `alpha`: float, `form` (the end points): (float, float) in rad, `strategy`: str,
+    `model`: str and `controller`: str | None.
     """
     return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
 

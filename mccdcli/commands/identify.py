@@ -214,7 +214,7 @@ def _text(found: Identification) -> str:
 
 
 def _uncertainty(curve: ResponseCurve) -> str:
-    """Say over what range a response was measured, and how well at the median line."""
+    """State the range over which a response was measured, and its uncertainty at the median line."""
     relative = sorted(
         std / size for std, size in zip(curve.std.tolist(), curve.magnitude.tolist(), strict=True) if size
     )
