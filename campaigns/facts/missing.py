@@ -49,7 +49,7 @@ def missing_rows(run: Run, segment: LogSegment) -> NDArray[np.bool_]:
 
 
 def drawn_over(seen: Seen) -> Seen:
-    """Return a record with straight lines over what holds no number, for facts that ask for the rest of it."""
+    """Return a record with straight lines over what holds no number, for facts that need its other samples."""
     columns = {name: _drawn(values) for name, values in seen.columns.items()}
     return replace(seen, columns=columns)
 

@@ -1,4 +1,4 @@
-"""Whether an input repeats after the period that is claimed: a wrong one makes a response at lines never played."""
+"""Whether an input repeats after the stated period: a wrong one gives a response at frequencies never played."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _moving(columns: dict[str, Array]) -> dict[str, Array]:
 def difference(parts: Array, period: int) -> float:
     """Return the rms by which inputs (n, k) of size one differ after `period` samples, 1 for inputs that are foreign.
 
-    The first period may still be begun in: it is left out where there are three.
+    The first period may contain the transient: it is left out where there are three.
     """
     first = period if parts.shape[0] >= 3 * period else 0
     apart = parts[first + period :] - parts[first:-period]

@@ -20,9 +20,9 @@ AHEAD = 10
 """Samples to come, and as many beyond the order, that are asked for what they hold of the output."""
 
 FRESH = 1e-3
-"""Part of an input's power that all else must leave of a sample before it is asked what that sample alone does. Of a
-smooth input, a sweep or a few lines less is left than the noise of its own sensor, 3 % of it; samples to come then
-tell, by their mean, what the input was."""
+"""Part of an input's power that must be unpredictable in a sample to test what that sample alone does. Of a smooth
+input, a sweep or a few frequencies, that part is less than the noise of its own sensor, 3 % of it; later samples then
+show, by their mean, what the input was."""
 
 MOST_ORDER = 40
 MOST_COLUMNS = 130
@@ -38,7 +38,7 @@ class Regression:
     """An output on all lags: `triangle` (p + 1, p + 1) of their orthogonal form, the output in its last column.
 
     `lag` (p,) is that of each column, `of` (p,) the channel: -1 for the output itself, 0 and on for inputs, -2 for a
-    reference. `rows` is what they are worth.
+    reference. `rows` is their number of independent samples.
     """
 
     triangle: Array
@@ -56,7 +56,7 @@ class Regression:
         return [float(left[end]) if end < left.size else 0.0 for end in ends]
 
     def fresh(self) -> float:
-        """Return which part of the freshest input's power is new in the next sample, after all that came before."""
+        """Return which part of the least predictable input's power is new in the next sample, given its past."""
         earlier = np.flatnonzero((self.of <= -2) | self.past | self.before)
         parts = []
         for next_one in np.flatnonzero((self.of >= 0) & (self.lag == -1)):

@@ -9,7 +9,7 @@ from campaigns.facts.base import Array, Fact, Seen, changed
 from campaigns.facts.steps import step_of
 
 MOST_ROWS = 1000
-"""Slowest sensor that is looked for, in samples of the log."""
+"""Slowest sensor that is searched for, in samples of the log."""
 
 LEAST_CHANGES = 20
 ON_BEAT = 0.98

@@ -25,13 +25,13 @@ CHANCE = 0.01
 """Chance at which recordings of their own would fit together so well: as sure as a cause is named."""
 
 AHEAD = (1, 4, 16, 64)
-"""Samples after a border whose means are foretold: close by they tell where a motion is, further on its way."""
+"""Samples after a border whose means are predicted: the nearest give the position of a motion, the next its rate."""
 
 BEHIND = 8
-"""Means of readings and commands before a sample that a learnt prediction knows, of half the samples ahead each."""
+"""Means of readings and commands before a sample that a learnt prediction uses, of half the samples ahead each."""
 
 COMMANDS = 4
-"""Means of the commands in the samples that are foretold."""
+"""Means of the commands in the samples that are predicted."""
 
 LEAST = 16
 """Times that the samples ahead fit into a stretch, at least."""
@@ -40,13 +40,13 @@ LOOKED_AT = 8192
 """Samples on either side of a border that are looked at."""
 
 LEARNT_FROM = 1500
-"""Samples, spread over both stretches, from which it is learnt how to foretell."""
+"""Samples, evenly chosen from both stretches, from which the prediction is learnt."""
 
 ENOUGH = 3
 """Times that these are more than the numbers to learn, at least."""
 
 PLACES = 512
-"""Samples of each of two stretches that are held against each other."""
+"""Samples of each of two stretches that are compared."""
 
 RESTS = 0.2
 """An output that moves less than this part of what is usual on either side of a border rests there, and fits always."""
@@ -135,9 +135,9 @@ def _sized(columns: Sequence[Array], rows: slice) -> Array:
 
 @dataclass(frozen=True)
 class _Foretold:
-    """What earlier samples foretell of the samples after each sample (n,), what comes, and the rms of their difference.
+    """The prediction of the samples after each sample (n,) from earlier ones, the outcome, and the rms difference.
 
-    That is of samples whose surroundings lie within one stretch. What later commands add is taken off what comes. Where
+    That is of samples whose surroundings are within one stretch. The effect of later commands is subtracted. Where
     samples lie beyond both stretches there is no number.
     """
 
@@ -198,7 +198,7 @@ def _by_its_way(border: _Border, m: int) -> Iterator[_Foretold]:
 
 
 def _learnt(border: _Border, m: int) -> Iterator[_Foretold]:
-    """Yield both halves of the next `m` samples, foretold by a linear prediction that knows the commands as well."""
+    """Yield both halves of the next `m` samples from a linear prediction that uses the commands as well."""
     half, n = max(m // 2, 1), border.y.shape[0]
     behind = BEHIND * half
     rows = np.arange(behind, n - m + 1)

@@ -1,6 +1,6 @@
 """Space on the disk, allocated before it is needed: a log that is refused it has not been touched and stays sound.
 
-HDF5 writes its tables in place. When the disk is full in the middle of that, some tables tell of what others do not
+HDF5 writes its tables in place. When the disk is full in the middle of that, some tables refer to what others do not
 know yet, and the file can no longer be opened. So the blocks behind its end are allocated first.
 """
 

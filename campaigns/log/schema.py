@@ -1,4 +1,4 @@
-"""The schema of a log in one place: what a file of version `mccd-log/1` holds, and what may stand in it."""
+"""The schema of a log: what a file of version `mccd-log/1` must and may contain."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ChannelLike(Protocol):
 
     @property
     def dof(self) -> str:
-        """Degree of freedom or place that the channel belongs to."""
+        """Degree of freedom or location that the channel belongs to."""
 
     @property
     def sample_rate_hz(self) -> float:

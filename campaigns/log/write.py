@@ -79,7 +79,7 @@ class LogWriter:
         self._closed = False
         self._broken = False
         self._own = own.begin(path)
-        self._room_rows, self._room_segments = -1, 0  # for which room is taken, besides that for closing
+        self._room_rows, self._room_segments = -1, 0  # for which space is reserved, besides that for closing
 
     @classmethod
     def create(
@@ -103,7 +103,7 @@ class LogWriter:
     ) -> LogWriter:
         """Make the file, complete with its header, under a hidden name and only then give it its own.
 
-        `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the room
+        `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the space
         for each segment's settings as JSON, `expected_rows` how long a complete run is, `note` what a user says of it.
         Raises ConfigError for an existing path, a header that a log cannot hold, and more channels or
         `expected_segments` than any reader takes; DataError when the file cannot be made.
@@ -147,7 +147,7 @@ class LogWriter:
         return self.committed_rows + self._fill
 
     def reserve(self, rows: int) -> None:
-        """Take the room on the disk for `rows` more samples, before they are measured; it is kept until they come.
+        """Reserve disk space for `rows` more samples, before they are measured; it is kept until they come.
 
         Raises DataError when the disk has not so much; what was committed can still be completed.
         """
@@ -296,7 +296,7 @@ class LogWriter:
         self._room_rows -= columns[0].size
 
     def _need_room(self, rows: int, segments: int) -> None:
-        """Take room only where `reserve` has not: the disk may have filled since."""
+        """Reserve space only where `reserve` has not: the disk may have filled since."""
         if rows > self._room_rows or segments > self._room_segments:
             self._take_room(max(rows, self._room_rows, 0))
 

@@ -48,7 +48,7 @@ _IN_BUFFERS = 8192
 """Bytes that may still lie in the buffers of the line ahead of an answer."""
 
 _MOST_BYTES = 1 << 24
-"""How much may come in before an answer: what is left of a burst is a million bytes, a network holds some more."""
+"""How much may come in before an answer: the end of a burst is a million bytes, a network holds some more."""
 
 _BLOCK_S = 0.25
 """How long a block may take beyond three times its bytes, however it drips in."""
