@@ -42,7 +42,7 @@ class Form(click.ParamType[tuple[float, float]]):
         except ValueError:
             positions = math.nan, math.nan
         if not colon or not all(map(math.isfinite, positions)):
-            self.fail(f"{value!r} is not a form; write both positions in mrad, as in 0:+8.5", param, ctx)
+            self.fail(f"{value!r} is not a pair of positions; write both in mrad, as in 0:+8.5", param, ctx)
         return positions
 
     def typed(self, value: tuple[float, float]) -> str:

@@ -233,14 +233,14 @@ def _fact(name: str, drift: _Drift, rate_hz: float) -> Fact:
             f"{1e6 * drift.std:.2g} ppm, {abs(late):.3g} samples, {abs(late) / rate_hz:.3g} s, over the record"
         )
         means = (
-            "phases turn with time and lines leave their bins, which a diagnosis can only call sample-clock-error: "
+            "phases drift with time and lines leave their bins, which a diagnosis can only call sample-clock-error: "
             "sample both by one clock, or resample one of them"
         )
         return Fact(NAME, text, means, name, numbers=numbers)
     if abs(drift.relative) > SIGNIFICANT * drift.std:
         text = (
-            f"{name}: phases drift with time, but not as two clocks would: {100.0 * drift.other:.0f} % of it is of "
-            "another form"
+            f"{name}: phases drift with time, but not as two clocks would: {100.0 * drift.other:.0f} % of it is not "
+            "proportional to frequency"
         )
     else:
         text = f"{name}: no difference of clocks is seen; one of {1e6 * SIGNIFICANT * drift.std:.2g} ppm would be"

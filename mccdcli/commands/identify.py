@@ -210,7 +210,7 @@ def _text(found: Identification) -> str:
     facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
     facts += [(f"error on {one.segment}", f"{100.0 * one.total:.2f} %") for one in found.held_out]
     remarks = "".join(f"\nremark: {remark}" for remark in found.remarks)
-    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
+    return f"{table(rows, heads=('frequency, Hz', 'decay rate, s⁻¹', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
 
 
 def _uncertainty(curve: ResponseCurve) -> str:

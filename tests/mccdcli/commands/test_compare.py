@@ -180,7 +180,7 @@ def test_diagnoses_show_verdict_cause_parameters_and_gain(tmp_path: Path, capsys
         (("text.txt", "a.toml"), 2, "text.txt is none of these"),
         (("broken.toml", "a.toml"), 2, "not valid TOML"),
         (("other.json", "old"), 2, "other.json"),
-        (("cut.json", "a.toml"), 2, "in double quotes: line 1 column 28 (char 27); mend that place"),
+        (("cut.json", "a.toml"), 2, "in double quotes: line 1 column 28 (char 27); correct it there"),
         (("cut/diagnosis.json", "old"), 4, "cut/diagnosis.json: not valid JSON"),
         (("old", "old"), 4, "is not a diagnosis of the format mccd-diagnosis/1"),
         (("short", "short"), 4, "short/diagnosis.json: Object missing required field"),
