@@ -226,7 +226,7 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
 
 
 def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
-    """Return a fit gone on with until a few more steps gain little."""
+    """Return a fit after further steps, until a few more gain little."""
     for again in range(_ROUNDS):
         progress(f"going on with {_told(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
         (held, sizes), before = fit.held(), fit.misfit
@@ -336,7 +336,7 @@ def _rest(found: Found) -> Remainder | None:
 
 
 def _independent_rows(setting: Setting, fit: Fit) -> float:
-    """Return how many independent numbers the residual is worth."""
+    """Return how many independent numbers the residual is equivalent to."""
     return sum(
         independent_rows(e)
         for record, residual in zip(setting.data.records, fit.residuals, strict=True)

@@ -63,7 +63,7 @@ _SIDE_BY_SIDE = 100_000
 sooner."""
 
 _RETUNED = 3
-"""Searches that begin anew, at most, because the one before led the nominal model to better numbers."""
+"""Searches that are repeated, at most, because the one before led the nominal model to better numbers."""
 
 
 @dataclass(frozen=True)
@@ -227,9 +227,9 @@ def diagnose(
 ) -> Diagnosis:
     """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
 
-    The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`, and none
+    The next experiment is one for `bench`, of which only the limits are read, or for the bench of `model`, and none
     that is `done`. `references` are what an instrument beside the bench saw; they decide between causes that readings
-    cannot tell apart. Raises ConfigError when model and data do not fit together.
+    cannot distinguish. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
     data = with_free_zeros(data, model)

@@ -68,7 +68,7 @@ class Domain:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the named causes leave that is no noise: its `share` of the squared error that was more than noise.
+    """The lack of fit of the named causes: its `share` of the squared error that was more than noise.
 
     `significance` is the chance of as much in noise alone, `lives` says in words where it is.
     """

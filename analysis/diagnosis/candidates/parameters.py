@@ -121,7 +121,7 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
 
 
 def _prior(candidate: Candidate, p: Parameter, unit: float, log: bool) -> tuple[float, float]:
-    """Return mean and standard deviation of a parameter on its scale, before the data speak."""
+    """Return mean and standard deviation of the prior of a parameter on its scale."""
     if p.size:
         return 0.0, 1.0
     centre = candidate.centres.get(p.name, candidate.shapes.get(p.name, unit))

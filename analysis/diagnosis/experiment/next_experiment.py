@@ -59,9 +59,9 @@ class Offer:
 def choose(
     found: Found, judgement: Judgement, model: Model, bench: Bench | None = None, done: Sequence[Plan] = ()
 ) -> Choice | None:
-    """Return the experiment that should be done next; None when the verdict asks for none.
+    """Return the experiment that should be done next; None when the verdict needs none.
 
-    It is one for `bench`, which is asked for its public description alone, or for the bench of `model`, and none of
+    It is one for `bench`, of which only the public description is read, or for the bench of `model`, and none of
     those `done` already. Where it cannot be chosen the reason says why.
     """
     try:

@@ -1,6 +1,6 @@
-"""A plan played on paper: what a bench that behaves like a hypothesis would record, and whether it keeps its limits.
+"""A plan in simulation: what a bench that behaves like a hypothesis would record, and whether it keeps its limits.
 
-Nothing moves: a bench is asked for its public description alone. An investigation starts with as much motion as that
+Nothing moves: only the public description of a bench is read. An investigation starts with as much motion as that
 allows, and periods that repeat.
 """
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # they bring the whole search, for which a first experiment d
 
 
 LEVELS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
-"""Amplitudes at which plans are offered, as parts of what the bench can be asked; where a plan excites a resonance
+"""Amplitudes at which plans are offered, as parts of what the bench can play; where a plan excites a resonance
 only small ones keep the limits."""
 
 MARGIN = 0.9
@@ -83,7 +83,7 @@ def play_as(
 ) -> Played | None:
     """Return what `plan` gives under `hypothesis`, None when that leaves the limits or cannot be simulated.
 
-    `bench` is asked for its public description alone: nothing moves.
+    Only the public description of `bench` is read: nothing moves.
     """
     warm = setting.data.records[0].temperature_k is not None
     paper = hypothesis.model(model, setting)

@@ -1,4 +1,4 @@
-"""Iterated generalised least squares: the noise follows what a fit leaves, and the fit follows the noise."""
+"""Iterated generalised least squares: the noise is estimated from the residual, and the fit is weighed by the noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ less than this, in units of twice the evidence."""
 _PASSES = 4
 
 _SWEEPS = 2
-"""How often each light mode is placed beside the others, where a descent from the nominal numbers has bent them."""
+"""How often each light mode is placed beside the others, where a descent from the nominal numbers distorted them."""
 
 
 def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
@@ -38,7 +38,7 @@ def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting
 def reestimated_by(
     setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None
 ) -> Setting:
-    """Return the setting brought up to date with a linear model and what it leaves, (n, n_y) per record."""
+    """Return the setting updated with a linear model and its residual, (n, n_y) per record."""
     even = setting.whitener.even
     if even:
         whitener = even_weights(setting.data, residuals, even)
@@ -88,9 +88,9 @@ def from_white_noise(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
 def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit] | None:
     """Return setting and fit of the nominal model tuned from the numbers of `best`, None where that is no better.
 
-    Where nothing repeats, the noise follows what a fit leaves, and a descent may end where both have made their peace.
-    An effect moves the numbers on from there; what these gain by themselves is no merit of the effect, which may have
-    been dropped for that.
+    Where nothing repeats, the noise is estimated from the residual, and the iteration may end in a wrong fixed point of
+    both. An effect moves the parameters out of it; what these gain by themselves is no merit of the effect, which may
+    have been dropped for that.
     """
     if setting.whitener.repeats or setting.whitener.even or np.array_equal(best.change, tuned.change):
         return None
@@ -274,9 +274,9 @@ def _white_rows(setting: Setting, record: Record, values: Array, start: Start) -
 def left_however_tuned(data: Dataset, setting: Setting, fit: Fit, noise: Whitener) -> Sequence[Array]:
     """Return the residual (n, n_y) of every record of `data` in that noise, after `fit` saw all held-out samples.
 
-    Parameters are known as well as the fitted samples determine them. On samples of another motion that may be an error
-    of many noises which follows the motion; it is none of the model as long as numbers that suit all samples leave
-    none.
+    Parameters are known as well as the fitted samples determine them. On samples of another motion, their error may be
+    many times the noise and follow the motion; it is no error of the model as long as parameters exist that fit all
+    samples.
     """
     told = tuple(replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in data.records)
     known = {id(r.y): state for r, state in zip(setting.data.records, setting.states, strict=True)}

@@ -73,10 +73,10 @@ class Slopes(Protocol[At]):
         """Return the normal equations (H, -gradient/2) at `x`."""
 
     def fresh(self) -> bool:
-        """Tell whether the last ones were of the point itself; if not, they will be when they are asked for again."""
+        """Tell whether the last slopes were those of the point itself; if not, the next ones will be."""
 
     def truer(self) -> bool:
-        """Tell whether there are truer ones, which is what is asked for from then on."""
+        """Tell whether there are more exact slopes, which are used from then on."""
 
     def failed(self) -> bool:
         """Tell the same of slopes that have led astray."""
@@ -126,7 +126,7 @@ class Descent(Generic[Point]):
         return max(1.0, at.objective / self._rows) if self._rows else 1.0
 
     def _improved(self, *, sure: bool) -> bool:
-        """Tell whether better slopes are worth asking for where these promise no more; `sure` of one that is free."""
+        """Tell whether more exact slopes pay where these promise no gain; `sure` of one that is free."""
         if sure and not self._exact:
             return False
         return not self._slopes.fresh() or self._slopes.truer()
@@ -177,7 +177,7 @@ class Descent(Generic[Point]):
         return 2.0 * _SHORTER * length
 
     def _misled(self, failures: int) -> bool:
-        """Tell whether rather the slopes fail than a step is too long; others are asked for then."""
+        """Tell whether the slopes are wrong, rather than a step too long; others are used then."""
         return not self._slopes.fresh() or (failures >= _TRIES and self._slopes.failed())
 
     def _way(self, x: Array, here: Point) -> _Way:
@@ -260,8 +260,8 @@ def inverse_of(precision: Array) -> Array:
 def sharpened(objective: Callable[[float], float], at: float, reach: float, close: float) -> tuple[float, float]:
     """Return where `objective`, twice a negative log-likelihood, is least within `reach` of `at`, and the deviation.
 
-    A step that gains less than `close` is none. The standard deviation is that of the likelihood itself, all else being
-    held; infinite where it does not end.
+    A step that gains less than `close` is not taken. The standard deviation is that of the likelihood itself, with all
+    else fixed; infinite where the likelihood does not fall off.
     """
     distances = _distances(reach)
     for _ in range(_PASSES):
@@ -307,8 +307,8 @@ def _around(objective: Callable[[float], float], at: float, distances: Array, cl
 def _deviation(distances: Array, higher: Array) -> float:
     """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways.
 
-    Infinite where the likelihood does not end there: the data say nothing then. Never less than the finest distance:
-    within that nothing was asked.
+    Infinite where the likelihood does not fall off: the data do not determine it. Never less than the smallest
+    distance, within which nothing was evaluated.
     """
     if float(np.min(higher[:, 0])) < _FLAT:
         return np.inf

@@ -1,7 +1,7 @@
-"""In which phase an unseen record finds what goes on by itself: a vibration does not wait for a run to begin.
+"""The phase of a free-running disturbance in an unseen record: a vibration is not synchronised with the run.
 
-Like the state in which such a record begins, the phase is sought on the record itself. Its size and its frequency stay
-those of the fit, so that one that is not there still makes the record worse.
+Like the state in which such a record begins, the phase is fitted to the record itself. Its size and its frequency stay
+those of the fit, so that a vibration that is not there still makes the record worse.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The colour of a noise by autoregression: the shortest filter that leaves nothing to foretell."""
+"""The colour of a noise by autoregression: the shortest filter whose output is unpredictable."""
 
 from __future__ import annotations
 

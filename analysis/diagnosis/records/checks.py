@@ -214,8 +214,8 @@ def _ratios(simulated: Array, measured: Array) -> Iterator[tuple[float, float]]:
     """Yield, for each band in which both agree in shape, how much more is measured than simulated, and its energy.
 
     Nothing where most of the motion is too slow for bands. Both are differenced twice, so that an offset or a drift of
-    a free axis does not leak into every band. Only where the output moves is it asked: in a loop the input answers the
-    noise, and so agrees with it everywhere else.
+    a free axis does not leak into every band. Only bands in which the output moves are tested: in a loop the input
+    responds to the noise, and so agrees with it everywhere else.
     """
     a, b = (np.fft.rfft(np.diff(x, n=2) * np.hanning(x.size - 2)) for x in (simulated, measured))
     moved = np.abs(np.fft.rfft(_level(measured)[1:-1] * np.hanning(measured.size - 2))) ** 2

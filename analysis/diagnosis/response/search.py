@@ -67,7 +67,7 @@ def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, progr
         if better.evidence - best.evidence < price:
             break
         best = better
-        # an effect that only led the nuisances to where they belong is none
+        # an effect that only led the nuisances to better values is no cause
         again = fit_nominal(setting, best.white)
         if again.evidence > tuned.evidence:
             tuned, fits = again, [again, *fits]
@@ -239,7 +239,7 @@ def judged(setting: Setting, found: Found) -> Judgement:
 def _gaps(found: Found) -> list[tuple[tuple[str, ...], float]]:
     """Return rival names with the evidence by which the best leads, closest first; a part of the best is a rival too.
 
-    What holds all that the best names and more is none: its prior has paid for more than it gained.
+    A set that contains all that the best names and more is no rival: its prior has cost more than it gained.
     """
     own, gaps = names_of(found.best.effects), dict[tuple[str, ...], float]()
     for one in found.fits:

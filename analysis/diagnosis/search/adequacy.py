@@ -1,4 +1,4 @@
-"""When a set of effects is enough: what it leaves is noise, or next to nothing of what it set out to explain."""
+"""When a set of effects is adequate: its residual is noise, or next to nothing of what it was to explain."""
 
 from __future__ import annotations
 

@@ -68,9 +68,9 @@ def _nearer(
 ) -> Array | None:
     """Return nuisances and the new effect's sizes, halved until better than `fit`; None where they are at once.
 
-    Screening is right to first order only. Where nuisances are known poorly it asks for changes at which nothing is
-    right that it went by. A start that is far off by itself need not be: where a size and nuisances multiply, a first
-    step mends what is known well, and leaves what is not where screening has put it.
+    Screening is right to first order only. Where nuisances are known poorly it proposes changes so large that first
+    order no longer holds. A start may be poor in one of them only: where a size and nuisances multiply, a first step
+    corrects what is known well, and leaves the other where screening has put it.
     """
     without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
 

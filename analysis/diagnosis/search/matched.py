@@ -1,4 +1,4 @@
-"""The residual through the plant backwards: what it asks of every sample of an input.
+"""The residual through the adjoint plant: the change of every sample of an input that it implies.
 
 The gain of a small change of an input is its inner product with this, so that thousands of changes can be compared with
 the residual without simulating any of them.

@@ -1,4 +1,4 @@
-"""Which effects are needed: what each is worth beside the others, and the best fit without those that are not."""
+"""Which effects are needed: the evidence of each beside the others, and the best fit without those that are not."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, 
             best = smaller[unsure[0]]
             continue
         least = min(smaller, key=lambda f: score(f, known))
-        if not known:  # what the noise gained on the way is no merit of the effect
+        if not known:  # what the noise estimate gained is no merit of the effect
             tried.append(least := iterated_gls(setting, least)[1])
         if lead_of(setting, best, least) > price:
             break

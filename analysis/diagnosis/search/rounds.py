@@ -49,11 +49,12 @@ _COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD
 first round by less than this natural logarithm."""
 
 _FINER = 2
-"""A fit that asks for so many times the steps is done again in them."""
+"""A fit that needs so many times the steps is repeated with them."""
 
 _OVERRATED, _QUIETER = 0.8, 4
-"""A fit that leaves less than this part of the noise, as a mean square, shows that it was overrated: while a cause is
-not yet right, the swing from rest differs between periods as noise does. It is then asked again, so many times."""
+"""A residual below this part of the noise, as a mean square, shows that the noise was overestimated: while a cause is
+not yet right, the transient from rest differs between periods as noise does. The noise is then estimated again, at
+most so many times."""
 
 
 @dataclass(frozen=True)
@@ -261,8 +262,8 @@ def leading(trials: Sequence[Fit], scores: Sequence[float], enough: float) -> Fi
 def _flat(setting: Setting, fit: Fit) -> Setting | None:
     """Return the setting with noise that does not rise below what periods show, if that rise may hide an effect.
 
-    Down there the noise is what a fit leaves. A slow effect that is not yet in it (a drift) makes noise of itself, and
-    is hidden by it: it can win in evidence no more than the rise cost.
+    At those low frequencies the noise is estimated from the residual. A slow effect that is not yet in the model (a
+    drift) becomes part of the noise and is hidden by it: its evidence is limited to what the rise cost.
     """
     flat = replace(setting, whitener=setting.whitener.flat())
     if not setting.whitener.repeats or _rise(setting, flat) < 2.0 * SURE_LEAD:
@@ -286,9 +287,9 @@ def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
 
 
 def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
-    """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
+    """Return those of `trials`, each under the noise of its residual, that are better than `best` there by `price`.
 
-    What takes a little of the noise away is worth something under either's own noise, but not under the same.
+    A small reduction of the noise is significant under either's own noise, but not under the same.
     """
     upheld = []
     for trial in trials:
@@ -300,7 +301,7 @@ def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> li
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
-    """Return the largest ratio of a residual's size to what its past does not foretell of it."""
+    """Return the largest ratio of a residual's size to the part that its past does not predict."""
     ratios = [
         float(np.sqrt(np.mean(residual[record.fitted(), o] ** 2)) * setting.whitener.taps[o, 0])
         for record, residual in zip(setting.data.records, fit.residuals, strict=True)
@@ -313,7 +314,8 @@ def _colour(setting: Setting, fit: Fit) -> float:
 def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
-    In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
+    The steps are as fine as the best one needs; it may need finer ones once it is fitted, and the noise beside it is
+    known.
     """
     setting = replace(setting, substeps=steps_for(setting, trials))
     setting, trials, before = _iterated_gls(setting, trials, before, price)

@@ -105,7 +105,7 @@ def _chance_of_equal(move: Array, noise: float, step: Array) -> Array:
     """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, noise²) and each `step`, shape of `move`.
 
     A difference of two readings is known no better than their rounding, step²/6 in variance, even where the model that
-    foretells the motion rounds as well.
+    predicts the motion rounds as well.
     """
     sd, d = np.maximum(noise, step / math.sqrt(6.0)), np.abs(move)
     narrow = step * _normal(d / sd) / sd  # the triangle is a point beside the normal curve

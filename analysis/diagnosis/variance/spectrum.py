@@ -48,7 +48,7 @@ class Series(NamedTuple):
     """Samples that hold noise, whitened (m, n_y), and how much was played: `motion` (m,).
 
     That is the squared input in units of its mean square, summed over the inputs. Where periods repeat the samples are
-    noise `alone`; elsewhere they are what a model leaves.
+    noise `alone`; elsewhere they are the residual of a model.
     """
 
     rows: Array

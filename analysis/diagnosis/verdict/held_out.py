@@ -19,7 +19,7 @@ from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
-"""Part of the squared output from which on what the model leaves of it is most of it."""
+"""Part of the squared output above which the residual is most of it."""
 
 ABOVE_NOISE = 1.2
 """Times the noise, as rms, from which on the error on held-out samples is no noise."""

@@ -56,9 +56,9 @@ class Judgement:
 
     @property
     def posterior(self) -> float:
-        """The posterior of the best among the listed causes and general laws.
+        """The posterior of the best among the listed causes and generic alternatives.
 
-        A name falls where these lead by 99 to 1: so much likelier a listed cause is held to be before the data speak.
+        A name is withdrawn where these lead by 99 to 1: a listed cause is so much likelier a priori.
         """
         return float(1.0 / (1.0 / self.probability + np.exp(-self.general - SURE_LEAD)))
 
@@ -74,8 +74,8 @@ def judge(
 
     `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
     `left` the lack of fit along the basis functions, least likely first, `random` how much of each of these
-    (twice a log-likelihood) those causes may be, `general` the generic alternatives to its effects, which are asked
-    for only where nothing else speaks against it.
+    (twice a log-likelihood) those causes may be, `general` the generic alternatives to its effects, which are computed
+    only where nothing else speaks against it.
     """
     best, inflation = found.best, found.inflation
     if not best.candidates:
@@ -179,7 +179,7 @@ def outdone(found: Found, general: Iterable[GenericAlternative], random: float =
 
 
 class Fitted(Protocol):
-    """What a verdict asks of a fit, to records or to a response: its effects, and their parameters as they came out."""
+    """What a verdict needs of a fit, to records or to a response: its effects, and their fitted parameters."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -357,7 +357,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         gaps[label] = min(gaps.get(label, np.inf), gap)
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
-        # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
+        # a screened shape may be far from the fitted one: the best has been fitted, the others may still improve
         shown = found.explained if known else gained(found.tuned, found.best, False)
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
         # what the nuisances cost less beside the best is part of its evidence
@@ -370,7 +370,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
                 continue
             gain = float(found.first.gains[i])
             screened = max(0.5 * (top - gain) / inflation + _price(candidate, gain) - paid, 0.0)
-            # what it was worth when it was fitted is known better than what it promised
+            # the evidence of the fit is better known than that of the screening
             gap = found.passed[candidate.key] / inflation if candidate.key in found.passed else screened
             gaps[label] = min(gaps.get(label, np.inf), gap)
     return sorted(gaps.items(), key=lambda pair: pair[1])

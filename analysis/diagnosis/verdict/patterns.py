@@ -1,9 +1,9 @@
 """Patterns that repeat over position, command or time: searched for in the residual itself.
 
-Any function of the position, or of the command, however fine, is a sum of waves over it, whatever goes on by itself
-one of waves in time, and whatever answers the command one of waves that die away after it. The strongest of each in the
-residual are tried; that they were chosen among so many is part of their price, and noise is taken for as loud as it is
-at their neighbours.
+Any function of the position, or of the command, however fine, is a sum of sinusoids over it, any free-running
+disturbance one of sinusoids in time, and any response to the command one of decaying sinusoids after it. The strongest
+of each in the residual are tried; that they were chosen among so many is part of their price, and noise is taken to be
+as loud as at their neighbours.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Patter
 
 
 def _ringing(view: RecordView, at: int, played: int) -> Iterator[Pattern]:
-    """Yield the answers to the command that the residual speaks for most."""
+    """Yield the responses to the command with most evidence in the residual."""
     for frequency, damping in view.likely_modes(_ANSWERS, _DAMPING):
         choices = len(_DAMPING) * view.residual.size // 2
         yield Ringing(True, at, frequency * view.duration_s, view.duration_s, choices, played, damping)
@@ -200,7 +200,7 @@ def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence
 
 
 def _over_command(view: RecordView, at: int) -> Iterator[Pattern]:
-    """Yield the wave over the command that the residual asks for most, as the input would have to follow it."""
+    """Yield the sinusoid over the command with most evidence in the residual, as the input would have to follow it."""
     span = float(np.ptp(view.u)) if view.u.size else 0.0
     if view.wanted is None or not np.any(view.wanted) or not span > 0.0:
         return

@@ -46,7 +46,7 @@ def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progre
 
 
 def _own_score(found: Found) -> float:
-    """Return the score of the best fit: where its noise is what it leaves, after as many rounds as the other has."""
+    """Return the score of the best fit with the noise of its own residual, after as many rounds as the other has."""
     known = found.setting.whitener.repeats
     return score(found.best if known else iterated_gls(found.setting, found.best)[1], known)
 
