@@ -43,7 +43,7 @@ _ROUNDS = 12
 _CLOSE = 0.02
 """Rounds of the search for a limit, and the relative accuracy at which it ends."""
 
-_RETUNES, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
+_ADJUSTMENTS, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
 """Most Gauss–Newton steps; nuisance change (in deviations) that needs no step; longest step; farthest start."""
 
 _GROWTH = 1.5
@@ -183,8 +183,8 @@ class Distances:
     def _at(self, size: float) -> tuple[Metric, Array]:
         if size not in self._known:
             while self._known and (near := self._nearest(size)) * _GROWTH < size and self._moved(near):
-                self._known[near * _GROWTH] = self._retuned(near * _GROWTH)
-            self._known[size] = self._retuned(size)
+                self._known[near * _GROWTH] = self._adjusted(near * _GROWTH)
+            self._known[size] = self._adjusted(size)
         return self._known[size]
 
     def _nearest(self, size: float) -> float:
@@ -194,7 +194,7 @@ class Distances:
         """Tell whether the nominal numbers follow the effect at a size that is known."""
         return bool(np.max(np.abs(self._known[size][0].knobs)) > _STILL)
 
-    def _retuned(self, size: float) -> tuple[Metric, Array]:
+    def _adjusted(self, size: float) -> tuple[Metric, Array]:
         hidden = [self._effect.resized(size)]
         metric = self._metric
         if self._known:
@@ -203,7 +203,7 @@ class Distances:
             if np.max(np.abs(knobs)) > _STILL:
                 metric = Metric.of(metric.campaign, knobs)
         vector = metric.signature(hidden)
-        for _ in range(_RETUNES):
+        for _ in range(_ADJUSTMENTS):
             step = metric.step(vector)
             if not np.max(np.abs(step)) > _STILL:
                 break

@@ -22,7 +22,7 @@ _COARSE = 2
 """Fine steps per sample here: the signature of an effect needs less accuracy than the data that hold it."""
 
 
-_KNOB_STEP = 1e-5
+_STEP = 1e-5
 """Step of differences, in standard deviations: its error is of that order times the resonance's quality."""
 
 
@@ -147,9 +147,9 @@ def _slope(
 ) -> list[Array]:
     """Return the change of all readings per standard deviation of one parameter, by a small forward difference."""
     there = knobs.copy()
-    there[i] += _KNOB_STEP
+    there[i] += _STEP
     moved = replace(campaign, plant=turned(campaign.plant, there)).readings(known, noise)
-    return [(y - b) / _KNOB_STEP for y, b in zip(moved, readings, strict=True)]
+    return [(y - b) / _STEP for y, b in zip(moved, readings, strict=True)]
 
 
 def _free_responses(plant: Plant, n: int, rate_hz: float) -> Array:

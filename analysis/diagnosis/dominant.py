@@ -43,31 +43,31 @@ _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
 order says little; so as many are fitted as the limit on samples times adjusted parameters allows."""
 
 _STEPS, _ROUNDS = 6, 5
-"""Steps of every kind before they are compared, and how often as many more the best may go on."""
+"""Steps of every kind before they are compared, and how often the best is continued by as many more."""
 
 _RESTLESS = 2.0
-"""Times the noise that the best may leave before it is begun elsewhere as well."""
+"""Residual of the best, as a multiple of the noise, above which other starts are tried as well."""
 
 _NEAREST, _GO_ON = 3, 2
-"""Kinds that begin elsewhere before a force that is no listed cause is what it must be, and fits that go on."""
+"""Kinds that are tried from other starts before the cause is called unlisted, and fits that are continued."""
 
-_SETTLED = 0.05
-"""A fit that gained less than this part in its last steps goes on no more."""
+_LEAST_GAIN = 0.05
+"""A fit that gained less than this part in its last steps has converged."""
 
 _MATERIAL = 0.1
-"""Part of all that the model misses that a cause beside what happens in the modes takes by itself."""
+"""Least part of the whole error of the model that a cause beside modal effects explains by itself."""
 
 _NEAR = 3.0
-"""A cause without the modes that leaves so many times more, after as many steps as all, will not come near."""
+"""A cause without modal effects whose residual is so many times larger, after as many steps as all, is given up."""
 
-_GROSS = 5.0
+_LARGE = 5.0
 """Ratio of a residual to repeating noise beyond which the residual is model error and next to no noise."""
 
 _COARSER = 4
-"""So many times longer steps than a small torque would ask for: the error of the model is many times the noise."""
+"""Factor on the step that a small torque would need: the error of the model is many times the noise."""
 
 _LEAST_SHARE = 0.5
-"""The dominant cause explains at least so much of the squared error, and what is in the modes of what that leaves."""
+"""Least part of the squared error that the dominant cause explains, and that modal effects explain of its residual."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
     setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     residuals = left_by(setting, setting.nominal, ())
     ratio = above_noise(setting.data, residuals)
-    if ratio <= _GROSS:
+    if ratio <= _LARGE:
         return None
     data = setting.data.evenly()
     rest = tuple(np.zeros_like(states) for states in setting.states)
@@ -113,7 +113,7 @@ def still_large(found: Found) -> bool:
 
     Where it is not, every sample and every refinement counts, and that is another search.
     """
-    return _noises(found) > _GROSS
+    return _noises(found) > _LARGE
 
 
 def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
@@ -136,11 +136,11 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
     fits = [_fitted(setting, beside, kind, 0.3 + 0.3 * k / len(kinds), progress) for k, kind in enumerate(kinds)]
     rows = _independent_rows(setting, min([beside, *fits], key=_misfit))
     fits.sort(key=partial(_cost, rows=rows))
-    best = _settled(setting, fits[0], progress) if fits else beside
+    best = _converged(setting, fits[0], progress) if fits else beside
     if fits and _above(setting, best) > _RESTLESS:
         # a force that is no listed cause has to stand against what is listed, begun wherever that may begin
         near = _nearest(fits) if _unlisted(best) else [best.effects[0].name]
-        others = _begun_elsewhere(setting, beside, _elsewhere(gram, candidates, first, kinds, near), progress)
+        others = _from_other_starts(setting, beside, _elsewhere(gram, candidates, first, kinds, near), progress)
         rows = _independent_rows(setting, min([best, *others], key=_misfit))
         if _unlisted(best):
             fits = sorted([best, *others, *fits[1:]], key=partial(_cost, rows=rows))
@@ -158,7 +158,7 @@ def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: P
 
     Where that is no better than nothing, it begins with nothing: screening is right to first order only.
     """
-    progress(f"fitting {_told(kind.candidates)}", part)
+    progress(f"fitting {_in_words(kind.candidates)}", part)
     held, sizes = beside.held()
     start = np.clip(beside.change + kind.nuisances[: beside.change.size], *bounds_of(setting.nuisances))
     both = [*kind.candidates, *held]
@@ -192,14 +192,14 @@ def _elsewhere(
     return [_kind_of(gram, reduced, candidates, together) for together in starts[:spare]]
 
 
-def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
+def _from_other_starts(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
     """Return the best fits from other starts, after further steps.
 
     A hysteresis loop that dominates the motion of the axis is screened along a motion that it distorts: to first order
     a wrong one of its shapes is the most significant, and a descent from there may not leave it.
     """
     fits = [_fitted(setting, beside, start, 0.5 + 0.1 * k / len(starts), progress) for k, start in enumerate(starts)]
-    return [_settled(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
+    return [_converged(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
 
 
 def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progress) -> Fit:
@@ -216,7 +216,7 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
     )
     modal = min(modal, rest, key=_misfit)
     if alone.misfit < _NEAR * both.misfit:
-        alone = _settled(setting, alone, progress)
+        alone = _converged(setting, alone, progress)
     cost = partial(_cost, rows=_independent_rows(setting, min(alone, modal, both, key=_misfit)))
     lead = 2.0 * SURE_LEAD
     if both.misfit > (1.0 - _LEAST_SHARE) * alone.misfit or cost(alone) < cost(both) + lead:
@@ -225,13 +225,13 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
     return both if matters and cost(both) < cost(modal) - lead else modal
 
 
-def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
+def _converged(setting: Setting, fit: Fit, progress: Progress) -> Fit:
     """Return a fit after further steps, until a few more gain little."""
     for again in range(_ROUNDS):
-        progress(f"going on with {_told(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
+        progress(f"continuing with {_in_words(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
         (held, sizes), before = fit.held(), fit.misfit
         fit = refit(setting, held, sizes, fit.change, steps=_STEPS, strong=True)
-        if fit.misfit > (1.0 - _SETTLED) * before:
+        if fit.misfit > (1.0 - _LEAST_GAIN) * before:
             break
     return fit
 
@@ -244,7 +244,7 @@ def _misfit(fit: Fit) -> float:
     return fit.misfit
 
 
-def _told(candidates: Sequence[Candidate]) -> str:
+def _in_words(candidates: Sequence[Candidate]) -> str:
     places: dict[str, list[str]] = {}
     for c in candidates:
         places.setdefault(c.effect.name, []).append(c.where)

@@ -36,7 +36,7 @@ _STEPS = 6
 """Steps of a fit: beside a linear model that was fitted to the same records they are enough."""
 
 _FIRST = 0.3
-"""Part of a dominant cause by itself that it begins with beside what happens in the modes: that takes most of it."""
+"""Part of its own size with which a dominant cause starts beside modal effects, which explain most of it."""
 
 _SURE = 3.0
 """A mode takes part where its size is so many standard deviations of what the residual leaves it uncertain by."""

@@ -62,7 +62,7 @@ _SIDE_BY_SIDE = 100_000
 """Numbers from which on threads pay: of fewer, Python's part of the work takes a tenth longer with them and ends no
 sooner."""
 
-_RETUNED = 3
+_MOST_SEARCHES = 3
 """Searches that are repeated, at most, because the one before led the nominal model to better numbers."""
 
 
@@ -138,12 +138,12 @@ def search_causes(
     setting, tuned = tune(setting)
     without_noise = partial(_without_band, searched)
     found = search(setting, tuned, rules, scales, progress, without_noise=without_noise)
-    for _ in range(_RETUNED):
+    for _ in range(_MOST_SEARCHES):
         if (other := tuned_beside(replace(found.setting, substeps=first), found.tuned, found.best)) is None:
             break
         found = search(*other, rules, scales, progress, without_noise=without_noise)
-    if doubtful := _doubtful(found):
-        found = exchanged(found, doubtful, rules, scales, progress)
+    if suspects := _confounders(found):
+        found = exchanged(found, suspects, rules, scales, progress)
     return against_unlisted_alternatives(found, scales, progress)
 
 
@@ -160,7 +160,7 @@ def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) 
     return rest
 
 
-def _doubtful(found: Found) -> list[int]:
+def _confounders(found: Found) -> list[int]:
     """Return the numbers of the effects of the best fit that may be confounders; none where it has too few or many.
 
     All may where they leave much; those that generic alternatives outdo, one by one, where no other check fails.

@@ -71,7 +71,7 @@ def mechanism_figure(diagnosis: Diagnosis, model: Model, whitener: Whitener) -> 
     Hysteresis and backlash are drawn over the position, friction over the rate, anything else over the quantity that
     explains most of it: one of the effect's own degree of freedom if that explains enough.
     """
-    effect = _told(diagnosis)
+    effect = _shown_effect(diagnosis)
     if effect is None:
         return None
     place = _place(diagnosis, model, effect)
@@ -87,7 +87,7 @@ def mechanism_figure(diagnosis: Diagnosis, model: Model, whitener: Whitener) -> 
     return _drawn(missing, *chosen, effect, window)
 
 
-def _told(diagnosis: Diagnosis) -> Effect | None:
+def _shown_effect(diagnosis: Diagnosis) -> Effect | None:
     """Return the effect of the first cause, of the best hypothesis where causes are tied; None without one."""
     for cause in diagnosis.causes:
         for effect in diagnosis.effects:

@@ -207,12 +207,12 @@ def surety(diagnosis: Diagnosis) -> Surety:
         )
     if diagnosis.gain is None:
         why_not.append("No segment was held out, so the gain could not be tested on data that no fit has seen.")
-    why_not += map(_begun_large, diagnosis.notes)
+    why_not += map(_capitalised, diagnosis.notes)
     how = [*_how(diagnosis), *([rival] if far else [])]
     return Surety(tuple(how), tuple(filter(None, why_not)))
 
 
-def _begun_large(note: str) -> str:
+def _capitalised(note: str) -> str:
     """Return a note with a capital at its beginning, unless that is the name of a file or the like."""
     first = note.split(maxsplit=1)[0] if note.split() else ""
     return note[0].upper() + note[1:] if first.isalpha() else note

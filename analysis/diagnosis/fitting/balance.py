@@ -64,10 +64,10 @@ def tune(setting: Setting) -> tuple[Setting, Fit]:
     """
     best = _tuned(setting, np.zeros(len(setting.nuisances)))
     if is_bent(setting, best[1].change):
-        best = min(best, _tuned(*_afresh(setting, _placed(setting, best[1]))), key=lambda pair: _cost(*pair))
+        best = min(best, _tuned(*_in_white_noise(setting, _placed(setting, best[1]))), key=lambda pair: _cost(*pair))
     for m in narrow_modes(setting):
         for change in moved_mode(*best, m):
-            best = min(best, _tuned(*_afresh(best[0], change)), key=lambda pair: _cost(*pair))
+            best = min(best, _tuned(*_in_white_noise(best[0], change)), key=lambda pair: _cost(*pair))
     change = numbered(setting.nominal, setting.nuisances, best[1].change)
     if change is not best[1].change:
         best = min(best, _tuned(best[0], change), key=lambda pair: _cost(*pair))
@@ -112,7 +112,7 @@ def _placed(setting: Setting, bent: Fit) -> Array:
     return change
 
 
-def _afresh(setting: Setting, change: Array) -> tuple[Setting, Array]:
+def _in_white_noise(setting: Setting, change: Array) -> tuple[Setting, Array]:
     """Return the setting and the change of the nuisances (n_nuisances,) after a descent from there in white noise.
 
     Coloured noise has absorbed the mode's peak, so that moving the mode would gain nothing.
@@ -148,11 +148,11 @@ def plainly_better(setting: Setting, tuned: Fit) -> Fit:
     as well, and a fit that takes ringing for noise need not simulate the resonance.
     """
     change = np.zeros_like(tuned.change)
-    given = _begun_plainly(setting, replace(tuned, change=change, change_std=np.zeros_like(tuned.change_std)))
-    return given if _relative(setting, given) < _relative(setting, _begun_plainly(setting, tuned)) else tuned
+    given = _with_best_starts(setting, replace(tuned, change=change, change_std=np.zeros_like(tuned.change_std)))
+    return given if _relative(setting, given) < _relative(setting, _with_best_starts(setting, tuned)) else tuned
 
 
-def _begun_plainly(setting: Setting, fit: Fit) -> Fit:
+def _with_best_starts(setting: Setting, fit: Fit) -> Fit:
     """Return a fit without effects with the start states that leave the least of the readings."""
     linear = turned(setting.nominal, setting.nuisances, fit.change)
     setting = reestimated_by(setting, linear, left_by(setting, linear, ()), order=0)

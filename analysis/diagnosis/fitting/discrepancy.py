@@ -143,12 +143,12 @@ def discrepancy_of(setting: Setting, tuned: Fit, best: Fit) -> Discrepancy:
         return np.clip(squares_of(setting, moved) - left, 0.0, explained)
 
     by_law = beside(tuple(e for e in best.effects if e.exact))
-    bent = beside(tuple(e for e in best.effects if e.linear_form))
+    nonlinear = beside(tuple(e for e in best.effects if e.linear_form))
     neither = beside(tuple(e for e in best.effects if e.exact or e.linear_form))
-    by_bent_law = np.minimum(neither, np.minimum(by_law, bent))
+    by_nonlinear_law = np.minimum(neither, np.minimum(by_law, nonlinear))
     parts = _LAW * by_law + _EXACT * (explained - by_law)
     # what is linear, by a law and exactly
-    lawful, exactly = by_law - by_bent_law, np.maximum((explained - by_law) - (bent - by_bent_law), 0.0)
+    lawful, exactly = by_law - by_nonlinear_law, np.maximum((explained - by_law) - (nonlinear - by_nonlinear_law), 0.0)
     linear = (_LAW - _STEADY) * lawful + (_EXACT - _STEADY) * exactly
     return Discrepancy(tuple(outputs), tuple(parts.tolist()), tuple(linear.tolist()))
 

@@ -53,10 +53,10 @@ def narrow_modes(setting: Setting) -> list[int]:
 
 def is_bent(setting: Setting, change: Array) -> bool:
     """Tell whether any number of a light mode is farther off than it may be."""
-    return _bent(setting, change, narrow_modes(setting))
+    return _distorted(setting, change, narrow_modes(setting))
 
 
-def _bent(setting: Setting, change: Array, modes: Sequence[int]) -> bool:
+def _distorted(setting: Setting, change: Array, modes: Sequence[int]) -> bool:
     own = (pair for pair in zip(change, setting.nuisances, strict=True) if pair[1].mode in modes)
     return any(abs(moved) > _REACH * nuisance.sd for moved, nuisance in own)
 
@@ -74,7 +74,7 @@ def moved_mode(setting: Setting, fit: Fit, m: int) -> list[Array]:
     (i,) = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode == m and nuisance.field == "omega_rad_s")
     change = np.where(numbers == m, 0.0, fit.change)
     places = _places(setting, fit, i, change, weights)
-    if not places and _bent(setting, fit.change, [m]):
+    if not places and _distorted(setting, fit.change, [m]):
         places = [float(fit.change[i])]
     return [np.where(np.arange(change.size) == i, place, change) for place in places]
 

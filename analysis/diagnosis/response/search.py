@@ -263,11 +263,11 @@ def _failed_check(setting: Setting, found: Found) -> str:
             f"the best linear model{_names(best)} leaves {best.chi2 / n:.3g} times the mean square of the noise, where "
             f"at most {1.0 + allowed:.3g} may be noise{gets if best.candidates else ''}"
         )
-    strain, count = float(np.sum(best.white**2)), best.white.size
-    if count and chi2_tail(strain, count) < ONE_IN_A_MILLION:
+    mahalanobis2, count = float(np.sum(best.white**2)), best.white.size
+    if count and chi2_tail(mahalanobis2, count) < ONE_IN_A_MILLION:
         return (
             f"the best linear model{_names(best)} needs nominal numbers that are off by "
-            f"{np.sqrt(strain / count):.2g} times their tolerance (rms of {count})"
+            f"{np.sqrt(mahalanobis2 / count):.2g} times their tolerance (rms of {count})"
         )
     return confounder_in(best)
 

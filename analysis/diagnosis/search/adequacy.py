@@ -33,10 +33,10 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
 def standing_out(found: Found) -> tuple[float, float, Candidate] | None:
     """Return the significant candidate that lowers the squares most beside the best model, with drop and evidence."""
     last = found.last
-    fresh = np.flatnonzero((last.tolerance > COLLINEAR) & (last.gains > last.threshold))
-    if not fresh.size:
+    significant = np.flatnonzero((last.tolerance > COLLINEAR) & (last.gains > last.threshold))
+    if not significant.size:
         return None
-    i = int(fresh[np.argmax(last.drops[fresh])])
+    i = int(significant[np.argmax(last.drops[significant])])
     return float(last.drops[i]), float(last.gains[i]), last.candidates[i]
 
 

@@ -133,7 +133,7 @@ def search(
         # what was passed over is only ever a rival of the first cause
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
-        setting, trials, before = _settled(careful, some, best, last.price)
+        setting, trials, before = _in_fine_steps(careful, some, best, last.price)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
         flat = _flat(setting, best)
@@ -208,7 +208,7 @@ def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
     return min(found, key=lambda fit: score(fit, False))
 
 
-def _begun_at_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
+def _from_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
     """Return `trials`, those with steps at the best one's location refitted from its nuisances where that is better.
 
     The effect of a rounding depends on the motion to a small part of its step, and from a wrong motion no slope leads
@@ -311,7 +311,7 @@ def _colour(setting: Setting, fit: Fit) -> float:
     return max(ratios, default=0.0)
 
 
-def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
+def _in_fine_steps(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
     The steps are as fine as the best one needs; it may need finer ones once it is fitted, and the noise beside it is
@@ -322,9 +322,9 @@ def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> 
     best = _best_of(setting, trials, before, price)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
-        return setting, _begun_at_the_best(setting, trials), before
+        return setting, _from_the_best(setting, trials), before
     setting = replace(setting, substeps=finer)
-    return _settled(setting, [_simulated(setting, f) for f in trials], before, price)
+    return _in_fine_steps(setting, [_simulated(setting, f) for f in trials], before, price)
 
 
 def _simulated(setting: Setting, fit: Fit) -> Fit:

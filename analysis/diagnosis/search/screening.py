@@ -135,9 +135,9 @@ def _carried(products: Array, n_exact: int, n_nuisances: int) -> Array:
     plain = 1 + n_exact + np.arange(n_nuisances)
     kept = np.delete(np.arange(products.shape[0]), plain)
     own = kept[kept > n_exact]
-    shares, left = _imitated(products, plain, own)
+    shares, left = _proportions(products, plain, own)
     # a reading's error runs along the motion as it is, and is the exact columns' already
-    moved = (left < COLLINEAR * np.diag(products)[own]) & (left < _imitated(products, exact, own)[1])
+    moved = (left < COLLINEAR * np.diag(products)[own]) & (left < _proportions(products, exact, own)[1])
     at, parts = own[moved], shares[:, moved]
     change = (products[:, exact] - products[:, plain]) @ parts
     out = products.copy()
@@ -147,7 +147,7 @@ def _carried(products: Array, n_exact: int, n_nuisances: int) -> Array:
     return np.asarray(out[np.ix_(kept, kept)])
 
 
-def _imitated(products: Array, by: Ints, columns: Ints) -> tuple[Array, Array]:
+def _proportions(products: Array, by: Ints, columns: Ints) -> tuple[Array, Array]:
     """Return the proportions (n_by, n) in which the columns `by` fit others best, and the tolerance of each (n,)."""
     scale = np.sqrt(np.maximum(np.diag(products)[by], np.finfo(float).tiny))
     cross = products[np.ix_(by, columns)] / scale[:, None]

@@ -244,11 +244,11 @@ def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[t
         return []
     # a candidate that is nearly collinear with the nuisances gains by the penalty that it saves them, and by tiny
     # differences that a refit rarely confirms: which of the kind it is, an inertia or a damping, only a fit can tell
-    fresh = [i for i in significant if found.tolerance[i] > COLLINEAR]
-    limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
-    imitated = [i for i in significant if i not in fresh]
-    imitated = [i for i in imitated if found.gains[i] >= _NEAR * found.gains[imitated[0]]][:_ALIKE]
-    return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
+    independent = [i for i in significant if found.tolerance[i] > COLLINEAR]
+    limit = _NEAR * found.gains[independent[0]] if independent else 0.0
+    collinear = [i for i in significant if i not in independent]
+    collinear = [i for i in collinear if found.gains[i] >= _NEAR * found.gains[collinear[0]]][:_ALIKE]
+    return [i for i in independent if found.gains[i] >= limit][: _SHORTLIST - len(collinear)] + collinear
 
 
 def promising(found: Screen, allowed: Container[type[Effect]], seen: Container[tuple[str, str]]) -> list[int]:

@@ -16,7 +16,7 @@ from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 
-_TOLD = 1e-3
+_STATED = 1e-3
 """Chance below which a basis function may be stated as the location of a residual that is too large."""
 
 
@@ -46,7 +46,7 @@ def remainder_of(
     if one is not None:
         excess, chance, lives = max(excess, one.drop), min(chance, one.p_value(random)), f"{one.what} at {one.where}"
     elif left and not lives:
-        lives = f"{left[0].what} at {left[0].where}" if left[0].p_value(random) < _TOLD else "nothing simple"
+        lives = f"{left[0].what} at {left[0].where}" if left[0].p_value(random) < _STATED else "nothing simple"
     share = float(np.clip(excess / _whole(found, allowed, excess), 0.0, 1.0))
     return Remainder(share, max(chance, LEAST_CHANCE), lives)
 

@@ -32,7 +32,7 @@ _AT = 0.86
 
 def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progress) -> Found:
     """Return `found` with the lead of its best fit over an unlisted torque wherever one could stand for it."""
-    leads, places = [], _doubtful(found)
+    leads, places = [], _questioned(found)
     own = _own_score(found) if places else 0.0
     for place in places:
         progress(f"fitting a force that is not a listed cause at {place}", _AT)
@@ -51,10 +51,10 @@ def _own_score(found: Found) -> float:
     return score(found.best if known else iterated_gls(found.setting, found.best)[1], known)
 
 
-def _doubtful(found: Found) -> Sequence[str]:
+def _questioned(found: Found) -> Sequence[str]:
     """Return the locations of effects that may be an unlisted torque."""
     places = dict.fromkeys(_input_of(e) for e in found.best.effects)
-    return [p for p in places if p in found.setting.places.inputs and _in_doubt(found, p)]
+    return [p for p in places if p in found.setting.places.inputs and _in_question(found, p)]
 
 
 def _stands_alone(found: Found, place: str) -> bool:
@@ -63,10 +63,10 @@ def _stands_alone(found: Found, place: str) -> bool:
     A misfit of that shows by itself (`verdict.lack_of_fit`), so terms that are chosen freely have to be better than it:
     where a cause is small they come near it by that freedom.
     """
-    return found.setting.whitener.repeats and len(_in_doubt(found, place)) == 1
+    return found.setting.whitener.repeats and len(_in_question(found, place)) == 1
 
 
-def _in_doubt(found: Found, place: str) -> list[int]:
+def _in_question(found: Found, place: str) -> list[int]:
     """Return the numbers of the effects at `place` that may be an unlisted torque, if any.
 
     These are its torques, two or more of them, or one beside own noise. Where there are fewer, what changes the model
@@ -91,7 +91,7 @@ def _alternative(found: Found, place: str, scales: Scales, own: float) -> tuple[
     The second number is what choosing its terms costs, twice a logarithm. None where no term is worth that.
     """
     setting, best = found.setting, found.best
-    gone = _in_doubt(found, place)
+    gone = _in_question(found, place)
     keep = [i for i in range(len(best.effects)) if i not in gone]
     rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
     footing, motions = beside(setting, rest)
