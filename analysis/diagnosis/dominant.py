@@ -81,9 +81,9 @@ class _Kind:
 
 
 def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
-    """Return even weights and the model as it is, where that misses the very data it was fitted to by many noises.
+    """Return even weights and the model as it is, where its error on the very data of its fit is many times the noise.
 
-    Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest samples.
+    Its parameters have absorbed the error as far as they can; adjusted again they could only fit the largest samples.
     """
     setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     residuals = left_by(setting, setting.nominal, ())
@@ -138,7 +138,7 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
     fits.sort(key=partial(_cost, rows=rows))
     best = _converged(setting, fits[0], progress) if fits else beside
     if fits and _above(setting, best) > _RESTLESS:
-        # a force that is no listed cause has to stand against what is listed, begun wherever that may begin
+        # an unlisted force is compared with the listed causes from all their starts
         near = _nearest(fits) if _unlisted(best) else [best.effects[0].name]
         others = _from_other_starts(setting, beside, _elsewhere(gram, candidates, first, kinds, near), progress)
         rows = _independent_rows(setting, min([best, *others], key=_misfit))
@@ -154,9 +154,9 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
 
 
 def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: Progress) -> Fit:
-    """Return the fit of a kind of cause beside what is there already, from where screening has it begin.
+    """Return the fit of a kind of cause beside what is there already, from its screened start.
 
-    Where that is no better than nothing, it begins with nothing: screening is right to first order only.
+    Where that is no better than none, it starts from zero: screening is right to first order only.
     """
     progress(f"fitting {_in_words(kind.candidates)}", part)
     held, sizes = beside.held()

@@ -73,7 +73,7 @@ def _taking_part(setting: Setting, fit: Fit) -> Fit:
 
 
 def _swinging(setting: Setting) -> list[int]:
-    """Return the modes that swing within the band of the records."""
+    """Return the modes whose frequency is within the band of the records."""
     linear, fast = setting.nominal, np.pi * setting.data.rate_hz
     swinging = (linear.sigma_1_s < linear.omega_rad_s) & (linear.omega_rad_s < fast)
     return [int(m) for m in np.flatnonzero(swinging)]

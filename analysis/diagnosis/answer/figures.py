@@ -57,7 +57,7 @@ QUANTITIES = {
 }
 
 SWINGS = 8
-"""Swings of the measured output that are drawn: more would lie on each other."""
+"""Swings of the measured output that are drawn: more would overlap."""
 
 PIECES = 5
 """Half-overlapping segments of the longest record: more of them lower the noise and coarsen the frequency bins."""

@@ -19,7 +19,7 @@ from sim_backend.model import Model
 Mask = NDArray[np.bool_]
 
 FINEST = 1e-10
-"""Part of an output's swing that no instrument resolves: 33 bits."""
+"""Part of an output's range that no instrument resolves: 33 bits."""
 
 _HIDES = 2.0
 """Steps of the largest numbers, as the rms of a noise beside which it is not seen that small numbers have finer ones:

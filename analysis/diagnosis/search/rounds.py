@@ -97,8 +97,8 @@ def search(
     """Return the best set of effects, by alternating screening and refitting, and all that came near it.
 
     The effects of `start` are there to begin with; no more are added than there are `rounds`. `without_noise` returns a
-    fit without what is noise: where that is something the noise is louder than thought, and nothing more is searched
-    for.
+    fit without what is noise: where that removes something, the noise is louder than assumed, and nothing more is
+    searched for.
     """
     best = tuned if start is None else start
     rivals = [best]

@@ -24,9 +24,9 @@ from sim_backend.linear import Array
 _PARTS = (1.0, 0.1, 0.01)
 """Parts of a screened breakaway rate or give at which a fit begins.
 
-A balance of torques does not tell them, and along the descent from ten times the truth a worse friction lies in
-between: what gives too late has its size wrong. A hundredth of the least shape that is screened is what the finest
-readings still resolve.
+A balance of torques does not determine them, and a descent from ten times the truth passes a worse friction: one
+that slips too late has a wrong size. A hundredth of the least screened shape is what the finest readings still
+resolve.
 """
 
 

@@ -32,7 +32,7 @@ _TAIL = (0.5, 0.8, 0.95, 0.99, 0.998)
 """Parts of all samples in which a signal is smaller than where something may begin: a stop, or a limit of the drive."""
 
 _PLAYS = (0.01, 0.03, 0.1, 0.3, 0.8)
-"""Half the free play, in swings, of what follows the position and stays behind where that turns."""
+"""Half the play, in swings, of a play operator on the position."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _beyond(a: Array, tail: Array) -> list[Array]:
 
 @njit
 def _behind(x, play):  # type: ignore[no-untyped-def]
-    """Return what follows `x` (n,) and stays behind by `play` at most (the play operator), begun at `x`."""
+    """Return the play operator of half-width `play` on `x` (n,), started at `x`."""
     out = np.empty_like(x)
     at = x[0]
     for i in range(x.size):

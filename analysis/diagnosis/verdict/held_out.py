@@ -34,7 +34,7 @@ _HALF = 0.5
 """Part of its size below which a change leaves more squares than it takes away: (1 - t)² is above t²."""
 
 _PLAYED = "amplitude", "position", "direction", "rate"
-"""Domains of the evidence that what is played decides."""
+"""Domains of the evidence that depend on the excitation."""
 
 
 def leaves_most(gain: Gain | None) -> bool:
@@ -43,7 +43,7 @@ def leaves_most(gain: Gain | None) -> bool:
 
 
 def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
-    """Tell whether the residual's size or mean follows what is played, and no worse than it follows time.
+    """Tell whether the residual's size or mean follows the excitation, and no worse than it follows time.
 
     A shock from outside is large at some time, and so at some position.
     """

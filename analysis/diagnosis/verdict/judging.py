@@ -136,10 +136,10 @@ def failed_check(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -
 
 
 def refuted(found: Found) -> str:
-    """Return why the effects of the best model cannot be the cause, whatever they leave; nothing where they can.
+    """Return why the effects of the best model cannot be the cause, whatever their residual; nothing where they can.
 
-    A force that is not a listed cause explains as much, the nominal numbers would have to be farther off than they are
-    said to be, or an effect has a shape at which it stands for something else.
+    Either an unlisted force explains as much, or the nominal numbers would be beyond their tolerance, or an effect has
+    a shape at which it is a confounder.
     """
     equal = [where for where, lead in found.unlisted_leads if lead < SURE_LEAD]
     if equal:
