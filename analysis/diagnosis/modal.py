@@ -26,7 +26,7 @@ Cost = Callable[[Fit], float]
 """Twice the negative logarithm of the evidence of a fit."""
 
 _RIVALS: tuple[type[Effect], ...] = (CubicStiffness,)
-"""What a mode may hold in place of what is named there: a stiffness that follows the motion itself, not its level. It
+"""What a mode may hold instead of what is named there: a stiffness that follows the motion itself, not its level. It
 would be a spring between channels that was tried there before."""
 
 _PART = 0.02

@@ -95,7 +95,7 @@ class Variation(_Strict, frozen=True, kw_only=True):
 class Study(_Strict, frozen=True, kw_only=True, dict=True):
     """A whole study; `trials` is the number of draws, each of which is tried at every point of the grid.
 
-    `settings` are those of the kind of trial, `limits` replace what its results are held against.
+    `settings` are those of the kind of trial, `limits` replace what its results are compared with.
     """
 
     schema: Literal["mccd-study/1"]

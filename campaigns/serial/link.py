@@ -222,7 +222,7 @@ class Link:
         self._lock(end_s)
 
     def _show(self, token: bytes, end_s: float) -> None:
-        """Prove that this host knows the token; a bench that asks for none is left in peace."""
+        """Prove that this host knows the token; a bench that needs none is not asked."""
         challenge = self._answered("SYST:CHAL?", end_s)
         if challenge == NO_CHALLENGE or challenge.startswith(f"ERR {int(Code.UNKNOWN)},"):
             return

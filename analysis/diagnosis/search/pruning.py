@@ -111,7 +111,7 @@ def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
     """Return the setting with the noise estimated beside the pruned fit `best`, and that fit refined in this noise.
 
     The setting given has the noise estimated beside the causes before pruning. Where nothing repeats, noise and fit are
-    iterated, as for every rival; where periods repeat, the noise is estimated anew only if no cause is left.
+    iterated, as for every rival; where periods repeat, the noise is estimated again only if no cause remains.
     """
     if not setting.whitener.repeats:
         setting, best = iterated_gls(setting, best)

@@ -113,7 +113,7 @@ def gathered(
 
 
 def _held(products: Array, footing: Footing) -> Array:
-    """Return products with the prior of the nuisances' changes from the nominal model, as so many rows more."""
+    """Return products with the prior of the nuisances' changes from the nominal model, as additional matrix rows."""
     out, at = products.copy(), np.arange(1, 1 + len(footing.nuisances))
     root = root_of(footing.nuisances)
     change = root @ footing.change

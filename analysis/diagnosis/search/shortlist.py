@@ -194,8 +194,8 @@ def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: floa
     """Return the evidence that each candidate must exceed so that noise alone brings any above its own so often.
 
     `ratios` (n_candidates, draws) are those of noise alone. What is tried in many shapes, or has many sizes, is large
-    by chance more often. So each cause at each location has its own threshold: the common limit plus the difference, in
-    its 1 % quantile, from a single known signature. Then it does not raise the limit of the others.
+    by chance more often. So each cause at each location has its own threshold: the common limit plus the excess of its
+    own 99 % quantile over that of a single known signature. Then it does not raise the limit of the others.
     """
     own = {key: np.max(ratios[[i for i, k in enumerate(keys) if k == key]], axis=0) for key in dict.fromkeys(keys)}
     usual = chi2_limit(_RARE, 1)
