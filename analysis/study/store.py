@@ -132,7 +132,7 @@ class Store:
         there = [str(name) for _, name, *_ in self._file.execute("PRAGMA table_info(trials)")]
         raise DataError(
             f"{self.path}: its trials have the columns {', '.join(there)[:1000]}, not {', '.join(wanted)}, or in "
-            f"another form; {_RESTORE}"
+            f"another format; {_RESTORE}"
         )
 
     def _require_trials(self) -> None:
