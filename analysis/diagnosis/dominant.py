@@ -136,7 +136,7 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
     fits = [_fitted(setting, beside, kind, 0.3 + 0.3 * k / len(kinds), progress) for k, kind in enumerate(kinds)]
     rows = _independent_rows(setting, min([beside, *fits], key=_misfit))
     fits.sort(key=partial(_cost, rows=rows))
-    best = _converged(setting, fits[0], progress) if fits else beside
+    best = _settled(setting, fits[0], progress) if fits else beside
     if fits and _above(setting, best) > _RESTLESS:
         # an unlisted force is compared with the listed causes from all their starts
         near = _nearest(fits) if _unlisted(best) else [best.effects[0].name]
@@ -199,7 +199,7 @@ def _from_other_starts(setting: Setting, beside: Fit, starts: Sequence[_Kind], p
     a wrong one of its shapes is the most significant, and a descent from there may not leave it.
     """
     fits = [_fitted(setting, beside, start, 0.5 + 0.1 * k / len(starts), progress) for k, start in enumerate(starts)]
-    return [_converged(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
+    return [_settled(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
 
 
 def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progress) -> Fit:
@@ -216,7 +216,7 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
     )
     modal = min(modal, rest, key=_misfit)
     if alone.misfit < _NEAR * both.misfit:
-        alone = _converged(setting, alone, progress)
+        alone = _settled(setting, alone, progress)
     cost = partial(_cost, rows=_independent_rows(setting, min(alone, modal, both, key=_misfit)))
     lead = 2.0 * SURE_LEAD
     if both.misfit > (1.0 - _LEAST_SHARE) * alone.misfit or cost(alone) < cost(both) + lead:
@@ -225,7 +225,7 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
     return both if matters and cost(both) < cost(modal) - lead else modal
 
 
-def _converged(setting: Setting, fit: Fit, progress: Progress) -> Fit:
+def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
     """Return a fit after further steps, until a few more gain little."""
     for again in range(_ROUNDS):
         progress(f"continuing with {_in_words(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
