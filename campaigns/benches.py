@@ -18,9 +18,9 @@ DEFAULT_MODEL = "as-built"
 class BenchKind:
     """One way to reach a bench: `open` takes the address after the colon, a seed and the level of the disturbance.
 
-    A bench that is not simulated has its own disturbance, whatever the level.
-    `digest` tells two benches at the same address apart. A `repeatable` bench gives the same record for the same seed.
-    Of a bench that is `many`, each opening gives another one, so that several can play at once.
+    A bench that is not simulated has its own disturbance, whatever the level. `digest` distinguishes two benches at the
+    same address. A `repeatable` bench gives the same record for the same seed. Of a bench that is `many`, each opening
+    gives another one, so that several can play at once.
     """
 
     form: str
@@ -60,7 +60,7 @@ def _open_at(kind: str) -> Callable[[str, int, float], Bench]:
 
 
 def _told_by_identity(_address: str) -> str:
-    """A bench at the end of a line says who it is, and that stands in every run's fingerprint."""
+    """A bench at the end of a line says who it is, and that is part of every run's fingerprint."""
     return "by its identity"
 
 

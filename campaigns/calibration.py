@@ -5,7 +5,7 @@ overlap in the linear part. One printed number was chosen for each before anythi
 
     radius of the actuators     peak current 2.75 A of the 8.5 mrad chop, Table 6.6
     noise of the amplifiers     positional stability "≤ 2.09" µrad 3 sigma, Table 6.6: the largest of its 24 values
-    stiffness of the springs    Table 6.2 as identified "for the 1 mrad chop range", the iron's share taken out
+    stiffness of the springs    Table 6.2 as identified "for the 1 mrad chop range", without magnetic hysteresis
     disturbance of each run     percentage at position 1 of Table 6.7
 
 Everything else on the bench is printed, derived or assumed, and every other result is a prediction.
@@ -38,7 +38,7 @@ STABILITY_RAD = 2.09e-6
 """Table 6.6: positional stability, 3 sigma, hybrid strategy; an upper bound of what was measured."""
 
 STABILITY_VALUES = 6 * 2 * 2
-"""Standard chop forms of Table 6.7, positions and axes: so many values lie below the bound, and the largest on it."""
+"""Number of values in Table 6.7 (end points, positions, axes), of which the largest is on the bound."""
 
 OBSERVED_S = 15 * 0.5
 """What one of these values rests on: the windows of 0.5 s of the campaign's 15 periods."""
@@ -134,7 +134,7 @@ def actuator_radius_m(feedforward: Model, force_constant_n_a: float) -> float:
 
 
 def magnetic_stiffness_nm_rad(bench: Model, dof: str, swing_rad: float) -> float:
-    """Return by how much the iron softens `dof` (N m/rad): slope between the turning points of a slow cycle."""
+    """Return by how much magnetic hysteresis softens `dof` (N m/rad): slope between the reversals of a slow cycle."""
     entries = [e for e in bench.effects if e.where == dof and e.effect in ("jiles-atherton", "magnetic-polynomial")]
     n = 4000
     angle = swing_rad * np.sin(2.0 * np.pi * np.arange(3 * n) / n)
@@ -143,9 +143,9 @@ def magnetic_stiffness_nm_rad(bench: Model, dof: str, swing_rad: float) -> float
 
 
 def bare_frequency_hz(bench: Model, design: Model, axis: int) -> float:
-    """Return the suspension's frequency without iron, so that with it the printed one is measured at 1 mrad.
+    """Return the suspension's frequency without magnetic hysteresis; with it the printed one is measured at 1 mrad.
 
-    The iron's torque k θ lowers omega² by k times the mode's response to torque: omega² is raised by that much.
+    The hysteresis torque k θ lowers omega² by k times the mode's response to torque: omega² is raised by that much.
     """
     dof = design.outputs[axis].dof
     linear = design.linear()
@@ -229,7 +229,7 @@ def scatter_of_sigma(density: Array, step_hz: float, observed_s: float) -> float
 
 
 def _held_tilts() -> list[tuple[int, tuple[float, float]]]:
-    """Both axes at every position of the standard chop forms: (axis, (theta_x, theta_y) in rad)."""
+    """Both axes at every position of the standard end points: (axis, (theta_x, theta_y) in rad)."""
     angles = np.deg2rad(CHOP_ANGLES_DEG)
     reach = [(level * math.cos(a), level * math.sin(a)) for a in angles for level in (0.0, CHOP_RAD, -CHOP_RAD)]
     return [(axis, tilt) for axis in (0, 1) for tilt in reach]

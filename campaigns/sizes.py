@@ -19,14 +19,14 @@ MOST_AT_ONCE_BYTES = 4e9
 """What a segment may record: it lies in memory until it is written."""
 
 MOST_IN_RUN_H = 100.0
-"""Hours of a run: what a log has room for in its tables at 10 kHz is 119."""
+"""Hours of a run: the tables of a log allow 119 at 10 kHz."""
 
 MOST_RUNS = 1000
 MOST_IN_CAMPAIGN_H = 1000.0
 """Of a campaign, all runs together."""
 
 MOST_SEGMENTS = 100_000
-"""Steps of a run: each stands in the log's table by a label of its own."""
+"""Steps of a run: each is in the log's table with a label of its own."""
 
 
 def samples_of(duration_s: float, rate_hz: float) -> int:
@@ -66,7 +66,7 @@ def hours_of(samples: float, rate_hz: float) -> float:
 
 
 def require_run(what: str, samples: float, segments: float, channels: int, rate_hz: float) -> None:
-    """Raise ConfigError for a run of more hours or segments than a log has room for; `samples` may be a lower bound."""
+    """Raise ConfigError for a run of more hours or segments than a log can hold; `samples` may be a lower bound."""
     hours = hours_of(samples, rate_hz)
     if hours <= MOST_IN_RUN_H and segments <= MOST_SEGMENTS:
         return

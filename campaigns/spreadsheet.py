@@ -1,4 +1,4 @@
-"""Texts of a CSV table that no spreadsheet takes for a formula, and the way back.
+"""Texts of a CSV table that no spreadsheet takes for a formula, and their decoding.
 
 A name of a channel or a segment may come from anybody, and a cell that begins with `=`, `+`, `-`, `@`, a tab or a line
 break is a formula where a spreadsheet opens the table. An apostrophe in front makes it text. One stands in front of

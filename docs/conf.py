@@ -67,7 +67,7 @@ def choices_page() -> str:
         f"The {len(rows)} numbers behind the [bench as built](bench-model.md) and the paper's campaign, in SI units. "
         "*input*: printed, or computed from printed numbers. *calibrated*: set so that one printed number comes out. "
         "*bound*: assumed, and held by a printed upper bound. *assumed*: nothing printed decides it. What is "
-        "*predicted* is nobody's choice: those rows stand in the report.\n\n" + choices_table(rows) + "\n"
+        "*predicted* is nobody's choice: those rows are in the report.\n\n" + choices_table(rows) + "\n"
     )
 
 
@@ -110,11 +110,11 @@ def diagnosis_page() -> str:
         "# diagnosis.json",
         "What `mccd diagnose` writes beside its page, and prints with `--json`. `[]` stands for each item of a list, "
         "`{}` for each name of an object, `?` behind what may be absent; all else is always there. Numbers are in SI "
-        "units unless a unit stands beside them; `null` is what is unknown or not finite. `mccd schema diagnose` "
+        "units unless a unit is given beside them; `null` is what is unknown or not finite. `mccd schema diagnose` "
         "prints the same as a JSON Schema, to which the tests hold the command.",
         *(f"## {part}\n\n{words[part].strip()}\n\n{as_table(values)}" for part, values in by_part.items()),
         "## What is not in it",
-        "The re-tuned numbers of the nominal model are in `extended.toml`: each that was turned has the origin "
+        "The adjusted numbers of the nominal model are in `extended.toml`: each of them has the origin "
         "*fitted*, the runs as its source, and its standard deviation as `std` ([model files](../model-file.md)). The "
         "numbers of the figures are in `figures/*.csv`.",
     ]

@@ -7,7 +7,7 @@
     answer = mccd.diagnose(run, found.model)
     answer.verdict, answer.to_frame(), answer.plot()
 
-Values are in SI units and units stand in names (`rate_hz`). Errors that a user can act on are `mccd.MccdError`s. Each
+Values are in SI units and names contain the unit (`rate_hz`). Errors that a user can act on are `mccd.MccdError`s. Each
 name is loaded when it is first used: importing `mccd` costs next to nothing.
 """
 

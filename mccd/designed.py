@@ -67,7 +67,7 @@ class Controller:
         return {dof: control.ss(*made.state_space(), 1.0 / made.rate_hz) for dof, made in filters.items()}
 
     def plot(self) -> Figure:
-        """Return the sensitivity S of each axis in dB over frequency, with the band of the plants in doubt."""
+        """Return the sensitivity S of each axis in dB over frequency, with the band of the uncertain plants."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         from analysis.design.figures import design_figures

@@ -35,7 +35,7 @@ class Identification:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What of the records was left out or is doubtful."""
+        """What of the records was left out or is uncertain."""
         return self.found.remarks
 
     def to_frame(self) -> pd.DataFrame:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 ComplexArray = NDArray[np.complex128]
 
 POINTS = 400
-"""Frequencies of a response that was asked for without any, spread evenly over their logarithm."""
+"""Frequencies of a response that was asked for without any, spaced evenly in their logarithm."""
 
 
 class Model:
@@ -62,7 +62,7 @@ class Model:
         return self.core.linear().frequency_response(np.asarray(frequency_hz, dtype=float), rate_hz)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per mode: frequency in Hz, damping ratio ζ and decay rate in 1/s, with standard deviations.
+        """Return a row per mode: frequency in Hz, damping ratio ζ and decay rate in s⁻¹, with standard deviations.
 
         A standard deviation is NaN where it is not known; ζ is NaN for a rigid body.
         """

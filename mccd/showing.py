@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def as_html(title: str, lines: list[str], frame: pd.DataFrame | None = None) -> str:
-    """Return a heading, lines of text and a table as HTML; whatever stands in files is text there, never markup."""
+    """Return a heading, lines of text and a table as HTML; the content of files is text there, never markup."""
     parts = [Markup("<b>{}</b>").format(title), *(Markup("<p>{}</p>").format(line) for line in lines)]
     if frame is not None and len(frame):
         parts.append(Markup(frame.to_html(escape=True, float_format="{:.5g}".format, border=0)))

@@ -42,7 +42,7 @@ class Form(click.ParamType[tuple[float, float]]):
         except ValueError:
             positions = math.nan, math.nan
         if not colon or not all(map(math.isfinite, positions)):
-            self.fail(f"{value!r} is not a form; write both positions in mrad, as in 0:+8.5", param, ctx)
+            self.fail(f"{value!r} is not a pair of positions; write both in mrad, as in 0:+8.5", param, ctx)
         return positions
 
     def typed(self, value: tuple[float, float]) -> str:
@@ -53,8 +53,8 @@ class Form(click.ParamType[tuple[float, float]]):
 def chop_options(command: F) -> F:
     """Decorator that adds the options of a chop.
 
-    They reach the command as `alpha`: float, `form`: (float, float) in rad, `strategy`: str, `model`: str and
-    `controller`: str | None.
+    The command receives them as `alpha`: float, `form` (the end points): (float, float) in rad, `strategy`: str,
+    `model`: str and `controller`: str | None.
     """
     return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
 

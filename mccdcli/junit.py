@@ -24,9 +24,9 @@ class Case(NamedTuple):
 
 
 def prepare_junit(path: Path | None, out: Path) -> None:
-    """Remove the file of an earlier run, before anything can fail: it would pass for the result of this one.
+    """Remove the file of an earlier run, before anything can fail: it would be taken for the result of this one.
 
-    `out` is the folder that the command makes first. Raises ConfigError where something else stands there, OSError
+    `out` is the folder that the command makes first. Raises ConfigError where something else is there, OSError
     where none can be written; both before any work.
     """
     if path is not None and (out.exists() or path.parent.resolve() != out.resolve()):

@@ -1,4 +1,4 @@
-"""The channels and segments of a log as text; one form for every command that shows them."""
+"""The channels and segments of a log as text; one format for every command that shows them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The entry point `mccd`: the lazy tree of commands inside the one place where errors become exit codes."""
+"""The entry point `mccd`: the lazy tree of commands, and the only code that converts errors to exit codes."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _utf8(arguments: list[str]) -> list[str]:
 
 
 def _open_closed_streams() -> None:
-    """Let standard streams that were closed lead nowhere; else the first file opened, a log, would take their place."""
+    """Connect closed standard streams to the null device; else the first file opened, a log, would get their number."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -120,7 +120,7 @@ def run(tree: click.Group, arguments: list[str]) -> object:
     if completing := os.environ.get(COMPLETION_VARIABLE):
         try:
             return shell_complete(tree, {}, "mccd", COMPLETION_VARIABLE, completing)
-        except (KeyError, ValueError):  # a shell tells the words of the line in other variables
+        except (KeyError, ValueError):  # a shell passes the words of the line in other variables
             raise click.UsageError(
                 f"{COMPLETION_VARIABLE} is set, but not what a shell sets beside it; unset it"
             ) from None

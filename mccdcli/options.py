@@ -17,12 +17,12 @@ BENCHES: Final = ("sim[:MODEL]", "emulator[:MODEL]", "serial:DEVICE[@BAUD]", "tc
 
 
 class BenchAddress(click.ParamType[str]):
-    """An address of one of the forms in BENCHES: its form is checked, its text passed on."""
+    """An address of one of the formats in BENCHES: its format is checked, its text passed on."""
 
     name = "bench"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return `value` if it has the form of a bench address, else end with a usage error."""
+        """Return `value` if it has the format of a bench address, else end with a usage error."""
         address = str(value)
         kind, colon, rest = address.partition(":")
         host, _, port = rest.rpartition(":")
@@ -182,8 +182,8 @@ def existing_file(name: str, nargs: int = 1, metavar: str | None = None) -> Call
 def common_options(*names: str) -> Callable[[F], F]:
     """Decorator that adds the options of these names, in the order of OPTIONS; without a name, all of them.
 
-    They reach the command as `bench`: str, `out`: Path | None, `seed`: int, `dry_run`: bool, `as_json`: bool; whatever
-    records a log asks `given_note`.
+    The command receives them as `bench`: str, `out`: Path | None, `seed`: int, `dry_run`: bool, `as_json`: bool;
+    whatever records a log asks `given_note`.
     """
     unknown = set(names) - set(OPTIONS)
     if unknown:

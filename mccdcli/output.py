@@ -74,7 +74,7 @@ def discard(stream: TextIO) -> None:
 
 @contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Show warnings of ours as a remark in one line; any other as Python does, with the place that it is about."""
+    """Show warnings of ours as a remark in one line; any other as Python does, with the line that it is about."""
     usual = warnings.showwarning
 
     def show(
@@ -100,7 +100,7 @@ def warnings_in_one_line() -> Iterator[None]:
 def visible(text: str) -> str:
     """Return `text` with control and other invisible characters spelled out, line breaks and tabs left.
 
-    What stands in a file may be anything; it must not reach the terminal as a command to it.
+    A file may contain anything; it must not act on the terminal as a command to it.
     """
     return "".join(c if c in "\n\t" or kind_of(c)[0] != "C" else ascii(c)[1:-1] for c in text)
 
@@ -109,7 +109,7 @@ def plain(value: object) -> Any:
     """Reduce `value` to what JSON can hold.
 
     Dataclasses become objects by field; arrays and sequences, lists; sets, sorted lists; paths and everything
-    else without a JSON form, text. JSON has no NaN and no infinity: they become null.
+    else without a JSON type, text. JSON has no NaN and no infinity: they become null.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}

@@ -82,7 +82,7 @@ def _design(logs: Sequence[Path], limits: Limits, axes: tuple[str, ...], folder:
 
 @contextmanager
 def told_to_design_anew(plan: Plan) -> Iterator[None]:
-    """Let the error of a chop whose kept controller no longer fits say which folder stands in the way of a new one."""
+    """Let the error of a chop whose kept controller no longer fits say which folder prevents a new one."""
     from sim_backend.errors import CheckError
 
     try:

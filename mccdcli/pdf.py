@@ -14,7 +14,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def pdf_option(name: str) -> Callable[[F], F]:
-    """Return a decorator that adds `--pdf`, which reaches the command as `pdf`: bool; `name` is the file's.
+    """Return a decorator that adds `--pdf`, which the command receives as `pdf`: bool; `name` is the file's.
 
     Where no PDF can be made the command ends at once, before it measures.
     """

@@ -64,7 +64,7 @@ def _left(left_s: float | None) -> str:
 
 
 def _forward(report: Report) -> Report:
-    """Return a report that never goes back: work that is done again, as a fit of another form, is no less done."""
+    """Return a report that never goes back: work that is done again, such as another fit, stays counted."""
     furthest = 0.0
 
     def told(done: float, total: float, what: str = "") -> None:

@@ -79,7 +79,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "endstops": Entry(
             "mccdcli.commands.endstops:endstops",
-            "Pull the mechanism against its end stops, eight ways, and measure the noise of the sensors there.",
+            "Pull the mechanism against its end stops in eight directions and measure the sensors' noise there.",
         ),
         "hysteresis": Entry(
             "mccdcli.commands.hysteresis:hysteresis",

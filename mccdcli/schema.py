@@ -57,19 +57,19 @@ def described(command: str) -> str:
 
 
 def values_of(command: str) -> list[tuple[str, str, str]]:
-    """Return place, type and meaning of every value of a command's result; `?` stands behind what may be absent."""
+    """Return path, type and meaning of every value of a command's result; `?` stands behind what may be absent."""
     flat = ((place, *meaning.partition(":")) for place, meaning in _flat(command).items())
     return [(place, kind, meaning.strip()) for place, kind, _, meaning in flat]
 
 
 def as_table(values: Iterable[tuple[str, str, str]]) -> str:
-    """Return values, each with its place, type and meaning, as a table of Markdown."""
+    """Return values, each with its path, type and meaning, as a table of Markdown."""
     rows = [f"| `{place}` | {kind} | {meaning} |" for place, kind, meaning in values]
     return "\n".join(["| value | type | meaning |", "|---|---|---|", *rows])
 
 
 def _flat(table: str, above: str = "") -> dict[str, str]:
-    """Return all places of a table, those that it takes over included, behind `above`."""
+    """Return all paths of a table, those that it inherits included, behind `above`."""
     found: dict[str, str] = {}
     for place, meaning in _results()[table].items():
         head, _, last = place.rpartition(".")

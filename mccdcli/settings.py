@@ -119,7 +119,7 @@ def defaults_of(settings: Settings, command: click.Command, path: tuple[str, ...
 
 
 def _as_typed(option: click.Option, value: Any) -> Any:
-    """Return a value of a file in the form in which the command line would give it; raises ConfigError for another."""
+    """Return a value of a file in the format of the command line; raises ConfigError for another."""
     if option.multiple and isinstance(value, list):
         return [_as_typed_once(option, one) for one in value]
     return _as_typed_once(option, value)

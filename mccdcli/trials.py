@@ -34,7 +34,7 @@ SHOWN: Final[Mapping[str, tuple[tuple[float, str, float], ...]]] = {
 
 
 def settings_option(command: F) -> F:
-    """Decorator that adds `--set NAME=VALUE`, which reaches the command as `settings`: dict."""
+    """Decorator that adds `--set NAME=VALUE`, which the command receives as `settings`: dict."""
     return click.option(
         "--set",
         "settings",

@@ -32,7 +32,7 @@ class Places:
 
     Inputs and outputs go by degree of freedom, actuators and sensor heads by name. `levers` (n_a, n_y) gives each
     actuator's own displacement, `sights` (n_s, n_y) what each head sees, `coordinates` (n_u, n_y) the motion that each
-    input works against. Places are equal when all of that is.
+    input works against. Locations are equal when all of that is.
     """
 
     inputs: tuple[str, ...]
@@ -83,8 +83,8 @@ def places_of(model: Model) -> Places:
 def coordinates_of(model: Model) -> Array:
     """Return the motion that each input works against, as weights of the outputs, shape (n_u, n_y), rows of length one.
 
-    It is that of the same degree of freedom, or what the model file states. An input that no sensor stands beside works
-    against that combination of the outputs which it moves alone when everything is at rest: a row of the inverse of the
+    It is that of the same degree of freedom, or what the model file states. An input without a sensor of its own works
+    against that combination of the outputs which it alone moves when everything is at rest: a row of the inverse of the
     static gain. Where there is no such inverse (a rigid body, inputs that do the same), it is the output of its rank.
     """
     outputs = [p.dof for p in model.outputs]
@@ -144,8 +144,8 @@ def plant_of(linear: ModalModel, rate_hz: float, substeps: int) -> layout.Plant:
 def _pushed(linear: ModalModel, step: Array) -> Array:
     """Return what a unit force on each mode alone, held for one `step` (m, 2, 2), adds to its states, shape (m, 2).
 
-    It moves the rest to 1/omega², and the way there is that of a mode let go: (1 - step) of that deflection. A rigid
-    body, which has no such rest, is no place for a force.
+    It moves the position of rest to 1/omega², and the motion there is a free response: (1 - step) of that deflection. A
+    rigid body has no position of rest, and such a force cannot act on it.
     """
     omega_2 = linear.omega_rad_s**2
     rest = np.divide(1.0, omega_2, out=np.zeros_like(omega_2), where=omega_2 > 0.0)

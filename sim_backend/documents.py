@@ -64,7 +64,7 @@ def _names(line: str) -> int:
     return max((part.replace("{", ",").rpartition(",")[2].count(".") + 1 for part in before), default=0)
 
 
-def json_of(text: str, where: str, *, error: type[MccdError], fix: str = "mend that place") -> Any:
+def json_of(text: str, where: str, *, error: type[MccdError], fix: str = "correct it there") -> Any:
     """Return what JSON text says; raises `error` naming `where`, with the `fix`, for what is none or too deep."""
     import json
 

@@ -16,7 +16,7 @@ class CheckError(MccdError):
 
 
 class ConfigError(MccdError):
-    """The command line, a model, a plan or a map asks for something that cannot be (exit code 2)."""
+    """The command line, a model, a plan or a map requests something impossible (exit code 2)."""
 
     exit_code = 2
 

@@ -1,9 +1,9 @@
-"""What an input does between its samples: the steps that stand for a smooth signal.
+"""What an input does between its samples: the steps that represent a smooth signal.
 
 Between two samples the bench's own converter holds its value, and so does every simulation here. A recorder behind an
 anti-alias filter sees a smooth input instead; playing its samples as steps would delay them by half a sample and weaken
 them by sinc(f / rate). `steps_for` takes both back: held, its result has the recorded signal's spectrum up to half the
-rate. What is left of the error are the images above, which a plant that falls off like 1/s² passes on weakly.
+rate. The remaining error is the images above, which a plant that falls off like 1/s² attenuates.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _EDGE = 256
-"""Rows reflected at each end of a record that does not repeat: the inverse of a hold reaches a few samples far."""
+"""Samples reflected at each end of a record that does not repeat: the inverse of a hold extends over a few samples."""
 
 
 def steps_for(u: Array, *, period: int = 0) -> Array:
-    """Return the held values (n, n_u) that stand for the band-limited signal of which `u` (n, n_u) are the samples.
+    """Return the held values (n, n_u) that represent the band-limited signal of which `u` (n, n_u) are the samples.
 
     A record of whole periods of `period` samples is taken as going on before and after. The value at half the rate,
-    whose phase no samples tell, is left out.
+    whose phase the samples do not determine, is left out.
     """
     n = u.shape[0]
     repeats = period > 0 and n % period == 0

@@ -1,10 +1,10 @@
 """Functions compiled by numba when they are first called, not when they are imported; their code is kept on disk.
 
-`njit`, `cfunc` and `intrinsic` stand in for numba's decorators of the same names and differ in three ways:
+`njit`, `cfunc` and `intrinsic` replace numba's decorators of the same names and differ in three ways:
 
 - numba itself is imported with the first call: a command that computes nothing does not wait for it.
 - The code is kept in `sim_backend.kernel_cache`, with a digest that is checked before it is used. numba's own cache
-  loads whatever lies there, and two processes that fill it at once may take each other's code.
+  loads whatever is there, and two processes that fill it at once may take each other's code.
 - What is kept goes by everything that was compiled: the function, all kernels that it calls, and the values of the
   globals that it reads. numba's cache sees the function's own file alone.
 """
@@ -155,7 +155,7 @@ def intrinsic(function: Callable[..., Any]) -> Any:
 
 
 def _resolved(function: Any) -> Any:
-    """Return a copy of a Python function that sees what its kernels are made into in place of them."""
+    """Return a copy of a Python function in which its kernels are replaced by what they are made into."""
     used = set(_globals_of(function.__code__))
     found = {name: value for name, value in function.__globals__.items() if name in used}
     made = {name: value.made for name, value in found.items() if isinstance(value, _Later | Deferred)}
@@ -181,7 +181,7 @@ def _globals_of(code: CodeType) -> Iterator[str]:
 def _names_of(code: CodeType) -> Iterator[str]:
     """Give every name that may be a global of a code object, also in functions inside it, or else an attribute's.
 
-    Instructions would tell which, at ten times the time, in every process.
+    Instructions would show which, at ten times the time, in every process.
     """
     yield from code.co_names
     for constant in code.co_consts:

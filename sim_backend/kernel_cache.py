@@ -94,7 +94,7 @@ def _only_ours(found: os.stat_result) -> bool:
 
 
 def _others_may_exchange(found: os.stat_result) -> bool:
-    """Tell whether other users may put something of theirs in place of what a folder holds."""
+    """Tell whether other users may replace the content of a folder."""
     return bool(found.st_mode & _OTHERS_MAY_WRITE) and not found.st_mode & stat.S_ISVTX
 
 
@@ -125,7 +125,7 @@ def _of_the_user() -> Path:
     from platformdirs import user_cache_path  # needed only where nothing else is chosen
 
     place = user_cache_path("mccd", appauthor=False) / "kernels"
-    if not place.is_absolute():  # "~", where neither the environment nor the system tells of a home
+    if not place.is_absolute():  # "~", where neither the environment nor the system knows a home
         raise RuntimeError("there is no home")
     return place
 

@@ -62,14 +62,14 @@ class Transducers(NamedTuple):
 class Effects(NamedTuple):
     """All effects of a model, sorted by site: `first` (n_sites + 1,) delimits the sites.
 
-    Neighbours that are the same effect at different places are called together: `batch` (n_batches + 1,) delimits such
-    calls, `site` (n_sites + 1,) says which of them are at a site.
-    Per effect: its compiled step in `steps`, `channel`, its number at the site, offsets `p0` and `s0` into `parameters`
-    and `states`, `aux` (an Aux), `column` (exogenous column or source channel), `read` (n_e, n_y), the coordinate it
-    watches. Of these rows, and of those of the inputs it acts on, `coordinates` and `levers` hold the different ones
-    that are needed, of the first `fast` coordinates also the rate, and `watched` and `moved` their numbers; where an
-    effect acts on a mode, rows go on with a column for every mode. `wires` (n_e, 7) are the addresses of its signals,
-    filled by `sim_backend.kernel.wires` where effects are called; `cells` (5,) is memory for signals given one by one.
+    Neighbours that are the same effect at different locations are called together: `batch` (n_batches + 1,) delimits
+    such calls, `site` (n_sites + 1,) says which of them are at a site. Per effect: its compiled step in `steps`,
+    `channel`, its number at the site, offsets `p0` and `s0` into `parameters` and `states`, `aux` (an Aux), `column`
+    (exogenous column or source channel), `read` (n_e, n_y), the coordinate it watches. Of these rows, and of those of
+    the inputs it acts on, `coordinates` and `levers` hold the different ones that are needed, of the first `fast`
+    coordinates also the rate, and `watched` and `moved` their numbers; where an effect acts on a mode, rows go on with
+    a column for every mode. `wires` (n_e, 7) are the addresses of its signals, filled by `sim_backend.kernel.wires`
+    where effects are called; `cells` (5,) is memory for signals given one by one.
     """
 
     first: Ints

@@ -1,4 +1,4 @@
-"""A linear model as a sum of second-order blocks: the one form in which every plant here is held.
+"""A linear model as a sum of second-order blocks: the one form of every plant here.
 
 Each block is a pair of states (q, v) in companion form, so a badly scaled eighth-order polynomial never has to be
 formed, every block is discretised exactly on its own, and rigid-body modes need no special case:
@@ -7,7 +7,7 @@ formed, every block is discretised exactly on its own, and rigid-body modes need
     dv/dt = -omega^2 q - 2 sigma v + B u
     y     = sum over blocks of (C q + C_rate v) + D u
 
-with omega the undamped natural frequency (rad/s) and sigma the decay rate (1/s). `B` and `C` are the participation of
+with omega the undamped natural frequency (rad/s) and sigma the decay rate (s⁻¹). `B` and `C` are the participation of
 the block in each input and output.
 """
 
@@ -113,7 +113,7 @@ class ModalModel:
         )
 
     def poles_1_s(self) -> ComplexArray:
-        """Return the poles (1/s), shape (m, 2): -sigma ± sqrt(sigma^2 - omega^2)."""
+        """Return the poles (s⁻¹), shape (m, 2): -sigma ± sqrt(sigma^2 - omega^2)."""
         root = np.sqrt((self.sigma_1_s**2 - self.omega_rad_s**2).astype(complex))
         return np.stack([-self.sigma_1_s + root, -self.sigma_1_s - root], axis=1)
 
@@ -325,7 +325,7 @@ def discretise(model: ModalModel, rate_hz: float, *, split: bool = False) -> Dis
 def _late(model: ModalModel, into: Array, b: Array, rate_hz: float) -> Array:
     """Return the part (m, 2, n_u) of `b` that the older of the two samples drives which act within one.
 
-    The newer drives what is left of the sample after the delay's part of one, the older all the rest.
+    The newer drives the sample after the fraction of the delay, the older all before.
     """
     late = np.empty_like(b)
     for j, part in enumerate(model.delay_s * rate_hz % 1.0):

@@ -109,7 +109,7 @@ def fresh_memory(plant: layout.Plant, n_axes: int, temperature_k: float) -> layo
 
 
 def refit_memory(mem: layout.Memory, ctl: layout.Controller) -> layout.Memory:
-    """Return `mem` with room for the loops `ctl`: their states start at zero unless they have the same shape as before.
+    """Return `mem` with arrays for the loops `ctl`: states start at zero unless they have the same shape as before.
 
     A learned input whose ring keeps its length goes on; so does a feedback filter, whose states carry over from one
     segment to the next. Axes without feedback or learning are opened.

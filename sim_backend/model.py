@@ -88,7 +88,7 @@ class Mode(_Strict, frozen=True, kw_only=True):
 
 
 class EffectEntry(_Strict, frozen=True, kw_only=True):
-    """One effect of `sim_backend.effects` at a place, with its parameters."""
+    """One effect of `sim_backend.effects` at a location, with its parameters."""
 
     effect: str
     where: str

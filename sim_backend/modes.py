@@ -1,8 +1,8 @@
-"""A mode as a place: what acts inside the structure, where neither a drive nor a sensor stands.
+"""A mode as a location: what acts within the structure, where there is neither a drive nor a sensor.
 
-Joints, ceramics and glue are deformed by every mode in its own measure. The deflection of a mode is the length of what
-it adds to the outputs, and a force on it is measured by the deflection that it holds at rest: so a stiffness in a mode
-is a part of the mode's own, whatever its participations are scaled by.
+Joints, ceramics and glue are deformed by every mode in its own proportion. The deflection of a mode is the length of
+what it adds to the outputs, and a force on it is measured by the deflection that it holds at rest: so a stiffness in a
+mode is a part of the mode's own, whatever its participations are scaled by.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def mode_alone(linear: ModalModel, m: int) -> ModalModel:
 
 
 def units_at(model: Model, where: str) -> tuple[str, str]:
-    """Return the units of force and deflection at a place; in a mode both are that of the outputs."""
+    """Return the units of force and deflection at a location; in a mode both are that of the outputs."""
     target = where.rpartition("->")[2]
     y = next((p.unit for p in model.outputs if p.dof == target), model.outputs[0].unit)
     u = next((p.unit for p in model.inputs if p.dof == target), y if is_mode(target) else model.inputs[0].unit)

@@ -1,8 +1,8 @@
-"""Object code into memory without LLVM, whose loading takes longer than all else that a new process does to play.
+"""Loads object code without LLVM, whose own loading takes longer than all else that a new process does to play.
 
-Read is of the format what LLVM writes on x86-64 under Linux when it compiles for any distance in memory: constants of
-the code and functions of the C library are reached by whole addresses. Anything else is left to LLVM. Source: System V
-ABI, chapter 4 of the generic part and of that for AMD64.
+It reads the part of the format that LLVM writes on x86-64 under Linux when it compiles for any distance in memory:
+constants of the code and functions of the C library have whole addresses. Anything else is left to LLVM. Source: System
+V ABI, chapter 4 of the generic part and of that for AMD64.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def in_memory(code: bytes, name: str) -> Linked | None:
 
 
 class _Image:
-    """Object code at its place in memory."""
+    """Object code at its address in memory."""
 
     def __init__(self, code: bytes) -> None:
         self._sections = _sections(code)

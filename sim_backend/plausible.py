@@ -46,7 +46,7 @@ def refuse_absurd(model: dict[str, Any], where: str) -> None:
 
 
 def _all_finite(model: dict[str, Any]) -> bool:
-    """Tell whether no number is larger than it may be, without naming places: most models are sound."""
+    """Tell whether no number is larger than it may be, without naming its path: most models are sound."""
     below: list[Any] = [model]
     for node in below:
         kind = type(node)  # plain content holds no other kinds, and asking so is quickest
@@ -60,7 +60,7 @@ def _all_finite(model: dict[str, Any]) -> bool:
 
 
 def _numbers(node: object, place: str) -> Iterator[tuple[str, float]]:
-    """Yield the place and the value of every number."""
+    """Yield the path and the value of every number."""
     if isinstance(node, dict | list):
         items = node.items() if isinstance(node, dict) else enumerate(node)
         for key, value in items:

@@ -95,7 +95,7 @@ def block_numerator(
 def modal_from_zpk(zeros_1_s: ArrayLike, poles_1_s: ArrayLike, gain: float) -> ModalModel:
     """Return gain Π(s - zeros) / Π(s - poles) as a ModalModel, modes by rising frequency.
 
-    The gain is in output units per input unit times (1/s)^(poles - zeros). Each block gets `b` = 1, `c` and
+    The gain is in output units per input unit times (s⁻¹)^(poles - zeros). Each block gets `b` = 1, `c` and
     `c_rate` from the partial fraction (n1 s + n0)/(s² + 2 sigma s + omega²), v being dq/dt. Raises
     ConfigError when the fraction is improper, the poles are not conjugate or their number is odd.
     """

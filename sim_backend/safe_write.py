@@ -111,7 +111,7 @@ def give_name(hidden: Path, path: Path, *, replace: bool) -> None:
 
 
 def require_ordinary(path: Path) -> None:
-    """Raise ConfigError where `path` is something that a file cannot take the place of: a folder, a device, a pipe.
+    """Raise ConfigError where `path` is something that a file cannot replace: a folder, a device, a pipe.
 
     So does a name that is no UTF-8 text: checksums and lists of files could not hold it.
     """
@@ -121,7 +121,7 @@ def require_ordinary(path: Path) -> None:
         found = os.lstat(path)
         # /dev/stdout is a link into /proc: replacing it would harm every other program
         special = os.readlink(path).startswith("/proc/") if stat.S_ISLNK(found.st_mode) else not _is_file(found)
-    except OSError:  # nothing is there; what cannot be reached cannot be written, and says so itself
+    except OSError:  # nothing is there; a path without access fails later with its own error
         return
     if special:
         what = "a folder" if stat.S_ISDIR(found.st_mode) else "a device, a pipe or an open stream"

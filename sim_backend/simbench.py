@@ -30,9 +30,9 @@ _BLOCK = 10_000
 
 
 def streams_of(seed: int, effects: Sequence[Effect]) -> dict[int, np.random.Generator]:
-    """Return one random stream per effect that leaves something to chance.
+    """Return one random stream per random effect.
 
-    It goes by name and place, so that adding an effect changes no other's draws.
+    It depends on name and location, so that adding an effect changes no other's draws.
     """
     streams: dict[int, np.random.Generator] = {}
     seen: Counter[str] = Counter()
@@ -56,7 +56,7 @@ def _idle(effect: Effect) -> bool:
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:
     with np.errstate(over="ignore", invalid="ignore"):
-        # the quickest way to a yes; a no says nothing, for squares may overflow
+        # the quickest test; if it fails, all are checked, because squares may overflow
         doubtful = [name for name, values in channels.items() if not math.isfinite(np.dot(values, values))]
     for name in doubtful:
         finite = np.isfinite(channels[name])
@@ -120,7 +120,7 @@ def play_side_by_side(benches: Sequence[SimBench], segment: Segment) -> list[Rec
 def _run(segment: Segment, begun: Sequence[Begun]) -> None:
     events, period = events_of(segment), segment.reference.shape[0]
     reference, feedforward = np.ascontiguousarray(segment.reference), np.ascontiguousarray(segment.feedforward)
-    whole = max(_BLOCK // period, 1) * period  # blocks end where a period does, so that gates keep their place
+    whole = max(_BLOCK // period, 1) * period  # blocks end where a period does, so that gates keep their time
     loops = [kernel.Loop(one.parts, lasting=True) for one in begun]
     for start in range(0, segment.n_samples, whole):
         n = min(whole, segment.n_samples - start)
@@ -135,7 +135,7 @@ class SimBench:
     `command_<dof>` (input), `<dof>` (output), `reference_<dof>` (reference); with hardware also `current_<actuator>`,
     `head_<sensor>` and `temperature`. A hardware with a theodolite has `theodolite_<dof>` for every angle: an
     instrument of its own beside the bench, recorded only by segments that ask for it by name. `truth` adds
-    `true_<dof>`, for tests. `disturbance` multiplies everything random that drives or shakes the mechanism, as it was
+    `true_<dof>`, for tests. `disturbance` multiplies everything random that drives or disturbs the mechanism, as it was
     when this bench was played; sensors keep their noise. Raises ConfigError for a level that is negative or not finite.
     """
 
@@ -283,7 +283,7 @@ class SimBench:
         return Record(begun.segment, channels)
 
     def draw(self, n: int) -> Array:
-        """Draw what is left to chance in the next `n` samples, shape (n_columns, n)."""
+        """Draw the random numbers of the next `n` samples, shape (n_columns, n)."""
         out = self._normals.next(n)
         for row, std in self._drawn_std:
             out[row] *= std

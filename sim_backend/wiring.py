@@ -29,7 +29,7 @@ WIRINGS_KEPT = 64
 
 
 class _Put(NamedTuple):
-    """A kind of effect at a place."""
+    """A kind of effect at a location."""
 
     kind: type[Effect]
     where: str
@@ -56,7 +56,7 @@ def effects_of(
     """
     puts = tuple(_Put(type(e), e.where) for e in effects)
     if linear is not None and any(_is_to_mode(put, places) for put in puts):
-        order, made = _connected.__wrapped__(puts, places, linear)  # how it reaches a mode depends on numbers
+        order, made = _connected.__wrapped__(puts, places, linear)  # how it acts on a mode depends on numbers
     else:
         order, made = _connected(puts, places, None)
     ordered = [effects[i] for i in order]
@@ -142,7 +142,7 @@ def _rows(needed: Sequence[Array], rows: Sequence[Array], width: int) -> tuple[A
 
 
 def _batches(acting: list[tuple[_Wire, _Put, int]]) -> list[list[tuple[_Wire, _Put, int]]]:
-    """Return the effects, sorted by site, in groups of the same one at different places.
+    """Return the effects, sorted by site, in groups of the same one at different locations.
 
     The effects of one channel keep their order, for each sees the signal that those before it leave. Torques on the
     structure add up and have no order.
@@ -164,7 +164,7 @@ def _batches(acting: list[tuple[_Wire, _Put, int]]) -> list[list[tuple[_Wire, _P
 
 
 def _is_to_mode(put: _Put, places: Places) -> bool:
-    """Tell whether an effect at a place that is no channel acts on a mode."""
+    """Tell whether an effect at a location that is no channel acts on a mode."""
     target = put.where.rpartition("->")[2]
     channels = *places.inputs, *places.actuators
     return put.kind.site is Site.STRUCTURE and target not in channels and is_mode(target)

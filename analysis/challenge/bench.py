@@ -2,7 +2,7 @@
 
 It shares no code with the bench that a diagnosis fits: modes are stepped exactly (their closed form), torques that
 depend on the motion are taken in the middle of each fine step from a half step ahead, which makes it of second order in
-the fine step. Commands, torques from outside and readings are whole arrays, which each effect changes in turn.
+the fine step. Commands, external torques and readings are whole arrays, which each effect changes in turn.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ class Campaign:
     """A bench and what is played on it.
 
     `starts` holds per run the modal states (m, 2) it begins with: the bench is never quite at rest. `noises` has one
-    entry per axis; `noise_seed` and `effect_seed` fix what is left to chance.
+    entry per axis; `noise_seed` and `effect_seed` fix everything that is random.
     """
 
     plant: Plant

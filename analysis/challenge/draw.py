@@ -53,7 +53,7 @@ class Drawn:
 def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
     """Return a random case of this plan.
 
-    The public face (shape, axes) is drawn first; bench and places are drawn again until the effects fit below the
+    What is public (shape, axes) is drawn first; bench and locations are drawn again until the effects fit below the
     largest plausible sizes. Raises ConfigError when that never happens.
     """
     needs = max((f.needs_axes for slug in plan.slugs for f in members(slug)), default=1)
@@ -74,7 +74,7 @@ def draw_case(plan: Plan, rng: np.random.Generator) -> Drawn:
 def separable(families: Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
     """Return the families without a twin, as computed for one member of each in a short campaign on the fewest axes.
 
-    Where a twin is left in the search, it is no fault to name it, and in a pair neither can be required by name.
+    Where a twin remains in the search, it is no fault to name it, and in a pair neither can be required by name.
     """
     found = []
     for slug in families:

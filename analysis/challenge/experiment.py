@@ -81,12 +81,12 @@ class _Player:
         return self.axes(wave)
 
     def loops(self, cycles: int, n: int) -> Array:
-        """Slow sines: `cycles` on the first axis, one more on the next, so that the axes can be told apart."""
+        """Slow sines: `cycles` on the first axis, one more on the next, so that the axes can be distinguished."""
         time = np.arange(n) / n
         return self.axes(lambda a: np.asarray(self.plant.stiffness[a] * np.sin(2.0 * np.pi * (cycles + a) * time)))
 
     def steps(self, n: int) -> Array:
-        """Random levels, each reached along half a cosine; two thirds of the range, for the overshoot."""
+        """Random levels, each approached along half a cosine; two thirds of the range, for the overshoot."""
         move, dwell = 60, 400
         ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, move + 1) / move)
 

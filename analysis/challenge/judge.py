@@ -49,13 +49,14 @@ class _Said(msgspec.Struct):
 class Judged:
     """One case and what was said of it.
 
-    `found` holds, per hidden effect, whether it was named at its place or rightly called indistinguishable; `by_name`
-    whether it was named outright. `wrong` are the names that are not in the truth; `stated` holds, per name, its
-    probability and whether it is in the truth. `pulls` are errors of parameters in their stated standard deviations, by
-    effect, `without_std` the number of those that none was stated for; `spreads` are the stated variances and `misses`
-    the squared errors, both over the Cramér–Rao bound; `held_out` is the error after over that of the truth, None when
-    it was not right. `remainder` tells whether the names were said to leave something, None of a diagnosis that does
-    not say. `posteriors` holds, per name that is hidden or wrong, its posterior and whether it is in the truth.
+    `found` holds, per hidden effect, whether it was named at its location or rightly called indistinguishable;
+    `by_name` whether it was named outright. `wrong` are the names that are not in the truth; `stated` holds, per name,
+    its probability and whether it is in the truth. `pulls` are errors of parameters in their stated standard
+    deviations, by effect, `without_std` the number of those that none was stated for; `spreads` are the stated
+    variances and `misses` the squared errors, both over the Cramér–Rao bound; `held_out` is the error after over that
+    of the truth, None when it was not right. `remainder` tells whether a lack of fit was stated beside the names, None
+    of a diagnosis that does not say. `posteriors` holds, per name that is hidden or wrong, its posterior and whether it
+    is in the truth.
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""Torques that depend on the motion, in formulas of the challenge's own, and the loop that takes them along.
+"""Torques that depend on the motion, in formulas of the challenge's own, and the loop that advances them.
 
-They are evaluated in the middle of every fine step. All that is compiled stands in this one file, because a compiler's
+They are evaluated in the middle of every fine step. All that is compiled is in this one file, because a compiler's
 cache does not see changes in others.
 
 Each law gets the position and rate at mid-step, the change of position since the last one, the drive, the temperature
@@ -18,7 +18,7 @@ from sim_backend.jit import njit
 CUBIC, FRICTION, BOUC_WEN, JILES_ATHERTON, IWAN, CREEP, STOP, PLAY, COGGING, FORCE_CONSTANT, THERMAL = range(11)
 
 MEMORY = 32
-"""Room for the memory of one law, in numbers."""
+"""Size of the memory of one law, in numbers."""
 
 
 @njit
@@ -75,7 +75,7 @@ def jiles_atherton(x, dx, p, s):  # type: ignore[no-untyped-def]
 
 @njit
 def iwan(dx, p, s):  # type: ignore[no-untyped-def]
-    """Thirty equal springs in parallel that slip at reaches evenly spread up to p[1] (Iwan, J. Appl. Mech. 1966)."""
+    """Thirty equal springs in parallel that slip at strokes evenly spaced up to p[1] (Iwan, J. Appl. Mech. 1966)."""
     total = 0.0
     for i in range(30):
         reach = p[1] * (i + 1.0) / 30.0

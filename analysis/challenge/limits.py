@@ -1,4 +1,4 @@
-"""How large an effect must be to be seen, and to be told from its closest rival: computed, not simulated.
+"""How large an effect must be to be seen, and to be distinguished from its closest rival: computed, not simulated.
 
 The *signature* of an effect is what it changes in the readings, noise-free change under the same noise. Whitened by the
 true noise, its energy after all nuisances have been projected out is d². Nuisances are the nominal model's parameters,
@@ -12,8 +12,8 @@ start. For a known signature the likelihood ratio is a normal number of mean d a
 - *Naming limit*: the size at which the part of d that no rival explains reaches it. A rival is another cause at the
   same axis; it may explain whatever is a weighted sum of the signatures of several draws of its shapes and sizes, some
   of which borrow the shapes that it shares with the truth. Weights are of either sign, but for causes that have only
-  one (friction opposes motion). So a rival is rather too clever than too dull, and the limit rather too high.
-- *Twins* are rivals that leave less than the threshold even at the largest plausible size: here no one can tell them
+  one (friction opposes motion). So a rival is rather too flexible than too rigid, and the limit rather too high.
+- *Twins* are rivals that leave less than the threshold even at the largest plausible size: no one can distinguish them
   from the truth, and the right answer is to say so.
 """
 
@@ -43,11 +43,11 @@ _ROUNDS = 12
 _CLOSE = 0.02
 """Rounds of the search for a limit, and the relative accuracy at which it ends."""
 
-_RETUNES, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
-"""Gauss–Newton steps at most; knobs (in deviations) that need no step; the longest step; the farthest start."""
+_ADJUSTMENTS, _STILL, _STRIDE, _FARTHEST = 8, 0.005, 1.0, 5.0
+"""Most Gauss–Newton steps; nuisance change (in deviations) that needs no step; longest step; farthest start."""
 
 _GROWTH = 1.5
-"""Knobs are followed to larger sizes by such a factor at a time: from far off a sharp mode is not found again."""
+"""Nuisances are followed to larger sizes by such a factor at a time: from far off a sharp mode is not found again."""
 
 _FEW, _MANY, _CLOSEST = 3, 10, 4
 """Draws of every rival, of the closest ones, and how many these are."""
@@ -59,17 +59,18 @@ _DIRECTION = 1e-6
 has to be that number's own column: what bends away from it at its size would be large beside the prior."""
 
 _AMPLIFIER = "amplifier-noise"
-"""Noise that a bench is known to have: no family of its own, but a rival of what shakes it."""
+"""Noise that a bench is known to have: no family of its own, but a rival of vibration."""
 
 _SIZES = (0.05, 1.5)
-"""Sizes of drawn rivals over those at which they are drawn: the form of some depends on their size."""
+"""Sizes of drawn rivals over those at which they are drawn: the shape of some depends on their size."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """The limits of one effect in one campaign, in its size; infinite where even the largest plausible size is below.
 
-    `twins` are (cause, where) that cannot be told from it at any plausible size; `rival` is the closest of the others.
+    `twins` are (cause, where) that cannot be distinguished from it at any plausible size; `rival` is the closest of the
+    others.
     """
 
     detection: float
@@ -79,10 +80,10 @@ class Limits:
 
 
 class Rivals:
-    """What every other cause could make of the same readings: draws of each rival by cause and place.
+    """What every other cause could make of the same readings: draws of each rival by cause and location.
 
-    Their signatures are those on the plant about which a metric is taken. What they make of the metric that all begin
-    with is kept.
+    Their signatures are those on the plant about which a metric is taken. Those in the first metric, which all share,
+    are cached.
     """
 
     def __init__(self, drawn: dict[tuple[str, str], list[Hidden]], first: Metric) -> None:
@@ -130,9 +131,9 @@ def _drawn(
 def _relatives(
     family: type[Hidden], draws: int, effect: Hidden, scene: Scene, rng: np.random.Generator
 ) -> list[Hidden]:
-    """Return what a rival is represented by: draws of its shapes and sizes, and one that borrows what `effect` has too.
+    """Return the draws that represent a rival: of its shapes and sizes, and one that borrows the shapes of `effect`.
 
-    Of a rival whose signature has one form at any size, one draw is all.
+    Of a rival whose signature has one shape at any size, one draw is all.
     """
     first = family.draw(rng, scene)
     if family.proportional and not first.shapes():
@@ -149,7 +150,7 @@ def _relatives(
 class Distances:
     """Distances of one effect from all that the nuisances, and a rival, can explain, at any size.
 
-    Large effects that look like a wrong nominal parameter (a shift of stiffness, say) need the nuisances re-tuned and
+    Large effects that look like a wrong nominal parameter (a shift of stiffness, say) need the nuisances adjusted and
     not only linearised: Gauss–Newton steps, begun from the solution at the nearest size.
     """
 
@@ -182,8 +183,8 @@ class Distances:
     def _at(self, size: float) -> tuple[Metric, Array]:
         if size not in self._known:
             while self._known and (near := self._nearest(size)) * _GROWTH < size and self._moved(near):
-                self._known[near * _GROWTH] = self._retuned(near * _GROWTH)
-            self._known[size] = self._retuned(size)
+                self._known[near * _GROWTH] = self._adjusted(near * _GROWTH)
+            self._known[size] = self._adjusted(size)
         return self._known[size]
 
     def _nearest(self, size: float) -> float:
@@ -193,7 +194,7 @@ class Distances:
         """Tell whether the nominal numbers follow the effect at a size that is known."""
         return bool(np.max(np.abs(self._known[size][0].knobs)) > _STILL)
 
-    def _retuned(self, size: float) -> tuple[Metric, Array]:
+    def _adjusted(self, size: float) -> tuple[Metric, Array]:
         hidden = [self._effect.resized(size)]
         metric = self._metric
         if self._known:
@@ -202,7 +203,7 @@ class Distances:
             if np.max(np.abs(knobs)) > _STILL:
                 metric = Metric.of(metric.campaign, knobs)
         vector = metric.signature(hidden)
-        for _ in range(_RETUNES):
+        for _ in range(_ADJUSTMENTS):
             step = metric.step(vector)
             if not np.max(np.abs(step)) > _STILL:
                 break
@@ -229,7 +230,7 @@ def limits_of(
     if not np.isfinite(detection):
         return Limits(np.inf, np.inf, "noise", ())
     rivals = Rivals.of(effect, metric, scene, rng)
-    # what is left grows with the size at most in proportion, so five times the detection limit tells what the cap shows
+    # the residual grows with the size at most in proportion, so five times the detection limit shows what the cap does
     near = min(5.0 * detection, cap)
     first = sorted(zip(distances.beyond(near, rivals, list(rivals.drawn)), rivals.drawn, strict=True))
     closest = rivals.closer([key for _, key in first[:_CLOSEST]], effect, scene, rng)

@@ -1,4 +1,4 @@
-"""Rows of a score: a value with its interval, over how many cases, beside what it target."""
+"""Rows of a score: a value with its interval, over how many cases, beside its target."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from analysis.challenge.intervals import bootstrap_interval, quantile_interval, 
 Array = NDArray[np.float64]
 
 REPORTED = "-"
-"""What stands in the place of a requirement where there is none."""
+"""What replaces a requirement where there is none."""
 
 BINS = ((0.0, 0.99, "below 0.99"), (0.99, 0.999, "0.99 to 0.999"), (0.999, 1.0, "0.999 to 1"))
-"""Stated probabilities that are told apart: from, to (the last one inclusive), in words."""
+"""Classes of stated probabilities: from, to (the last one inclusive), in words."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Measure:
 
     @property
     def ok(self) -> bool | None:
-        """Whether the value reaches what it must; None without a value or a requirement."""
+        """Whether the value meets its requirement; None without a value or a requirement."""
         if self.value is None or (self.low is None and self.high is None and self.stated is None):
             return None
         within = (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)

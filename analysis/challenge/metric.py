@@ -22,7 +22,7 @@ _COARSE = 2
 """Fine steps per sample here: the signature of an effect needs less accuracy than the data that hold it."""
 
 
-_KNOB_STEP = 1e-5
+_STEP = 1e-5
 """Step of differences, in standard deviations: its error is of that order times the resonance's quality."""
 
 
@@ -46,9 +46,9 @@ class Seen:
 class Metric:
     """Inner products of whitened signatures over all samples that may be fitted, nuisances projected out.
 
-    The nuisances are linearised about the plant turned by `knobs` (in prior standard deviations, per parameter).
+    The nuisances are linearised about the plant adjusted by `knobs` (nuisance parameters in prior standard deviations).
     `readings` are those without effects there, `blocks` per run and axis the whitened nuisances (rows, k), the starts
-    after the knobs; `factor` is the lower Cholesky factor of prior + N'N.
+    after the parameters; `factor` is the lower Cholesky factor of prior + N'N.
     """
 
     campaign: Campaign
@@ -60,7 +60,7 @@ class Metric:
 
     @classmethod
     def of(cls, campaign: Campaign, knobs: Array | None = None, beside: Sequence[Hidden] = ()) -> Metric:
-        """Return the metric of a campaign about its own plant, or about one turned by `knobs`, with effects in it."""
+        """Return the metric of a campaign about its own plant, or about one adjusted by `knobs`, with effects in it."""
         coarse = campaign.coarse(_COARSE)
         noise = campaign.noise()
         knobs = np.zeros(len(places_of(campaign.plant))) if knobs is None else knobs
@@ -82,22 +82,22 @@ class Metric:
                 columns = np.column_stack([*(k[r][:, a] for k in slopes), starts])
                 blocks.append(colour.whiten(columns)[rows])
         products = sum((b.T @ b for b in blocks), np.zeros((knobs.size + n_starts,) * 2))
-        # knobs are scaled to unit prior; a start is known no better than to a thousand times what the noise leaves of
-        # it
+        # nuisance parameters are scaled to unit prior; a start is known no better than to a thousand times what the
+        # noise leaves of it
         prior = np.concatenate([np.ones(knobs.size), 1e-6 * np.maximum(np.diag(products)[knobs.size :], 1e-300)])
         return cls(coarse, noise, knobs, readings, blocks, scipy.linalg.cholesky(products + np.diag(prior), lower=True))
 
     def signature(self, hidden: Sequence[Hidden]) -> Array:
         """Return the whitened change of all fitted readings by `hidden`, one long vector (rows + knobs,).
 
-        After the readings stand the knobs at which the metric is taken, which their prior charges for.
+        After the readings follow the nuisance parameters at which the metric is taken, which their prior penalises.
         """
         return self._whitened(self.campaign.readings(hidden, self.noise), -self.knobs)
 
     def change(self, hidden: Sequence[Hidden]) -> Array:
-        """Return the whitened change of all fitted readings by `hidden` on the plant as it is turned, (knobs + rows,).
+        """Return the whitened change of all fitted readings by `hidden` on the plant as adjusted, (knobs + rows,).
 
-        The knobs stay where they are.
+        The nuisance parameters are not changed.
         """
         there = replace(self.campaign, plant=turned(self.campaign.plant, self.knobs)).readings(hidden, self.noise)
         return self._whitened(there, np.zeros(self.knobs.size))
@@ -107,7 +107,7 @@ class Metric:
         return Seen(vectors, scipy.linalg.solve_triangular(self.factor, self._onto(vectors), lower=True))
 
     def step(self, vector: Array) -> Array:
-        """Return the change of the knobs that explains most of one signature, shape (knobs,)."""
+        """Return the change of the nuisance parameters that explains most of one signature, shape (knobs,)."""
         return np.asarray(
             scipy.linalg.cho_solve((self.factor, True), self._onto(vector[:, None]))[: self.knobs.size, 0]
         )
@@ -145,11 +145,11 @@ def turned(plant: Plant, knobs: Array) -> Plant:
 def _slope(
     campaign: Campaign, known: Sequence[Hidden], noise: list[Array], readings: list[Array], knobs: Array, i: int
 ) -> list[Array]:
-    """Return the change of all readings per standard deviation of one knob, by a small forward difference."""
+    """Return the change of all readings per standard deviation of one parameter, by a small forward difference."""
     there = knobs.copy()
-    there[i] += _KNOB_STEP
+    there[i] += _STEP
     moved = replace(campaign, plant=turned(campaign.plant, there)).readings(known, noise)
-    return [(y - b) / _KNOB_STEP for y, b in zip(moved, readings, strict=True)]
+    return [(y - b) / _STEP for y, b in zip(moved, readings, strict=True)]
 
 
 def _free_responses(plant: Plant, n: int, rate_hz: float) -> Array:

@@ -22,7 +22,7 @@ def pool(paths: Sequence[Path]) -> Score:
     """Return the score of all cases in several documents of scores, in their order.
 
     Raises ConfigError for a case that is in two of them and for a document of several challenges, whose cases have the
-    same names, DataError for a file that holds no score of this form.
+    same names, DataError for a file that holds no score of this format.
     """
     judged: list[Judged] = []
     seals: dict[str, None] = {}

@@ -4,8 +4,8 @@ For a Gaussian process whose variance in the i-th of many independent cells is r
 is a weighted sum of squares, and its deflection is d² = ½ Σ r_i². What the diagnosis cannot know beforehand is
 projected out of r: the noise's level and its smooth colour.
 
-A vibration has rivals that are random as well: the noise of an amplifier reaches the readings through the same plant,
-and where the plant's resonance stands above the floor both leave the same hump.
+A vibration has rivals that are random as well: the noise of an amplifier acts on the readings through the same plant,
+and where the plant's resonance is above the noise floor both leave the same hump.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def energy_beyond_amplifiers(effect: Hidden, campaign: Campaign) -> float:
 
 
 def _of_apex(effect: ApexNoise, campaign: Campaign) -> float:
-    """Cells are samples; whitening spreads each sample's added variance over the taps of the inverse filter."""
+    """Cells are samples; whitening distributes each sample's added variance over the taps of the inverse filter."""
     noise = campaign.noises[effect.axis]
     taps = noise.whiten(np.eye(400)[:, :1])[:, 0] ** 2
     parts = []

@@ -58,7 +58,7 @@ def row_of(j: Judged) -> dict[str, Any]:
 def judged_of(row: dict[str, Any]) -> Judged:
     """Return the case of a row, as far as a score needs it: parameters and rivals of the truth are left out.
 
-    Raises KeyError, TypeError or ValueError for what is no such row.
+    Raises KeyError, TypeError or ValueError where a row is not of this format.
     """
     hidden = [
         Buried(

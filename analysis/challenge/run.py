@@ -166,7 +166,7 @@ class _Work:
             process.kill()
 
     def diagnose(self, name: str, left_out: list[str]) -> str:
-        """Run one diagnosis inside its case's folder, its words kept beside its result; return the case's name.
+        """Run one diagnosis in its case's folder, its output kept beside its result; return the case's name.
 
         How far the nominal model can be trusted is public: uniform within ±3 %, a standard deviation of 3 %/√3, or
         what the challenge states. One that was stopped leaves no outcome, so that it is run again.

@@ -66,7 +66,7 @@ class Score:
 
     @property
     def ok(self) -> bool:
-        """Whether every measure reaches what it must, on as many cases as the design demands."""
+        """Whether every measure meets its requirement, on as many cases as the design demands."""
         return all(m.ok is not False and m.enough for m in self.measures)
 
     @property
@@ -88,9 +88,9 @@ class Score:
 def score_challenge(folder: Path, *, so_far: bool = False, first: str | None = None) -> Score:
     """Reveal the truth and return the score; raises ConfigError for a case not run, DataError for a broken seal.
 
-    `so_far` scores the cases before the first that was not run. Cases stand in random order, so these are a fair
-    sample, while all that were run would lack those that take long. Those before `first` do not count: what has been
-    looked at is blind no more.
+    `so_far` scores the cases before the first that was not run. Cases are in random order, so these are a fair
+    sample, while all that were run would lack those that take long. Those before `first` do not count: cases that have
+    been looked at are no longer blind.
     """
     truth = reveal(folder)
     wanted = names = cases_of(folder, first)
@@ -167,7 +167,7 @@ def _beyond_the_library(judged: Sequence[Judged]) -> list[Measure]:
         share("laws that no library lists: unknown", [j.verdict == "unknown" for j in unlisted], ">= 92 %", low=0.92),
         share("  of these with a wrong name", [bool(j.wrong) for j in unlisted]),
         share("listed with a twist: named and nothing else", _right(twisted)),
-        share("  of the named: a remainder is stated", told),
+        share("  of the named: a lack of fit is stated", told),
         quantile("processor time of any diagnosis, median (s)", cpu, 0.5),
         quantile("  90th percentile (s)", cpu, 0.9),
         largest("  largest (s)", cpu),
@@ -179,7 +179,7 @@ def _right(judged: Sequence[Judged]) -> list[bool]:
 
 
 def _by_family(families: Sequence[FamilyScore]) -> list[Measure]:
-    """Return what the worst family reaches, how many families reach too little, and how many have too few cases."""
+    """Return the value of the worst family, how many families have too small a value, and how many too few cases."""
     asked = [f for f in families if f.n]
     worst = min(asked, key=lambda f: (f.found / f.n, -f.n), default=None)
     below = sum(f.found / f.n < FAMILY_SHARE for f in asked)

@@ -35,7 +35,7 @@ class Number(_Strict, frozen=True, kw_only=True):
 
 
 class Buried(_Strict, frozen=True, kw_only=True):
-    """One hidden effect: cause, place, parameters, size, and the limits of its size in this campaign.
+    """One hidden effect: cause, location, parameters, size, and the limits of its size in this campaign.
 
     `law` is what the second generator calls it: several of its laws are one cause, an unlisted one is none.
     """

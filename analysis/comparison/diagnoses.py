@@ -81,7 +81,7 @@ def _load(path: str) -> _Document:
     file = Path(path) / DIAGNOSIS if Path(path).is_dir() else Path(path)
     found = document_in(file)
     if not isinstance(found, dict) or found.get("schema") != SCHEMA:
-        raise DataError(f"{file} is not a diagnosis of the form {SCHEMA}; {FIX}")
+        raise DataError(f"{file} is not a diagnosis of the format {SCHEMA}; {FIX}")
     try:
         return msgspec.convert(found, _Document)
     except msgspec.ValidationError as error:

@@ -13,13 +13,13 @@ from campaigns.version import tool_commit, tool_version
 from sim_backend.safe_write import require_new_or_own, write_text
 
 GENERATOR = b'<meta name="generator" content="mccd compare">'
-"""By this line of the template a page is known as one of these."""
+"""The line of the template by which such a page is recognised."""
 
 
 def require_page(path: Path) -> None:
-    """Raise ConfigError where a page would take the place of anything but an earlier one, one of what is compared too.
+    """Raise ConfigError where a page would replace anything but an earlier page, such as a file that is compared.
 
-    Raises OSError where its folder takes no file.
+    Raises OSError where its folder is not writable.
     """
     require_new_or_own(path, lambda begin: GENERATOR in begin, "page of `mccd compare`")
 

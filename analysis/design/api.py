@@ -1,4 +1,4 @@
-"""From an identified model and recorded noise to a controller, axis by axis, with what it is expected to reach."""
+"""From an identified model and recorded noise to a controller, axis by axis, with its expected performance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_SETTLING_S = 0.1
 
 @dataclass(frozen=True)
 class Options:
-    """What a design aims at and how it doubts: `reach_rad` of the chop, allowed `settling_s`, `periods` of learning.
+    """Targets and uncertainties of a design: the chop's stroke `reach_rad`, `settling_s`, `periods` of learning.
 
     With `most_w` an axis takes the fastest move of its curve whose chop dissipates no more, instead of `settling_s`.
     """

@@ -105,7 +105,7 @@ def _noise(designed: Designed) -> Canvas:
 def _move(designed: Designed) -> Canvas:
     canvas = Canvas(
         "The move",
-        "Reference of a move over the designed reach and the torque fed forward for it, before anything is learned.",
+        "Reference of a move over the designed stroke and the torque fed forward for it, before anything is learned.",
         rows=2,
         columns=len(designed.axes),
         size=(4.2 * len(designed.axes), 5.0),
@@ -129,7 +129,7 @@ def _price(designed: Designed) -> Canvas:
         "The price of a fast move",
         f"{'Power and peak current' if stated else 'Peak current'} of a 5 Hz chop over "
         f"{1e3 * designed.options.reach_rad:g} mrad, by the time in which "
-        "its moves arrive. The circle is this design, the cross what the paper reached (over 8.5 mrad).",
+        "its moves arrive. The circle is this design, the cross what the paper achieved (over 8.5 mrad).",
         rows=2 if stated else 1,
         columns=len(designed.axes),
         size=(4.2 * len(designed.axes), 5.0 if stated else 2.8),

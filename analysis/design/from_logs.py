@@ -1,4 +1,4 @@
-"""A controller from the logs of a campaign alone: identify, add the iron, design."""
+"""A controller from the logs of a campaign alone: identify, add the magnetic hysteresis, design."""
 
 from __future__ import annotations
 

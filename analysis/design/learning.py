@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 LARGEST_FACTOR = 0.5
-"""What a period may leave of an error, on every plant and at every measured line within 2σ."""
+"""The part of an error that may remain after a period, on every plant and at every measured line within 2σ."""
 
 SURE_FACTOR = 0.9
 """What it may leave where no feedback keeps LARGEST_FACTOR, as around a sharp mode that is not known well: the error
@@ -36,10 +36,10 @@ TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
 FULL = 3
-"""Periods that learn with the whole error: by LARGEST_FACTOR an eighth of it is left."""
+"""Periods that learn with the whole error: by LARGEST_FACTOR an eighth of it remains."""
 
 WAIT_S = 0.4
-"""Time before learning begins: the ringing of a cryostat mode of 9 1/s falls to 3 % in it."""
+"""Time before learning begins: the ringing of a cryostat mode of 9 s⁻¹ falls to 3 % in it."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from sim_backend.model import EffectEntry, Model, Quantity, Value
 
 
 def with_iron(model: Model, loops: list[Run]) -> Model:
-    """Return the model with the iron that recorded loops show, axis by axis; raises DataError for a log without loops.
+    """Return the model with the magnetic hysteresis of recorded loops, axis by axis; DataError for a log without loops.
 
     Axes that already have effects on their structure keep those: a model extended by a diagnosis knows its own.
     """
@@ -27,8 +27,8 @@ def with_iron(model: Model, loops: list[Run]) -> Model:
 def iron_of(fit: LoopFit, dof: str, stiffness_nm_rad: float, source: str) -> list[EffectEntry]:
     """Return a loop fit as effects beside springs of `stiffness_nm_rad`, those of the linear model.
 
-    The drive balances K x less what the iron adds. The linear model has another stiffness, as it was identified with
-    the iron at one amplitude: the difference becomes the linear term of the polynomial.
+    The drive balances K x less the hysteresis torque. The linear model has another stiffness, as it was identified with
+    the hysteresis at one amplitude: the difference becomes the linear term of the polynomial.
     """
 
     def fitted(name: str) -> Value:

@@ -18,8 +18,8 @@ from sim_backend.linear import ModalModel
 Array = NDArray[np.float64]
 
 MARGIN = 0.92
-"""Part of the allowed time within which the reference arrives: the rest is for one sample of delay and what is left of
-the error."""
+"""Part of the allowed time within which the reference arrives: the rest is for one sample of delay and the
+remaining error."""
 
 UNLEARNED = 0.2
 """Part of the settling band that a move may hold above the frequencies that are learned, as an angle."""
@@ -31,7 +31,7 @@ CHOP_DWELL_S = 0.1
 
 @dataclass(frozen=True)
 class Move:
-    """A move over `reach_rad`: its samples and concentration, when it arrives, and the torque it takes."""
+    """A move of the stroke `reach_rad`: its samples and concentration, when it arrives, and the torque it takes."""
 
     n_samples: int
     concentration: float

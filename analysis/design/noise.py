@@ -1,4 +1,4 @@
-"""What shakes a bench at rest: the torque that drives it and the noise of its readings, told apart by the plant.
+"""Disturbances of a bench at rest: the torque that drives it and the noise of its readings, separated by the plant.
 
 The reading at rest is the plant's answer to a torque of first order, plus white noise. Its periodogram, averaged in
 bands, is compared with that spectrum by Whittle's likelihood. Source: P. Whittle, Arkiv för Matematik 2 (1953).

@@ -143,7 +143,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
                 f"{f.margins.gain_margin_db:.1f}; {f.margins.phase_margin_deg:.0f}",
                 "",
             ),
-            ("", "error left after a period, worst", f"{one.learning.largest:.3f}", f"{SURE_FACTOR:g}"),
+            ("", "residual error after a period, worst", f"{one.learning.largest:.3f}", f"{SURE_FACTOR:g}"),
         ]
     return rows
 

@@ -25,12 +25,12 @@ TIMES_S = (4e-3, 4.5e-3, 5e-3, 5.5e-3, 6e-3, 7e-3, 8e-3, 10e-3, 12e-3, 16e-3, 24
 """Times allowed for a move, along the curve."""
 
 PAPER = {"theta_x": (32e-3, 0.116, 2.75), "theta_y": (5.6e-3, 0.116, 2.75)}
-"""What the paper reached: settling in s, power in W, peak current in A; Table 6.6 has one power and one current."""
+"""What the paper achieved: settling in s, power in W, peak current in A; Table 6.6 has one power and one current."""
 
 
 @dataclass(frozen=True)
 class Price:
-    """A move with the band that it needs, and what a 5 Hz chop of its reach then asks of the coils.
+    """A move with the band that it needs, and what a 5 Hz chop of its stroke then requires of the coils.
 
     `power_w` is NaN where the bench does not say what its coils dissipate. `motion_rad` and `drive_nm` are one period.
     """
@@ -45,7 +45,7 @@ class Price:
 
 
 def price_of(design: Design, dof: str, reach_rad: float, allowed_s: float, limits: Limits, column: int) -> Price:
-    """Return the move over `reach_rad` within `allowed_s` and its price; raises ConfigError when there is none.
+    """Return the move of stroke `reach_rad` within `allowed_s` and its price; ConfigError when there is none.
 
     `column` is the axis's in the bench's `limits`.
     """
@@ -81,8 +81,8 @@ def affordable(curve: Sequence[Price], most_w: float) -> Price:
     if np.isnan(least):
         raise ConfigError("the bench does not say what its coils dissipate; leave --max-power out")
     raise ConfigError(
-        f"a chop over this reach dissipates {least:.3g} W or more, the limit is {most_w:g} W; allow more "
-        "or give a shorter reach"
+        f"a chop of this stroke dissipates {least:.3g} W or more, the limit is {most_w:g} W; allow more "
+        "or give a smaller stroke"
     )
 
 

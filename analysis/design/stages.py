@@ -74,7 +74,7 @@ def play_stages(
     cycles: int = 25,
     report: Report = unheard,
 ) -> list[StageResult]:
-    """Return the rows of every axis and strategy, each played on a fresh bench; raises what a run raises."""
+    """Return the rows of every axis and strategy, each played on a new bench; raises what a run raises."""
     rows: list[StageResult] = []
     with tempfile.TemporaryDirectory(prefix="mccd-stages-") as folder:
         for axis in axes:

@@ -20,8 +20,9 @@ class Tolerance:
     """Relative standard deviations added to what identification states, for what it cannot see.
 
     It states the scatter of one record, at one temperature and amplitude. The modulus of the structure changes by some
-    1e-4 per kelvin, so that every `frequency` moves by 0.1 % over the thermal range; iron moves that of the suspension,
-    the lowest mode, by 1 % between the smallest motion and the largest. `damping` and `participation` are known worse.
+    1e-4 per kelvin, so that every `frequency` moves by 0.1 % over the thermal range; magnetic hysteresis moves that of
+    the suspension, the lowest mode, by 1 % between the smallest motion and the largest. `damping` and `participation`
+    are known worse.
     """
 
     frequency: float = 0.001

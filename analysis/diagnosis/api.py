@@ -38,8 +38,8 @@ def diagnose(
     no fit may see (without any, the last that differ, or the last fifth); `period` is that of the excitation in
     samples, 0 when it does not repeat. `temperature_k` has one (n,) per record. Write the result with
     `analysis.diagnosis.answer.output.write_files` and `analysis.diagnosis.answer.page.write_page`. Raises
-    ConfigError when arrays and model do not match, DataError for records that decide nothing: too few rows, a constant
-    or cut-off output, inputs at rest.
+    ConfigError when arrays and model do not match, DataError for records that decide nothing: too few samples, a
+    constant or cut-off output, inputs at rest.
     """
     us, ys = _records(inputs, len(model.inputs), "inputs"), _records(outputs, len(model.outputs), "outputs")
     if len(us) != len(ys):

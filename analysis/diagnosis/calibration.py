@@ -1,8 +1,8 @@
-"""From a posterior within the library to a probability that holds: what names of that posterior were worth.
+"""From a posterior within the library to a calibrated probability: how often names of that posterior were right.
 
-A posterior counts noise and the listed rivals. What it cannot count is a law outside of the library, or a form of a
-listed one that nature does not follow. How often that was so tells a score of sealed cases, and no name is stated surer
-than the names of that score were right.
+A posterior accounts for noise and for the listed rivals. It cannot account for a law outside of the library, or for a
+model discrepancy of a listed one. A score of blind cases shows how often that was so, and no name is stated with a
+higher probability than that with which the names of that score were right.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The dominant cause, where the error of a model is many times the noise.
 
-A model fitted to a bench that is far from linear misses it by more than any refinement could put right, and then the
-noise says nothing of what is worth explaining. All rows are weighed alike instead, and one kind of cause is looked for,
-at all places at once where it stands out: drives and axes are built alike, and with one of three alike in the model the
-other two are still in the way. It is held against the other kinds and against a force that is no listed cause at all.
-What happens in the modes themselves is looked for first, and kinds are compared beside it.
+A model fitted to a bench that is far from linear has an error that no refinement could remove, and the noise then says
+nothing of what is worth explaining. Instead, all samples have equal weight, and one kind of cause is searched for, at
+once at all locations where it is significant: drives and axes are built alike, and with only one of three in the model
+the other two still hide it. Each kind is compared with the others and with an unlisted force. Modal effects are
+searched for first, and kinds are compared beside them.
 """
 
 from __future__ import annotations
@@ -36,43 +36,43 @@ from sim_backend.linear import Array
 from sim_backend.modes import is_mode
 
 _TAKES_PART = 0.1
-"""A place takes part where the cause explains at least this part of what it does where it explains most."""
+"""A location counts where the cause explains at least this part of what it explains at the best one."""
 
 _FEWEST, _MOST_KINDS, _PRODUCTS = 3, 10, 2e7
-"""Kinds that are fitted, those that explain most to first order: beside a linear model that is wrong by half that says
-little, so they are as many as so many products of rows and re-tuned numbers allow. What is left begins elsewhere."""
+"""Kinds that are fitted: those that explain most to first order. Beside a linear model that is wrong by half, first
+order says little; so as many are fitted as the limit on samples times adjusted parameters allows."""
 
 _STEPS, _ROUNDS = 6, 5
-"""Steps of every kind before they are compared, and how often as many more the best may go on."""
+"""Steps of every kind before they are compared, and how often the best is continued by as many more."""
 
 _RESTLESS = 2.0
-"""Times the noise that the best may leave before it is begun elsewhere as well."""
+"""Residual of the best, as a multiple of the noise, above which other starts are tried as well."""
 
 _NEAREST, _GO_ON = 3, 2
-"""Kinds that begin elsewhere before a force that is no listed cause is what it must be, and fits that go on."""
+"""Kinds that are tried from other starts before the cause is called unlisted, and fits that are continued."""
 
-_SETTLED = 0.05
-"""A fit that gained less than this part in its last steps goes on no more."""
+_LEAST_GAIN = 0.05
+"""A fit that gained less than this part in its last steps has converged."""
 
 _MATERIAL = 0.1
-"""Part of all that the model misses that a cause beside what happens in the modes takes by itself."""
+"""Least part of the whole error of the model that a cause beside modal effects explains by itself."""
 
 _NEAR = 3.0
-"""A cause without the modes that leaves so many times more, after as many steps as all, will not come near."""
+"""A cause without modal effects whose residual is so many times larger, after as many steps as all, is given up."""
 
-_GROSS = 5.0
-"""Ratio of a residual to repeating noise beyond which what is left is an error of the model and next to no noise."""
+_LARGE = 5.0
+"""Ratio of a residual to repeating noise beyond which the residual is model error and next to no noise."""
 
 _COARSER = 4
-"""So many times longer steps than a small torque would ask for: the error of the model is many times the noise."""
+"""Factor on the step that a small torque would need: the error of the model is many times the noise."""
 
 _LEAST_SHARE = 0.5
-"""The dominant cause explains at least so much of the squared error, and what is in the modes of what that leaves."""
+"""Least part of the squared error that the dominant cause explains, and that modal effects explain of its residual."""
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """One kind of cause where it stands out, with sizes, nuisances and by how much it lowers the misfit."""
+    """One kind of cause where it is significant, with sizes, nuisances and by how much it lowers the misfit."""
 
     candidates: tuple[Candidate, ...]
     sizes: Array
@@ -81,14 +81,14 @@ class _Kind:
 
 
 def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
-    """Return even weights and the model as it is, where that misses the very data it was fitted to by many noises.
+    """Return even weights and the model as it is, where its error on the very data of its fit is many times the noise.
 
-    Its numbers have followed what is wrong as far as they can; tuned again they could only follow the loudest rows.
+    Its parameters have absorbed the error as far as they can; adjusted again they could only fit the largest samples.
     """
     setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     residuals = left_by(setting, setting.nominal, ())
     ratio = above_noise(setting.data, residuals)
-    if ratio <= _GROSS:
+    if ratio <= _LARGE:
         return None
     data = setting.data.evenly()
     rest = tuple(np.zeros_like(states) for states in setting.states)
@@ -109,18 +109,18 @@ def _above(setting: Setting, fit: Fit) -> float:
 
 
 def still_large(found: Found) -> bool:
-    """Tell whether the best fit, a force that is no listed cause included, leaves many times the noise.
+    """Tell whether the residual of the best fit, unlisted forces included, is many times the noise.
 
-    Where next to nothing else is left, every row and every refinement counts, and that is another search.
+    Where it is not, every sample and every refinement counts, and that is another search.
     """
-    return _noises(found) > _GROSS
+    return _noises(found) > _LARGE
 
 
 def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:
     """Return the kind of cause that explains most, its rivals among the other kinds, and the screening.
 
-    What happens in the modes may be beside it, or in its place. The rivals begin with the best fit itself and with
-    where it stood after as many steps as the other kinds have had.
+    Modal effects may be beside it, or replace it. The rivals begin with the best fit itself and with
+    its state after as many steps as the other kinds have had.
     """
     setting = replace(setting, substeps=-(-setting.substeps // _COARSER))
     progress("looking into the modes", 0.02)
@@ -138,9 +138,9 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
     fits.sort(key=partial(_cost, rows=rows))
     best = _settled(setting, fits[0], progress) if fits else beside
     if fits and _above(setting, best) > _RESTLESS:
-        # a force that is no listed cause has to stand against what is listed, begun wherever that may begin
+        # an unlisted force is compared with the listed causes from all their starts
         near = _nearest(fits) if _unlisted(best) else [best.effects[0].name]
-        others = _begun_elsewhere(setting, beside, _elsewhere(gram, candidates, first, kinds, near), progress)
+        others = _from_other_starts(setting, beside, _elsewhere(gram, candidates, first, kinds, near), progress)
         rows = _independent_rows(setting, min([best, *others], key=_misfit))
         if _unlisted(best):
             fits = sorted([best, *others, *fits[1:]], key=partial(_cost, rows=rows))
@@ -154,11 +154,11 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
 
 
 def _fitted(setting: Setting, beside: Fit, kind: _Kind, part: float, progress: Progress) -> Fit:
-    """Return the fit of a kind of cause beside what is there already, from where screening has it begin.
+    """Return the fit of a kind of cause beside what is there already, from its screened start.
 
-    Where that is no better than nothing, it begins with nothing: screening is right to first order only.
+    Where that is no better than none, it starts from zero: screening is right to first order only.
     """
-    progress(f"fitting {_told(kind.candidates)}", part)
+    progress(f"fitting {_in_words(kind.candidates)}", part)
     held, sizes = beside.held()
     start = np.clip(beside.change + kind.nuisances[: beside.change.size], *bounds_of(setting.nuisances))
     both = [*kind.candidates, *held]
@@ -192,22 +192,22 @@ def _elsewhere(
     return [_kind_of(gram, reduced, candidates, together) for together in starts[:spare]]
 
 
-def _begun_elsewhere(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
-    """Return the best fits from other starts, gone on with.
+def _from_other_starts(setting: Setting, beside: Fit, starts: Sequence[_Kind], progress: Progress) -> list[Fit]:
+    """Return the best fits from other starts, after further steps.
 
-    A loop that is most of what moves the axis is screened beside a motion that it has bent: to first order the wrong
-    one of its shapes stands out most, and from there a descent may not come out again.
+    A hysteresis loop that dominates the motion of the axis is screened along a motion that it distorts: to first order
+    a wrong one of its shapes is the most significant, and a descent from there may not leave it.
     """
     fits = [_fitted(setting, beside, start, 0.5 + 0.1 * k / len(starts), progress) for k, start in enumerate(starts)]
     return [_settled(setting, fit, progress) for fit in sorted(fits, key=_misfit)[:_GO_ON]]
 
 
 def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progress) -> Fit:
-    """Return a cause beside what happens in the modes where both are needed, else the one that is.
+    """Return a cause beside modal effects where both are needed, else the one that is.
 
-    Each has to be worth being sure of beside the other, and to matter: where every row counts, a small error of the one
-    is evidence for the other. What happens in the modes has to take most of what the cause by itself leaves; the cause,
-    a part by itself of all that the model misses.
+    Each must be significant beside the other, and must matter: where every sample counts, a small error of the one is
+    evidence for the other. Modal effects must explain most of the cause's own residual; the cause by itself must
+    explain a part of the model's whole error.
     """
     within = [i for i, c in enumerate(both.candidates) if is_mode(c.where)]
     alone, rest = (
@@ -226,12 +226,12 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
 
 
 def _settled(setting: Setting, fit: Fit, progress: Progress) -> Fit:
-    """Return a fit gone on with until a few more steps gain little."""
+    """Return a fit after further steps, until a few more gain little."""
     for again in range(_ROUNDS):
-        progress(f"going on with {_told(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
+        progress(f"continuing with {_in_words(fit.candidates)}", 0.6 + 0.3 * again / _ROUNDS)
         (held, sizes), before = fit.held(), fit.misfit
         fit = refit(setting, held, sizes, fit.change, steps=_STEPS, strong=True)
-        if fit.misfit > (1.0 - _SETTLED) * before:
+        if fit.misfit > (1.0 - _LEAST_GAIN) * before:
             break
     return fit
 
@@ -244,7 +244,7 @@ def _misfit(fit: Fit) -> float:
     return fit.misfit
 
 
-def _told(candidates: Sequence[Candidate]) -> str:
+def _in_words(candidates: Sequence[Candidate]) -> str:
     places: dict[str, list[str]] = {}
     for c in candidates:
         places.setdefault(c.effect.name, []).append(c.where)
@@ -252,15 +252,15 @@ def _told(candidates: Sequence[Candidate]) -> str:
 
 
 def _cost(fit: Fit, rows: float) -> float:
-    """Return twice the negative logarithm of the evidence of a fit to so many independent rows, up to a constant.
+    """Return twice the negative logarithm of the evidence of a fit to so many independent samples, up to a constant.
 
-    The level of what is left is part of the hypothesis, and each parameter costs half the logarithm of the rows.
+    The level of the residual is part of the hypothesis, and each parameter costs half the logarithm of the samples.
     """
     return float(rows * np.log(fit.misfit) + len(fit.values) * np.log(rows))
 
 
 def _kinds(gram: Gram, candidates: Sequence[Candidate], screen: Screen) -> list[_Kind]:
-    """Return the kinds that explain most when each acts at all its places at once, best first."""
+    """Return the kinds that explain most when each acts at all its locations at once, best first."""
     reduced = gram.without(gram.nuisance_columns())
     per_kind: dict[str, list[int]] = {}
     for i in screen.best_per_key():
@@ -336,7 +336,7 @@ def _rest(found: Found) -> Remainder | None:
 
 
 def _independent_rows(setting: Setting, fit: Fit) -> float:
-    """Return how many independent numbers the residual is worth."""
+    """Return how many independent numbers the residual is equivalent to."""
     return sum(
         independent_rows(e)
         for record, residual in zip(setting.data.records, fit.residuals, strict=True)

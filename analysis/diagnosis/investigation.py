@@ -39,7 +39,7 @@ STATE_FILE = "investigation.json"
 SCHEMA = "mccd-investigation/1"
 
 ROWS = 300_000
-"""Rows of all logs together that a diagnosis of a round uses: it takes about half a minute then."""
+"""Samples of all logs together that a diagnosis of a round uses: it takes about half a minute then."""
 
 ENDS = ("consistent", "named")
 """Verdicts after which there is nothing more to find out."""
@@ -49,7 +49,8 @@ ENDS = ("consistent", "named")
 class Quest:
     """What is investigated: the bench at `address` against `model`, in at most `rounds` and `budget_s` of bench time.
 
-    `first` is the plan to begin with; by default a multisine as large as the bench allows. `note` stands in each log.
+    `first` is the plan to begin with; by default a multisine as large as the bench allows. `note` is written to each
+    log.
     """
 
     address: str
@@ -111,7 +112,7 @@ def investigate(
     report: Report | None = None,
     remark: Callable[[str], None] = lambda _: None,
 ) -> Inquiry:
-    """Investigate into `folder` and return how that ended; `remark` is told each round's plan and verdict.
+    """Investigate into `folder` and return how that ended; `remark` is called with each round's plan and verdict.
 
     The first Ctrl-C during a run ends it after the current segment, and `paused` says so; every log is kept. Raises
     ConfigError for a folder that holds another investigation, or this one without `resume`, and whatever running and
@@ -146,7 +147,7 @@ def investigate(
 
 
 def _require_ports(description: BenchDescription, model: Model) -> None:
-    """Raise ConfigError, before anything moves, when the bench does not have what the model speaks of."""
+    """Raise ConfigError, before anything moves, when the bench does not have what the model needs."""
     have = {(s.role, s.dof) for s in description.signals}
     for role, ports in (("input", model.inputs), ("output", model.outputs)):
         for port in ports:

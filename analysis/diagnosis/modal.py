@@ -1,8 +1,8 @@
-"""What happens in the modes themselves, where no channel stands: looked for beside a dominant cause.
+"""Modal effects, which act within the modes, where no channel is: searched for beside a dominant cause.
 
-Joints, ceramics and glue are deformed by every mode in its own measure, and seldom by that of the drives alone. So a
-place inside the structure is a mode: it is deflected by what it adds to the outputs, and pushed by a force of its own.
-Something that changes all modes is looked for in all of them at once, one kind against another.
+Joints, ceramics and glue are deformed by every mode in its own proportion, seldom in that of the drives alone. So a
+location within the structure is a mode: it is deflected by what it adds to the outputs, and driven by a force of its
+own. An effect that changes all modes is searched for in all of them at once, one kind against another.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Cost = Callable[[Fit], float]
 """Twice the negative logarithm of the evidence of a fit."""
 
 _RIVALS: tuple[type[Effect], ...] = (CubicStiffness,)
-"""What a mode may hold in place of what is named there: a stiffness that follows the motion itself, not its level. It
+"""What a mode may hold instead of what is named there: a stiffness that follows the motion itself, not its level. It
 would be a spring between channels that was tried there before."""
 
 _PART = 0.02
@@ -36,7 +36,7 @@ _STEPS = 6
 """Steps of a fit: beside a linear model that was fitted to the same records they are enough."""
 
 _FIRST = 0.3
-"""Part of a dominant cause by itself that it begins with beside what happens in the modes: that takes most of it."""
+"""Part of its own size with which a dominant cause starts beside modal effects, which explain most of it."""
 
 _SURE = 3.0
 """A mode takes part where its size is so many standard deviations of what the residual leaves it uncertain by."""
@@ -73,7 +73,7 @@ def _taking_part(setting: Setting, fit: Fit) -> Fit:
 
 
 def _swinging(setting: Setting) -> list[int]:
-    """Return the modes that swing within the band of the records."""
+    """Return the modes whose frequency is within the band of the records."""
     linear, fast = setting.nominal, np.pi * setting.data.rate_hz
     swinging = (linear.sigma_1_s < linear.omega_rad_s) & (linear.omega_rad_s < fast)
     return [int(m) for m in np.flatnonzero(swinging)]

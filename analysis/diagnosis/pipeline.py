@@ -62,8 +62,8 @@ _SIDE_BY_SIDE = 100_000
 """Numbers from which on threads pay: of fewer, Python's part of the work takes a tenth longer with them and ends no
 sooner."""
 
-_RETUNED = 3
-"""Searches that begin anew, at most, because the one before led the nominal model to better numbers."""
+_MOST_SEARCHES = 3
+"""Searches that are repeated, at most, because the one before led the nominal model to better numbers."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Options:
     """How a diagnosis is done.
 
     `tolerance` is how far the nominal model's own numbers are trusted (relative standard deviation of each); numbers
-    that were fitted to the same runs are re-tuned freely, whatever it is.
+    that were fitted to the same runs are adjusted freely, whatever it is.
     `without` leaves causes out of the search; `false_alarm` is the chance that any candidate passes the screening on
     noise alone. Raises ConfigError when an effect to leave out is unknown.
     """
@@ -138,19 +138,19 @@ def search_causes(
     setting, tuned = tune(setting)
     without_noise = partial(_without_band, searched)
     found = search(setting, tuned, rules, scales, progress, without_noise=without_noise)
-    for _ in range(_RETUNED):
+    for _ in range(_MOST_SEARCHES):
         if (other := tuned_beside(replace(found.setting, substeps=first), found.tuned, found.best)) is None:
             break
         found = search(*other, rules, scales, progress, without_noise=without_noise)
-    if doubtful := _doubtful(found):
-        found = exchanged(found, doubtful, rules, scales, progress)
+    if suspects := _confounders(found):
+        found = exchanged(found, suspects, rules, scales, progress)
     return against_unlisted_alternatives(found, scales, progress)
 
 
 def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) -> Fit:
-    """Return a fit without its vibration lines, where these are a band of noise in which all else has to be seen.
+    """Return a fit without its vibration lines, where these are part of broadband noise that hides all else.
 
-    What stands out beside such a line is its neighbours in the band, one after the other.
+    Beside such a line, its neighbours in the band are significant one after the other.
     """
     if not setting.whitener.repeats:
         return fit
@@ -160,7 +160,7 @@ def _without_band(searched: Sequence[type[Effect]], setting: Setting, fit: Fit) 
     return rest
 
 
-def _doubtful(found: Found) -> list[int]:
+def _confounders(found: Found) -> list[int]:
     """Return the numbers of the effects of the best fit that may be confounders; none where it has too few or many.
 
     All may where they leave much; those that generic alternatives outdo, one by one, where no other check fails.
@@ -179,7 +179,7 @@ def found_with_variance_effects(
 ) -> tuple[Found, VarianceEffects]:
     """Return what the search finds, and the causes that show only in the noise.
 
-    Where one of these makes noise louder, whatever stood out beside it has to stand out again in that noise.
+    Where one of these makes noise louder, whatever was significant beside it has to be so again in that noise.
     """
     searched = searched_effects(options)
     found = without_lines(search_causes(data, model, options, progress))
@@ -189,7 +189,7 @@ def found_with_variance_effects(
         return found, variance
     found = without_lines(search_causes(data, model, options, progress, variance.louder))
     again = variance_effects(found.setting, found.best, searched, found.discrepancy)
-    # what made the noise louder is there, whether or not it stands out once more
+    # what made the noise louder is there, whether or not it is significant once more
     same = {(type(c.effect), c.effect.where) for c in again.causes}
     kept = [replace(c, allowed=0.0) for c in variance.causes if c.louder is not None]
     more = tuple(c for c in kept if (type(c.effect), c.effect.where) not in same)
@@ -199,7 +199,7 @@ def found_with_variance_effects(
 def _confirmed(
     data: Dataset, options: Options, progress: Progress, found: Found, variance: VarianceEffects
 ) -> tuple[Found, VarianceEffects]:
-    """Return what held-out rows leave of what was found, and of the causes that show only in the noise beside that."""
+    """Return what was found and held-out samples confirm, with the causes that show only in the noise beside that."""
     kept = confirmed(found, data)
     if kept is found:
         return found, variance
@@ -227,9 +227,9 @@ def diagnose(
 ) -> Diagnosis:
     """Return what `model` gets wrong about `data`, why, how sure that is, and what correcting it gains.
 
-    The next experiment is one for `bench`, which is asked for its limits alone, or for the bench of `model`, and none
+    The next experiment is one for `bench`, of which only the limits are read, or for the bench of `model`, and none
     that is `done`. `references` are what an instrument beside the bench saw; they decide between causes that readings
-    cannot tell apart. Raises ConfigError when model and data do not fit together.
+    cannot distinguish. Raises ConfigError when model and data do not fit together.
     """
     options = options or Options()
     data = with_free_zeros(data, model)
@@ -316,7 +316,7 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
 def _checked(
     judgement: Judgement, data: Dataset, answer: _Answer, shown: Mapping[str, Sequence[Domain]], *, repeats: bool
 ) -> tuple[Judgement, str]:
-    """Return the verdict that held-out rows and evidence leave of one, and in words what is no steady noise."""
+    """Return the verdict that held-out samples and evidence leave of one, and in words what is no steady noise."""
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     if growing := scatter_follows_play(data, answer.after):
         unsteady, played = growing, True
@@ -329,7 +329,7 @@ def _judged(found: Found, variance: VarianceEffects) -> tuple[Judgement, str]:
         return judge_dominant(found), ""
     random, louder = variance.share(found.best.rows), variance.beside(found.setting, found.best)
     left = sorted((*lacks_of_fit(louder, found.best), *drifts(louder, found.best)), key=LackOfFit.p_value)
-    # of patterns there are many: they are asked for where one of them stands out most of what is left
+    # there are many patterns: they are tested where one of them is the most significant part of the residual
     repeating = bool(left) and left[0].choices > 1
     judgement = judge(found, variance.allowed, left, random, generic_alternatives(louder, found, repeating=repeating))
     return judgement, shortfall(found, judgement, variance.allowed, random)
@@ -339,7 +339,7 @@ def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fi
     """Return the nominal model and the best one as the answer has them."""
     whitener = found.setting.whitener
     if whitener.even:
-        # a force that is no cause has no place in a model file
+        # an unlisted force cannot be written to a model file
         return found.tuned, found.tuned if judgement.verdict == "unknown" else found.best
     tuned = found.tuned
     # a noise that is known makes the tuned numbers the better ones
@@ -351,8 +351,8 @@ def _answered(found: Found, judgement: Judgement, model: Model) -> tuple[Fit, Fi
 def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], remaining: Whitener) -> Whitener:
     """Return the noise above which the residual `before` is evidence.
 
-    It is the `remaining` one, that of what the best model leaves: whatever is slow and explained would pass for slow
-    noise otherwise.
+    It is the `remaining` one, estimated from the residual of the best model: otherwise slow noise would absorb whatever
+    is slow and explained.
     """
     if found.setting.whitener.even:
         return whitener_from(data, list(before))
@@ -360,13 +360,13 @@ def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], rem
 
 
 def _doubts(found: Found) -> list[str]:
-    """Return what a reader has to know about the noise and about what is left."""
+    """Return what a reader has to know about the noise and about the residual."""
     whitener = found.setting.whitener
     if whitener.even:
         return [remainder(found)]
     if whitener.repeats:
         return []
     return [
-        "nothing repeats in these records, so the noise is taken from what the model leaves: slow forces and slow "
+        "nothing repeats in these records, so the noise is estimated from the residual: slow forces and slow "
         "noise look alike, and an error of the model may be taken as noise; play every excitation at least twice"
     ]

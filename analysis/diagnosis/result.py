@@ -17,7 +17,7 @@ Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
 
 SELDOM = 0.005
-"""How often the error on other held-out rows of the same kind would be smaller than the least that is stated."""
+"""How often the error on other held-out samples of the same kind would be smaller than the least that is stated."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Cause:
-    """One named cause: effect slug, place, probability, parameters and one sentence that a person can check.
+    """One named cause: effect slug, location, probability, parameters and one sentence that a person can check.
 
-    `posterior` is within the library, `probability` what names of such a posterior were worth.
+    `posterior` is within the library, `probability` how often names of such a posterior were right.
     """
 
     effect: str
@@ -68,7 +68,7 @@ class Domain:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the named causes leave that is no noise: its `share` of the squared error that was more than noise.
+    """The lack of fit of the named causes: its `share` of the squared error that was more than noise.
 
     `significance` is the chance of as much in noise alone, `lives` says in words where it is.
     """
@@ -80,7 +80,7 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Visible:
-    """From which size on these data would have shown an effect at a place in half of all cases.
+    """Smallest size at which these data would have shown an effect at a location in half of all cases.
 
     The size is the `parameter` by itself, all others of the effect at zero, its shapes where they show best.
     """
@@ -103,7 +103,7 @@ class SegmentGain:
 
 @dataclass(frozen=True)
 class OutputGain:
-    """What the extension gains in one output over all held-out rows, relative to its own size (rms ÷ rms)."""
+    """What the extension gains in one output over all held-out samples, relative to its own size (rms ÷ rms)."""
 
     output: str
     rms_before: float
@@ -113,13 +113,13 @@ class OutputGain:
 
 @dataclass(frozen=True)
 class Gain:
-    """What the extension gains on rows that no fit has seen, relative to the outputs' own size (rms ÷ rms).
+    """What the extension gains on samples that no fit has seen, relative to the outputs' own size (rms ÷ rms).
 
     `segments` are the held-out ones one by one: levels and waveforms differ in what they gain; `outputs` those that
     move: a cause at one axis gains little in the mean of all. `least_error` is what the error after would hardly fall
-    below on other rows of the same kind, `most_noise` what noise, and the errors that tuned numbers have there, hardly
-    exceed on these. What was added should have `times` its size for the held-out rows, which is known to `times_std`.
-    `rms_given` is the error of the model as given, before its own numbers were adjusted; None where it is not known.
+    below on other samples of the same kind, `most_noise` what noise, and the errors of adjusted parameters, hardly
+    exceed on these. Held-out samples would scale what was added by `times`, which is known to `times_std`. `rms_given`
+    is the error of the model as given, before its own numbers were adjusted; None where it is not known.
     """
 
     held_out: tuple[str, ...]
@@ -178,11 +178,11 @@ class Diagnosis:
     """Everything that was found; `analysis.diagnosis.answer.output` turns it into JSON, an extended model and a page.
 
     `before` and `after` hold each record's residuals (n, n_y) under the tuned nominal and under the extended model;
-    `nominal` is the model given, `linear` the re-tuned one that goes with `effects`; `considered` lists rival
+    `nominal` is the model given, `linear` the adjusted one that goes with `effects`; `considered` lists rival
     hypotheses with their evidence relative to the best (natural logarithm), best first. `linear_std` holds the standard
-    deviations of the re-tuned numbers in the shapes of `linear` (a ModalModel used as a container), where known.
+    deviations of the adjusted numbers in the shapes of `linear` (a ModalModel used as a container), where known.
     `sensitivity` lists every effect that may be added to those found; empty where the error is not weighed by noise.
-    `zeros` tells of each output whose zero was fitted to the same runs how far it is off, and with which deviation.
+    `zeros` states how far each output's zero, fitted to the same runs, is off, with its standard deviation.
     """
 
     verdict: Verdict

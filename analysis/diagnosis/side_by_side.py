@@ -13,7 +13,8 @@ T = TypeVar("T")
 def side_by_side(work: Callable[..., T], *of: Iterable[Any], workers: int) -> Iterator[T]:
     """Yield `work` done for each of what the iterables of equal length `of` list, in their order.
 
-    With several `workers` in so many threads, side by side where compiled code lets go; else one when it is asked for.
+    With several `workers` it runs in so many threads, in parallel where compiled code releases the lock; else one by
+    one.
     """
     if workers < 2:
         yield from (work(*one) for one in zip(*of, strict=True))

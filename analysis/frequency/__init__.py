@@ -1,1 +1,1 @@
-"""Frequency responses of recorded data, with noise and distortion told apart."""
+"""Frequency responses of recorded data, with noise and distortion separated."""

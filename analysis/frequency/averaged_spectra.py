@@ -1,4 +1,4 @@
-"""Averaged cross spectra of long records, added up a block of rows at a time: memory does not grow with the record."""
+"""Averaged cross spectra of long records, added up block by block: memory does not grow with the record."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class AveragedSpectra:
         """Return the response from the first `n_u` channels to the `n_y` after them, with the last `n_u` as instrument.
 
         Without channels after those, the inputs are their own instrument (H1). Lines at which an instrument has less
-        than `floor` times the power of its strongest line are left out. Noise and distortion cannot be told apart:
+        than `floor` times the power of its strongest line are left out. Noise and distortion cannot be separated:
         both variances are the total. Raises DataError when there are too few pieces, or the inputs do not move
         independently.
         """

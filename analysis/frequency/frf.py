@@ -1,7 +1,7 @@
-"""Frequency response of periodic records, with noise and nonlinear distortion told apart.
+"""Frequency response of periodic records, with noise and nonlinear distortion separated.
 
 The robust method of Pintelon & Schoukens, "System Identification: A Frequency Domain Approach" (2nd ed. 2012), section
-4.3: periods tell the noise, realisations of the random phases tell the distortion. The response of all experiments at
+4.3: periods give the noise, realisations of the random phases give the distortion. The response of all experiments at
 once is G = (Y W')(U W')^-1 with the instrument W = U, or the reference in a closed loop, where U carries noise.
 """
 
@@ -28,7 +28,7 @@ class FrequencyResponse:
     `output_distortion` (n_f, n_y) are variances of one period's output spectrum, scaled so that their sum over the
     lines is a mean square in output units; `output_power` (n_f, n_y) is the output's own. The distortion is a
     difference of two estimates and may come out below zero at a line: sum or average it over lines first. What the
-    record cannot tell (noise from one period, distortion without spare realisations) is NaN. `noise_dof` and
+    record does not determine (noise from one period, distortion without spare realisations) is NaN. `noise_dof` and
     `total_dof` count the complex degrees of freedom behind the variances at each line.
     """
 

@@ -43,7 +43,7 @@ def frequency_response_local(
     transient are polynomials of `degree` over 2 `half_width` + 1 lines (Pintelon & Schoukens 2012, section 7.2); with
     a reference the response from it to (u, y) is estimated and divided. `step` lines lie between two results; the
     default leaves them independent, a smaller one gives a finer curve whose neighbours share data. Noise and
-    distortion cannot be told apart: both variances are the total. Raises DataError when the record is too short.
+    distortion cannot be separated: both variances are the total. Raises DataError when the record is too short.
     """
     _checked(inputs, outputs, reference)
     n, n_u = inputs.shape

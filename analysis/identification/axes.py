@@ -1,8 +1,8 @@
 """Axes with a drive each: every one is fitted alone to what is read of it, then what the drives of others add to it.
 
-Fitted together, axes that nothing holds share slow modes that no number of rows tells apart, each number of modes takes
-minutes, and the friction of one bends the model of all. What moves an axis is its own drive; the others are inputs like
-any other, which act on it or do not.
+Fitted together, free axes share slow modes that no number of samples separates, each number of modes
+takes minutes, and the friction of one bends the model of all. What moves an axis is its own drive; the others are
+inputs like any other, which act on it or do not.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What an input does between its samples, held or smooth, and how late it acts: decided by what will be simulated.
 
-A bench's own converter holds its value; a recorder behind filters sees a smooth input. Half a sample of delay is all
-that tells them apart at low frequencies, so a delay is fitted with either, and of the models the one is taken that
-meets the response best in the very form in which it is simulated afterwards.
+A bench's own converter holds its value; a recorder behind filters sees a smooth input. At low frequencies, they differ
+only by half a sample of delay. So a delay is fitted with either, and the model is chosen that fits the response best
+in the very form in which it is simulated afterwards.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sim_backend.model import Intersample
 Array = NDArray[np.float64]
 
 HELD_UNLESS = 10.0
-"""What another form must gain in the criterion (twice a log-likelihood, in effect) before the held one is given up.
+"""What another form must gain in the criterion (twice a log-likelihood, in effect) to replace the held one.
 
 A bench that plays steps is the usual case; e^5 to one says that this is none.
 """
@@ -64,7 +64,7 @@ def fit_between_samples(
     report(0.8, 1.0, "fitting delays")
     late = smooth.model.delay_s * rate_hz
     if variance is None:
-        # nothing says how well a line is known, so no misfit tells a part of a sample: whole ones are carried
+        # the uncertainty of a line is unknown, so no misfit determines a fraction of a sample: whole samples are used
         lines = response_to_steps(measured, rate_hz, np.rint(late))
         fit = fit_lines(lines, None, rate_hz, (smooth.model.n_blocks,))
         return Between(fit, lines, None, "band-limited", False, np.rint(late) / rate_hz)
@@ -83,8 +83,8 @@ def _late(
 ) -> list[Between]:
     """Return the fits of one form with delays of about `late` (n_u,) samples: of whole ones on either side, and free.
 
-    What acts a part of a sample late on held steps is exactly what acts a whole sample late and besides at once: the
-    next larger whole delay with a direct path. A free delay stands for fewer numbers, and is exact at low frequencies.
+    On held steps, a delay of a fraction of a sample is exactly a direct path beside a delay of the next larger whole
+    number of samples. A free delay needs fewer numbers, and is exact at low frequencies.
     """
     order, start = (smooth.model.n_blocks,), smooth.model.with_(delay_s=np.zeros_like(late))
     wholes = [np.floor(late + NEAR), np.ceil(late - NEAR)]

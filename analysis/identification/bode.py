@@ -72,7 +72,7 @@ def _averaged(parts: Sequence[tuple[Run, LogSegment]]) -> tuple[ResponseCurve, .
         measured = frequency_response_welch(u - u.mean(axis=0), y - y.mean(axis=0), run.sample_rate_hz, piece)
     except DataError:
         return ()
-    # lines at which next to nothing was played tell nothing
+    # lines at which next to nothing was played carry no information
     power = np.mean(np.abs(np.fft.rfft(u[:piece] - u[:piece].mean(axis=0), axis=0)) ** 2, axis=1)
     grid = np.fft.rfftfreq(piece, 1.0 / run.sample_rate_hz)
     excited = np.interp(measured.frequency_hz, grid, power) > 1e-4 * power.max()

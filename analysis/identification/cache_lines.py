@@ -12,7 +12,7 @@ from sim_backend.linear import Array
 def in_cache_lines(rows: int, columns: int) -> Array:
     """Return zeros (rows, columns) whose first number begins a line of 64 bytes.
 
-    Rows of whole lines then hold every vector within one; else luck decides whether a fit takes a third longer.
+    Rows of whole lines then hold every vector within one; otherwise chance decides whether a fit takes a third longer.
     """
     whole = np.zeros(rows * columns + 7)
     first = -(whole.ctypes.data // 8) % 8

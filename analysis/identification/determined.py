@@ -18,8 +18,8 @@ SIGNIFICANT = 3.0
 
 
 LEAVES = 2.0
-"""By how much the power of what is left may grow where a mode is given up: what a nonlinear bench makes of noise-like
-errors is never explained to a half by one mode."""
+"""Growth of the residual power up to which a mode is given up: of the noise-like errors of a nonlinear bench, one mode
+never explains half."""
 
 
 def determinedness(fit: TimeFit | RationalFit) -> Array:
@@ -82,10 +82,10 @@ def without_undetermined(
 ) -> _AnyFit:
     """Return the fit with no mode that the data leave undetermined, fitted `again` with one fewer each time.
 
-    A fit with one fewer may start from what is left of the last one: a start found anew may miss a mode that the larger
+    A fit with one fewer may start from the remaining modes of the last one: a new start may miss a mode that the larger
     number had found, because its method puts a pole where nothing was played. The one with fewer undetermined modes
-    counts, of equal ones the better: a mode that is none may gain more than one that is there, and would be the next to
-    go. `measure` returns by how many standard deviations each block is known (m,). Without `anew` every fit starts from
+    counts, of equal ones the better: a spurious mode may gain more than a real one, and would be the next to be given
+    up. `measure` returns by how many standard deviations each block is known (m,). Without `anew` every fit starts from
     the last one alone.
     """
 
@@ -106,6 +106,6 @@ def _needed(fit: _AnyFit, fewer: _AnyFit) -> bool:
 
     Its numbers may be poorly known, as those of a pole that stands for what lies above the band; it is there.
     """
-    if isinstance(fit, TimeFit):  # the criterion is twice a logarithm of likelihood, of so many rows
+    if isinstance(fit, TimeFit):  # the criterion is twice a logarithm of likelihood, of so many samples
         return bool(fewer.criterion - fit.criterion > np.log(LEAVES) * fit.dof)
     return fewer.chi2 > LEAVES * max(fit.chi2, fit.dof)

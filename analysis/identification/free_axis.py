@@ -1,8 +1,8 @@
-"""An axis that nothing holds, fitted in time: its inertia and drag, what swings beside them, when it is read.
+"""A free axis, without a suspension, fitted in time: its inertia and drag, its resonances, the time of its readings.
 
 A torque takes time to move what has inertia: there is no feedthrough, whatever a loop around the axis makes of its
-noise. Nor is there a place to rest at, so that no offset is fitted. What is not linear drifts, and a criterion that
-knows only noise makes slow modes of the drift; a mode of such an axis swings.
+noise. Nor is there a position of rest, so that no offset is fitted. What is not linear drifts, and a criterion that
+knows only noise makes slow modes of the drift; a real mode of such an axis oscillates.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ def fit_free_axis(
     orders: tuple[int, ...],
     report: Report,
 ) -> TimeFit:
-    """Return the fit to an axis that nothing holds, inputs (n, 1) and outputs (n, n_y), by as many modes as it shows.
+    """Return the fit to a free axis, inputs (n, 1) and outputs (n, n_y), by as many modes as it shows.
 
     Modes are counted as mechanical ones, whose fits drift least. What else the readings hold (one that is taken a
     little later than the command is given, a mode that drag makes lag) is fitted from there, and a spring that cannot
-    be told from none is none.
+    be distinguished from none is left out.
     """
     rate = fitting[0][0].sample_rate_hz
 

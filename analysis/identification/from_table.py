@@ -1,4 +1,4 @@
-"""A linear model from a table of frequency response, the form in which vibration labs keep their data."""
+"""A linear model from a table of frequency response, the format in which vibration labs keep their data."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def identify_table(
 ) -> Identification:
     """Return the linear model of a table of frequency response, at its lowest level or at `level`.
 
-    Every line is weighed by its size, and what the model misses of it is its uncertainty. Raises ConfigError for a
-    level that the table does not have, DataError as `read_table`.
+    Every point is weighed by its size, and the model's residual is its uncertainty. Raises ConfigError for a level that
+    the table does not have, DataError as `read_table`.
     """
     table = read_table(path)
     keep = np.ones(table.frequency_hz.size, dtype=bool)

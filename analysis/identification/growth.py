@@ -36,11 +36,11 @@ def grown(
 
 
 def _new_block(target: TimeTarget, rest: Sequence[Array], *, mechanical: bool) -> tuple[ModalModel, list[Array]]:
-    """Return a lightly damped block at the largest peak of what is left, and the outputs (n, n_y) that it gives."""
+    """Return a lightly damped block at the largest peak of the residual, and the outputs (n, n_y) that it gives."""
     omega = 2.0 * np.pi * _peak_hz(target, rest)
     pole = omega * complex(-_DAMPING_RATIO, np.sqrt(1.0 - _DAMPING_RATIO**2))
     n_u, n_y = target.inputs[0].shape[1], rest[0].shape[1]
-    states = np.concatenate([_states(omega, u, target.rate_hz) for u in target.inputs])  # (rows, 2 n_u)
+    states = np.concatenate([_states(omega, u, target.rate_hz) for u in target.inputs])  # (samples, 2 n_u)
     size = np.linalg.norm(states, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     columns = states[:, :n_u] / size[:n_u] if mechanical else states / size
@@ -52,7 +52,7 @@ def _new_block(target: TimeTarget, rest: Sequence[Array], *, mechanical: bool) -
 
 
 def _peak_hz(target: TimeTarget, rest: Sequence[Array]) -> float:
-    """Return where the spectrum of what is left has its largest peak, in the record that holds most of it."""
+    """Return where the spectrum of the residual has its largest peak, in the record that holds most of it."""
     scaled = [r * target.whitening[:, 0] for r in rest]
     most = max(scaled, key=lambda r: float(np.sum(r**2)))
     window = scipy.signal.get_window("hann", most.shape[0])[:, None]

@@ -17,7 +17,7 @@ from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, dis
 from sim_backend.model import Intersample
 
 START_ROWS = 20_000
-"""Rows that decide in what motion a segment begins."""
+"""Samples from which the initial motion of a segment is estimated."""
 
 
 def tried(
@@ -77,7 +77,7 @@ def error_of_free_run(model: ModalModel, u: Array, y: Array, rate_hz: float) -> 
 
 
 def _unknown_rows(model: DiscreteModel, rows: int) -> int:
-    """Return for how many rows a delayed input comes from before the segment, where nobody knows it."""
+    """Return for how many samples a delayed input comes from before the segment, where nobody knows it."""
     if not np.any(model.delay_samples):
         return 0
     unknown = max(delay_taps(float(late)).reach for late in model.delay_samples)
@@ -91,9 +91,9 @@ def _swing(model: DiscreteModel, rest: Array) -> Array:
 
 
 def _start_of(model: DiscreteModel, u: Array, y: Array, skip: int) -> Array:
-    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by what is left from rest.
+    """Return the states (m, 2) from which `u` (n, n_u) gives `y` (n, n_y) best, by the residual of a start from rest.
 
-    The first `skip` rows are not looked at.
+    The first `skip` samples do not count.
     """
     m = model.a.shape[0]
     rows = min(u.shape[0], START_ROWS)

@@ -34,9 +34,9 @@ class Identification:
     """A model identified from logs; `modes` lists frequency and decay rate with standard deviations, per mode.
 
     `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
-    `distortion` are relative to the output (rms), where the excitation tells them. `held_out` may be empty.
+    `distortion` are relative to the output (rms), where the excitation determines them. `held_out` may be empty.
     `response` is what was measured by frequency, before any model; empty for a record that is fitted in time. `remarks`
-    say what of the records was left out or is doubtful.
+    say what of the records was left out or is uncertain.
     """
 
     model: Model

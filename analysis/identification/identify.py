@@ -1,9 +1,9 @@
 """From recorded runs to a linear model file, by the method that fits how they were excited.
 
 - *stepped sine*: sine fits of the steady state, one axis per run, and a rational fit of each axis;
-- *periodic*: the response of all inputs at once, with noise and distortion told apart, and a rational fit of it;
+- *periodic*: the response of all inputs at once, with noise and distortion separated, and a rational fit of it;
 - *free*: anything else, a prediction-error fit in time with the start of every segment estimated; of an axis that
-  drifts and rubs, the balance of its torques.
+  drifts and has friction, the balance of its torques.
 
 Segments with "held-out" in their label take no part; the model is tried on them afterwards.
 """
@@ -51,8 +51,8 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given, for each input."""
 
 MANY_ROWS = 50_000
-"""Rows of a segment from which on the number of modes is not chosen in time: each takes minutes, and what is not linear
-makes for more of them."""
+"""Samples of a segment above which the number of modes is not chosen in time: each takes minutes, and nonlinear
+distortion leads to more of them."""
 
 
 def identify_runs(
@@ -81,7 +81,7 @@ def identify_runs(
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
         raise DataError(
-            f"{runs[0].path}: no segment is left to fit; give segments that are not held-out, match --only, move, and "
+            f"{runs[0].path}: no segment remains to fit; give segments that are not held-out, match --only, move, and "
             f"are not cut off by their sensor every few samples{_missing(runs)}"
         )
     # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs
@@ -160,7 +160,7 @@ def _from_periods(
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     if variance is not None and not _within_noise(fit) and _distorted(*ratios):
-        # weights by the noise follow the quietest lines, although what is missed there is no noise
+        # weights by the noise follow the quietest lines, although the residual there is not noise
         even = fit_lines(lines, None, data.rate_hz, (fit.model.n_blocks,), fit.model, delay=chosen.delay)
         fit = replace(even, chi2=fit.chi2, dof=fit.dof)  # how far noise explains it is told by the other
     if chosen.whole_s.any():
@@ -289,7 +289,7 @@ def _from_spectra(
 
 
 def _whole_delay(fitting: Sequence[tuple[Run, LogSegment]]) -> Array:
-    """Return by how many whole samples each input (n_u,) acts late, from the first rows of the longest segment."""
+    """Return by how many whole samples each input (n_u,) acts late, from the first samples of the longest segment."""
     run, longest = max(fitting, key=lambda part: part[1].rows)
     if not may_be_late(run):
         return np.zeros(len(run.names("input")))

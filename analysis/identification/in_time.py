@@ -17,7 +17,7 @@ from campaigns.progress import Report, part_of
 from sim_backend.linear import Array, ModalModel
 
 _SOME_ROWS = 20_000
-"""Rows of the longest record that tell whether there is a loop: with feedthrough in one each order takes minutes."""
+"""Samples of the longest record that tell whether there is a loop: with feedthrough in one each order takes minutes."""
 
 
 def fit_in_time(
@@ -54,7 +54,7 @@ def fit_in_time(
 
 
 def in_a_loop(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, blocks: int) -> bool:
-    """Tell by a fit of so many blocks to some rows of the longest record whether a loop answers at once."""
+    """Tell by a fit of so many blocks to some samples of the longest record whether a loop answers at once."""
     longest = max(range(len(inputs)), key=lambda i: inputs[i].shape[0])
     u, y = [inputs[longest][:_SOME_ROWS]], [outputs[longest][:_SOME_ROWS]]
     return answers_at_once(fit_records(u, y, rate_hz, blocks, rigid_bodies=None), u, y)

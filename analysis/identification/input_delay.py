@@ -25,7 +25,7 @@ _EARLIER = 2
 """Samples by which a regression may have called a delay too long: what a slow mode does at first is below the noise."""
 
 _PATIENCE = 2
-"""Modes given up in succession that may not pay: an imitation may stand between two modes."""
+"""Modes given up in succession without a gain: one that only approximates the delay may be between two modes."""
 
 Search = Callable[[Sequence[Array], Sequence[Array]], TimeFit]
 
@@ -38,11 +38,11 @@ def fit_whole_delay(
     orders: tuple[int, ...],
     structure: Structure,
 ) -> TimeFit:
-    """Return the fit of `search` to records, freed of whole samples of delay where that explains them clearly better.
+    """Return the fit of `search` to records, with whole samples of delay removed where that is clearly better.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y). Modes imitate a delay one by one, so that it has to be
-    known before they are counted. It is proposed by a regression; then a search among modes freed of it is held against
-    fits without it that have as many modes, and up to `_IMITATING` more.
+    Shapes: every record's input (n, n_u) and output (n, n_y). Modes can approximate a delay one by one, so it has to be
+    known before they are counted. It is proposed by a regression; then a search among modes without it is compared with
+    fits without a delay that have as many modes, and up to `_IMITATING` more.
     """
     proposed = beginning(inputs, outputs)
     if not np.any(proposed.whole):
@@ -62,23 +62,24 @@ def fit_whole_delay(
 
 
 def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
-    """Return `fit`, or one whose inputs act a part of a sample late where that explains the records clearly better.
+    """Return `fit`, or one whose inputs act a fraction of a sample late where that is clearly better.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y). Without a delay its modes imitate it as well as they can;
-    what they cannot would be found later as a delay that the bench has and the model lacks.
+    Shapes: every record's input (n, n_u) and output (n, n_y). Without a delay its modes absorb it as well as they can;
+    the rest would be found later as a delay that the bench has and the model lacks.
 
-    What acts a part of a sample late on held steps is exactly what acts at the next whole sample and has a direct path.
-    A free delay stands for fewer numbers, and is exact at low frequencies. Either is tried with all modes, and a free
-    one with ever fewer: the fastest may have been imitations of it.
+    On held steps, a delay of a fraction of a sample is exactly a direct path beside a delay of the next whole sample. A
+    free delay needs fewer numbers, and is exact at low frequencies. Either is tried with all modes, and a free one with
+    ever fewer: the fastest modes may only have approximated it.
     """
     known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
     proposed = beginning(inputs, outputs).whole
     bases = [known] if np.array_equal(known, proposed) else [known, proposed]
-    # more rows are left out than these need: a free delay may turn out longer, and what was played before is not known
+    # more samples are left out than these need: a free delay may turn out longer, and what was played before is not
+    # known
     unknown = max(*(int(base.max()) + 1 for base in bases), min(LATEST, min(y.shape[0] for y in outputs) // 20))
     bare = fit.model.with_(delay_s=np.zeros(known.size))
     if bare.n_blocks == 1 and np.abs(bare.poles_1_s()).max() < rate_hz and not _holds_inputs(fit, inputs, outputs):
-        return fit  # there is nothing that a delay could be told from
+        return fit  # nothing determines a delay
     reference = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, bare)
     found = []
     for base in bases:
@@ -111,10 +112,10 @@ def _free_delays(
     structure: Structure,
     unknown: int,
 ) -> list[TimeFit]:
-    """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer of the fast.
+    """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer fast ones.
 
     Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found
-    are moved into the records, and it is fitted again: else the first rows lack what was played before them.
+    are moved into the records, and it is fitted again: otherwise the first samples lack the commands before them.
     """
     free = replace(structure, delay=True)
     earlier = np.maximum(base - _EARLIER, 0)
@@ -155,7 +156,7 @@ def _later(fit: TimeFit, whole: IntArray, rate_hz: float) -> TimeFit:
 
 
 def _holds_inputs(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
-    """Tell whether inputs explain some of what a fit leaves; the first rows of a record may be left out of the fit."""
+    """Tell whether inputs explain part of the residual of a fit, which may leave out the first samples of a record."""
     kept = [
         (u[u.shape[0] - m.shape[0] :], y[y.shape[0] - m.shape[0] :] - m)
         for u, y, m in zip(inputs, outputs, fit.outputs, strict=True)

@@ -1,9 +1,9 @@
-"""A linear axis beside friction: the balance of torques, term by term, where a linear fit alone would be bent.
+"""A linear axis beside friction: the balance of torques, term by term, where a linear fit alone would be biased.
 
-An axis that drifts (nothing or little holds it) and rubs has no linear model that simulates it: a fit then makes an
-oscillator of the friction. The balance of torques u = M a + D v + K y + F sign(v) + u0 is linear in all its numbers,
-and whatever the loop around the axis does, the measured motion stands on one side only. All signals pass the same
-smoothing, so that the equation holds for what is left of them.
+An axis that drifts (with little or no suspension) and has friction has no linear model that simulates it: a fit then
+makes an oscillator of the friction. The balance of torques u = M a + D v + K y + F sign(v) + u0 is linear in all its
+numbers, and whatever the loop around the axis does, the measured motion is on one side only. All signals pass the same
+smoothing filter, so that the equation holds for the filtered signals.
 
 Source: the inverse dynamic identification of robots, M. Gautier, J. Robotic Systems 14 (1997).
 """
@@ -29,7 +29,7 @@ _FEWEST = 7
 """Samples through which a cubic is laid at least."""
 
 _ROWS = 20
-"""Rows of motion for each of a window's samples: five numbers are fitted, and what a window smooths is one."""
+"""Samples of motion for each of a window's samples: five numbers are fitted, and what a window smooths is one."""
 
 SHARE = 0.5
 """Friction, or a constant torque, counts when it takes this part of what the other terms leave of the torque, in
@@ -66,7 +66,7 @@ class Balance:
     window: int
 
     def starts(self, y: Array, rate_hz: float) -> tuple[float, float]:
-        """Return position and rate at the first row of readings `y` (n,), of the cubic through the first few."""
+        """Return position and rate at the first sample of readings `y` (n,), of the cubic through the first few."""
         first = y[: max(self.window // 4, _FEWEST)]  # a kernel counts in the middle half of its window
         taps = [
             scipy.signal.savgol_coeffs(first.size, 3, deriv=d, delta=1.0 / rate_hz, pos=0, use="dot") for d in range(2)
@@ -126,9 +126,9 @@ def balance_of(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float
 
 @dataclass(frozen=True)
 class _Fitted:
-    """M, D, K, F, offset and what other drives take off, with deviations, and the part of the torque they explain.
+    """M, D, K, F, offset and what other drives subtract, with deviations, and the part of the torque they explain.
 
-    `by_friction` and `by_constant` are the parts that friction and offset take of what is left without them.
+    `by_friction` and `by_constant` are the parts that friction and offset explain of the residual without them.
     """
 
     numbers: Array
@@ -139,10 +139,10 @@ class _Fitted:
 
 
 def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, window: int) -> _Fitted | None:
-    """Return the balance over the rows in which the axis moves; None where these are few.
+    """Return the balance over the samples in which the axis moves; None where these are few.
 
-    Where there are enough rows around which the axis goes one way for a whole window, friction is constant there and
-    nothing has to be known of how it turns.
+    Where there are enough samples with motion in one direction over a whole window, friction is constant there and its
+    behaviour at a reversal need not be known.
     """
     records = [(u, y[:, 0]) for u, y in zip(inputs, outputs, strict=True) if y.size > 2 * window + 2]
     parts = [_terms(u, y, rate_hz, window) for u, y in records]
@@ -162,7 +162,7 @@ def _fitted(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, w
 
 @dataclass(frozen=True)
 class _Part:
-    """What one record adds: the smoothed `torque` (n,), its `terms` (n, k), and the rows that may be used.
+    """What one record adds: the smoothed `torque` (n,), its `terms` (n, k), and the samples that may be used.
 
     In those `moving` the axis moves, and around those `throughout` it does so for a whole window.
     """
@@ -189,21 +189,21 @@ def _terms(u: Array, y: Array, rate_hz: float, window: int) -> _Part:
     def smooth(series: Array) -> Array:
         return np.convolve(series, kernel, mode="valid")
 
-    inner, held = y[half:-half], u[half:-half]  # rows at which a smoothed rate is known, and one more at either end
+    inner, held = y[half:-half], u[half:-half]  # samples at which a smoothed rate is known, and one more at either end
     rate = _slope(smooth(y), rate_hz)
     acceleration = np.diff(inner, 2) * rate_hz**2
     # a hold gives each torque from its sample on
     torque, *other = (smooth(column) for column in (0.5 * (held[1:-1] + held[:-2])).T)
     own = (acceleration, _slope(inner, rate_hz), inner[1:-1], np.sign(rate))
     terms = [*(smooth(series) for series in own), np.ones_like(torque), *other]
-    # at rest friction is whatever holds the axis, and no balance tells it from the drive
+    # at rest friction equals the applied torque, and no balance distinguishes it from the drive
     slow = np.abs(rate) <= _SLIPS * _still(rate)
     throughout = np.convolve(slow, np.ones(window), mode="valid") < 0.5
     return _Part(torque, np.stack(terms, axis=1), np.abs(smooth(rate)) > _still(rate), throughout)
 
 
 def _slope(series: Array, rate_hz: float) -> Array:
-    """Return the slope of a series (n,) at all its rows but the first and the last, (n - 2,)."""
+    """Return the slope of a series (n,) at all its samples but the first and the last, (n - 2,)."""
     return (series[2:] - series[:-2]) * 0.5 * rate_hz
 
 
@@ -213,7 +213,7 @@ def _still(rate: Array) -> float:
 
 
 def _least_squares(x: Array, y: Array, window: int) -> tuple[float, Array, Array]:
-    """Return the sum of squares that is left, the numbers and their deviations; `window` rows count as one."""
+    """Return the residual sum of squares, the numbers and their deviations; `window` samples count as one."""
     scale = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
     numbers, _, _, _ = np.linalg.lstsq(x / scale, y, rcond=1e-12)
     left = float(np.sum((y - x / scale @ numbers) ** 2))

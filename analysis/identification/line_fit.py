@@ -1,4 +1,4 @@
-"""A model fitted to the lines of a response, each weighed by what it scatters by."""
+"""A model fitted to the lines of a response, each weighed by its scatter."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def fit_lines(
 def pooled_variance(measured: FrequencyResponse) -> Array | None:
     """Return the variance to weight by, or None: a record of one period and no spare realisation has none.
 
-    Pooled over neighbouring lines, for one line's own has too few degrees of freedom to divide by.
+    Pooled over neighbouring lines, because one line's own has too few degrees of freedom to divide by.
     """
     try:
         return smoothed(measured.variance, POOLED_LINES)

@@ -1,8 +1,8 @@
-"""Whether a controller answers a reading within its own sample: then no feedthrough can be told from it.
+"""Whether a controller answers a reading within its own sample: then feedthrough cannot be identified.
 
 A reading's noise is then in the input of the same sample, times the controller's gain, and a model whose input acts at
-once foretells the noise by it: the likelihood rises by thousands, and the model simulates worse. A plant that acts from
-the next sample on has no such way out, and the direct method is consistent for it, whatever the loop.
+once predicts the noise by it: the likelihood rises by thousands, and the model simulates worse. A plant that acts from
+the next sample on has no such bias, and the direct method is consistent for it, whatever the loop.
 
 Source: L. Ljung, System Identification, 2nd edition, 1999, sections 13.4 and 13.5.
 """
@@ -31,7 +31,7 @@ follows in a long record of what is not linear, because no filter whitens an exc
 
 @dataclass(frozen=True)
 class Echo:
-    """What is new in the inputs a few samples `before` and `after` holds of a white residual, in units of chance.
+    """How much a white residual is in the innovations of the inputs a few samples `before` and `after`, against chance.
 
     Both are sums of as many squares as `tests`, over so many `rows`.
     """
@@ -58,7 +58,7 @@ class Echo:
 def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array]) -> bool:
     """Tell whether what `fit` leaves of the outputs, (n, n_y) each, comes back in the inputs, (n, n_u) each.
 
-    A fit with a delay leaves out the first rows of each record.
+    A fit with a delay leaves out the first samples of each record.
     """
     inputs, outputs = (
         [x[x.shape[0] - m.shape[0] :] for x, m in zip(records, fit.outputs, strict=True)]
@@ -89,7 +89,7 @@ def echo_of(rest: Sequence[Array], inputs: Sequence[Array]) -> Echo:
 
 
 def _held(rest: Sequence[Array], fresh: Sequence[Array], lags: range) -> float:
-    """Return the sum of squared correlations of `rest` with `fresh` so many samples later, in units of chance."""
+    """Return the sum of squared correlations of `rest` with `fresh` so many samples later, relative to chance."""
     total = 0.0
     for lag in lags:
         pairs = [

@@ -31,7 +31,7 @@ ORDERS_KEPT = 64
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each array of a ModalModel stands in the parameter vector, and which entries a fit may move.
+    """Position of each array of a ModalModel in the parameter vector, and which entries a fit may move.
 
     `free` (p,) is True where the entry moves. Built by `layout_of`.
     """
@@ -48,7 +48,7 @@ class Layout:
         return self._places[name]
 
     def span(self, name: str) -> slice:
-        """Return where the named array stands in the vector."""
+        """Return the position of the named array in the vector."""
         return self._spans[name]
 
     @cached_property
@@ -106,9 +106,9 @@ class Structure:
     """What a fit assumes about the plant.
 
     `form` is "general" or "mechanical" (b_direct = c_rate = 0: each block is c b' / (s² + 2 sigma s + omega²));
-    `feedthrough` lets D move, `delay` the delay of each input. `offset` has each output read something at rest: what
-    nothing holds has no place to rest at, and only readings beside its first have a zero of their own. Raises
-    ConfigError for an unknown form.
+    `feedthrough` lets D move, `delay` the delay of each input. `offset` gives each output a constant at rest: a free
+    axis has no position of rest, and only readings beside its first have a zero of their own. Raises ConfigError for an
+    unknown form.
     """
 
     form: str = "general"

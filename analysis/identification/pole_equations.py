@@ -1,7 +1,7 @@
 """The least squares of vector fitting, compiled: tall systems of partial fractions, reduced to a triangle line by line.
 
-A tall system is never held. A few lines at a time are turned into the triangle of those before them by Householder's
-reflections, so that all that is worked on stays in the processor's nearest cache.
+A tall system is never stored. A few lines at a time are reduced into the triangle of those before them by Householder's
+reflections, so that all working data stay in the processor's nearest cache.
 """
 
 from __future__ import annotations
@@ -92,9 +92,9 @@ def _fractions(point: ComplexArray, poles: ComplexArray, real: Array, imag: Arra
 
 @njit(error_model="numpy", fastmath=_SUMMED)
 def _absorb(triangle: Array, rows: Array) -> None:
-    """Turn more equations, a column in a row of `rows`, into the upper `triangle` (k, k); the equations are lost.
+    """Reduce more equations, a column in a row of `rows`, into the upper `triangle` (k, k); the equations are lost.
 
-    `rows` (k + 1, m) has a row of zeros for the partner of a column that is left over: two are turned at a time.
+    `rows` (k + 1, m) has a row of zeros for the partner of an odd column: two are reduced at a time.
     """
     k, m = triangle.shape[0], rows.shape[1]
     for j in range(k):
@@ -183,8 +183,8 @@ def companion(poles: ComplexArray, sigma: Array) -> tuple[Array, bool]:
 def settled(real: Array, imag: Array, before: ComplexArray, sampled: bool) -> tuple[ComplexArray, float]:
     """Return eigenvalues as stable poles, each conjugate right behind its upper partner, and their relative change.
 
-    Unstable ones are reflected, those on the border moved just inside. Changes are relative to the distance from where
-    a pole of frequency zero stands.
+    Unstable ones are reflected, those on the border moved just inside. Changes are relative to the distance from a
+    pole of frequency zero.
     """
     poles, at = np.empty(real.size, dtype=np.complex128), 0
     for i in range(real.size):

@@ -37,7 +37,7 @@ def fit_rational(
     entry, or None for equal weights. `blocks` is the number of second-order blocks, or several to choose from by the
     Bayesian information criterion. `hold_rate_hz` is the rate of the zero-order hold before the plant, None for a
     band-limited measurement. `rigid_bodies` blocks get their poles at zero; None lets the criterion decide.
-    `start`, a nominal model with no more blocks than wanted, takes the place of vector fitting. Raises ConfigError or
+    `start`, a nominal model with no more blocks than wanted, replaces vector fitting. Raises ConfigError or
     DataError when the arguments do not fit together.
     """
     target = make_target(frequency_hz, response, variance, hold_rate_hz)

@@ -47,9 +47,9 @@ def realisations_of(parts: Sequence[tuple[Run, LogSegment]]) -> Realisations | N
 
 
 def _drifting(data: Realisations) -> bool:
-    """Tell whether an output moves farther from period to period than within one: what nothing holds does not repeat.
+    """Tell whether an output moves farther from period to period than within one: a free axis does not repeat.
 
-    Between periods it would pass for noise, and drown everything that repeats.
+    Between periods its drift would be taken for noise, and hide everything that repeats.
     """
     if data.outputs.shape[3] < 2:
         return False

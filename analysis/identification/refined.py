@@ -1,7 +1,7 @@
-"""A model from a response, fitted on in time to the very records: what leaks into a response is no part of those.
+"""A model from a response, refined by a fit in time to the records, which are free of the response's leakage.
 
 Periods that still hold the end of a start, and pieces shorter than a mode rings, make lines of a light mode a little
-wrong, all of them alike, so that no scatter tells it. In time every segment has a start of its own.
+wrong, all of them alike, so that the scatter does not show it. In time every segment has a start of its own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from analysis.identification.whole_delay import freed
 from sim_backend.linear import Array, ModalModel
 
 MOST = 10_000_000
-"""Rows times numbers of a model that are fitted on: 100,000 rows of two modes take a few seconds."""
+"""Limit on samples times parameters for the refinement: 100,000 samples of two modes take a few seconds."""
 
 _ITERATIONS = 30
 
@@ -37,8 +37,8 @@ def refined(
 ) -> TimeFit | None:
     """Return the fit in time from `model` to records (n, n_u) and (n, n_y), None where it is no better there.
 
-    Better is what misses less in free run, over all records. A mode that is undetermined in time is given up. Whole
-    samples of the model's delays are kept; if the bench may be `late`, a part of a sample is looked for beside them.
+    Better is a smaller residual in free run, over all records. A mode that is undetermined in time is given up. Whole
+    samples of the model's delays are kept; if the bench may be `late`, a fraction of a sample is fitted beside them.
     `offset` (n_y,) is what each output reads where the model is at rest.
     """
     numbers = (model.n_blocks * 2 + 1) * (model.n_inputs + model.n_outputs)

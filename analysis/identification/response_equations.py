@@ -1,7 +1,7 @@
-"""The normal equations of a fit to a frequency response, compiled: a few lines at a time, the Jacobian never held.
+"""The normal equations of a fit to a frequency response, compiled: a few lines at a time, the Jacobian never stored.
 
-What is worked on stays in the processor's nearest cache, real and imaginary parts apart, so that its vector
-instructions have something to do.
+All working data stay in the processor's nearest cache, real and imaginary parts apart, so that its vector
+instructions can be used.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ def summed(
     `sizes` are its numbers of blocks, inputs and outputs. `held` are the arrays of `BlockMatrices` behind a hold, None
     for a continuous measurement, resolved at lambda = `point` (n_f,); `delay` (n_f, n_u) are the delay's factor and its
     derivative. The 6 m + 2 derivatives of an entry are those to ln(omega), ln(sigma), b, b_direct, c, c_rate of every
-    block, to D and to the delay; they stand at `places` (n_y, n_u, 6 m + 2) in the vector.
+    block, to D and to the delay; they are at the indices `places` (n_y, n_u, 6 m + 2) in the vector.
     """
     model, size = _split(vector, sizes), vector.size
     blocks = continuous(model[0], model[1]) if held is None else held
     n_y, n_u, m = model[4].shape[0], model[2].shape[1], model[0].size
     k = 6 * m + 3
     out = np.zeros((n_y, n_u, k, k))
-    # a pair of rows is multiplied with a pair at a time; one that is left over has a row of zeros for its partner
+    # a pair of rows is multiplied with a pair at a time; an odd one has a row of zeros for its partner
     rows = in_cache_lines(k + k % 2, 2 * _LINES)
     state, factor = in_cache_lines(m, 16 * _LINES), in_cache_lines(1, 6 * _LINES)[0]
     for first in range(0, point.size, _LINES):

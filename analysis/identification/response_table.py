@@ -131,7 +131,7 @@ def _response(
 
 
 def _require_computable(path: Path, columns: dict[str, Array]) -> None:
-    """Raise DataError for a number (n,) that no bench has and whose square may be none; what is not finite is left."""
+    """Raise DataError for a number (n,) too large for any bench, whose square may overflow; infinite ones are kept."""
     for name, values in columns.items():
         size = np.abs(values)
         wrong = np.flatnonzero(np.isfinite(size) & ((size > MOST) | ((size > 0.0) & (size < LEAST))))

@@ -29,7 +29,7 @@ LAGS = 0.01
 """Relative misfit up to which modes alone are kept: hysteresis lags by so much, in the shape of a small delay."""
 
 MISSED = 0.1
-"""Part of the response that a model may miss at a line before it is told."""
+"""Part of the response that a model may miss at a line without a remark."""
 
 _PLAIN = Structure("mechanical", feedthrough=False)
 _LAGGING = Structure("general", feedthrough=False)
@@ -70,7 +70,7 @@ def fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> tuple[Fi
 
 
 def _told(sweep: Sweep, missed: Array) -> tuple[str, ...]:
-    """Return at which line the model misses most of the response, if that is much and no noise."""
+    """Return the line at which the model misses most of the response, if that is much and not noise."""
     part = missed / np.abs(sweep.response)
     k = int(np.argmax(np.where(missed > 5.0 * np.sqrt(sweep.variance), part, 0.0)))
     if not part[k] > MISSED or missed[k] <= 5.0 * np.sqrt(sweep.variance[k]):
@@ -103,10 +103,10 @@ def _forms(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> Iterator[tu
 
 
 def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: Structure, whole: int) -> _Try:
-    """Fit one form, with what no number of modes explains counted as a relative error beside the noise.
+    """Fit one form; what no number of modes explains counts as a relative error beside the noise.
 
-    Sines tell their noise to parts in 1e5, hysteresis and a last trace of the transient are larger: weighted by the
-    noise alone, those would be taken for modes. So the largest order is fitted first with equal relative weights, and
+    The noise of sines is known to parts in 1e5; hysteresis and the end of the transient are larger, and weighted by the
+    noise alone they would be taken for modes. So the largest order is fitted first with equal relative weights, and
     its relative misfit joins the noise in the weights of the choice. That misfit varies smoothly with frequency, which
     the criterion cannot know, so a mode whose damping is not significant is given up.
     """
@@ -134,7 +134,7 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
     fit = fitted(orders, relative2)
     while fit.model.n_blocks > orders[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
         fewer = fitted((fit.model.n_blocks - 1,), relative2)
-        # of two real poles one may be far off and the block be there; a mode of no width is the error of a line
+        # one of two real poles may be far off although the block is real; a mode of no width is the error of a line
         if structure.form == "general" and missed2(fewer) > CLEARER**2 * missed2(fit):
             break
         fit = fewer

@@ -46,7 +46,7 @@ def without_swing(data: Realisations, model: ModalModel) -> Realisations | None:
 
 
 def _free_swings(model: ModalModel, rows: int, rate_hz: float) -> np.ndarray:
-    """Return the outputs (rows, n_y, 2 m) from each unit state of the modes, at rest otherwise."""
+    """Return the outputs (samples, n_y, 2 m) from each unit state of the modes, at rest otherwise."""
     discrete = discretise(model, rate_hz)
     nothing = np.zeros((rows, model.n_inputs))
     units = np.eye(2 * model.n_blocks).reshape(-1, model.n_blocks, 2)

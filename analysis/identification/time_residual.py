@@ -49,7 +49,7 @@ class Nuisance:
 
 
 def nuisances(layout: Layout, records: int) -> list[Nuisance]:
-    """Return the place of each record's nuisance parameters."""
+    """Return the position of each record's nuisance parameters."""
     m, n_y = layout.n_blocks, layout.n_outputs
     size = 2 * m + n_y
     starts = layout.size + size * np.arange(records)
@@ -124,7 +124,7 @@ def _products(
 ) -> Iterator[tuple[NDArray[np.intp], Array]]:
     """Yield per output the indices (k,) and the products (k + 1, k + 1) of whitened Jacobian and `error` (n, n_y).
 
-    All work is done a chunk at a time in the same few arrays: fresh ones of this size cost as much as the arithmetic.
+    All work is done a chunk at a time in the same few arrays: new ones of this size cost as much as the arithmetic.
     """
     model = unpack(vector, layout)
     matrices = block_matrices(model.omega_rad_s, model.sigma_1_s, target.rate_hz)
@@ -133,7 +133,7 @@ def _products(
     m, n_u, n = layout.n_blocks, layout.n_inputs, u.shape[1]
     weights = [_weights(model, vector[place.state], o) for o in range(layout.n_outputs)]
     k, skip, chunk = m * weights[0].shape[1] + 2 * n_u + 2, target.whitening.shape[1] - 1, min(_CHUNK, n)
-    # before its first sample a record has no rows; the first `skip` of a chunk are the last of the one before
+    # before its first sample a record has no samples; the first `skip` of a chunk are the last of the one before
     rows, white = np.zeros((layout.n_outputs, k, skip + chunk)), np.empty((k, chunk))
     state, room = np.zeros((m, n_u + 2, 6)), np.empty(m * (n_u + 2) * 6 * chunk)
     state[:, n_u, 0] = state[:, n_u + 1, 1] = 1.0
@@ -210,7 +210,7 @@ def _weights(model: ModalModel, x0: Array, output: int) -> Array:
 
 
 def _indices(layout: Layout, place: Nuisance, output: int) -> NDArray[np.intp]:
-    """Return where the derivatives of one output stand in the vector: block by block, then what no block carries."""
+    """Return the indices of the derivatives of one output in the vector: block by block, then the others."""
     own = [layout.index(name)[:, None] for name in ("log_omega", "log_sigma")]
     own += [layout.index("b"), layout.index("b_direct")]
     own += [layout.index(name)[output][:, None] for name in ("c", "c_rate")]

@@ -112,7 +112,7 @@ def fit_records(
         best, worse = (last, 0) if better else (best, worse + 1)
         closer, least = missed < least, min(missed, least)
         assert best is not None
-        # two modes may be worth what neither is by itself, where a colour of the noise passes for either
+        # two modes may be significant together where neither is by itself, and coloured noise absorbs either
         if worse and len(tried) > 2 and (worse == _PATIENCE or not (closer or _misses_a_mode(target, best))):
             break
     assert best is not None
@@ -268,7 +268,7 @@ def _subspace_start(
 def _fit(
     target: TimeTarget, start: ModalModel, structure: Structure, noise_order: int | None, iterations: int
 ) -> TimeFit:
-    """Return the fit from one start: errors as `target` has them first, then whitened by what they turned out to be."""
+    """Return the fit from one start: weighted by the errors of `target` first, then whitened by the residual's."""
     vector, free, layout = _vector(target, start, structure)
     limit = np.concatenate([step_limit(layout), np.full(int(free[layout.size :].sum()), np.inf)])
     converged = False

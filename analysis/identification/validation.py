@@ -1,4 +1,4 @@
-"""How well a model's output meets a measured one, and whether what is left looks like noise."""
+"""How well a model's output agrees with a measured one, and whether the residual looks like noise."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ _LAGS = 20
 """Samples after which what is new in an input may show in what is new in an output."""
 
 _CHANCE = 1e-6
-"""How often noise may pass for an answer."""
+"""How often noise may be taken for an answer."""
 
 _LEAST = 1e-4
 """Least part of what is new in an output that counts: no filter whitens an excitation of a limited band."""
@@ -51,8 +51,8 @@ def whitening_filters(errors: Sequence[Array], order: int | None) -> Array:
 def holds_inputs(errors: Sequence[Array], inputs: Sequence[Array]) -> bool:
     """Tell whether errors (n, n_y) hold what the inputs (n, n_u) of the same or earlier samples explain.
 
-    A mode that a fit misses passes for coloured noise, and a filter that whitens it leaves what drives it. So what is
-    new in the errors is held against what is new in the inputs.
+    A mode that a fit misses is absorbed by coloured noise, and a filter that whitens the errors leaves what drives the
+    mode. So the innovations of the errors are compared with the innovations of the inputs.
     """
     white = [_new(errors, o) for o in range(errors[0].shape[1])]
     fresh = [_new(inputs, j) for j in range(inputs[0].shape[1]) if any(np.ptp(u[:, j]) > 0.0 for u in inputs)]

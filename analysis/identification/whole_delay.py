@@ -1,8 +1,8 @@
-"""By how many whole samples the inputs of a record act late, told by regressions of a few taps that begin at each.
+"""The delay of a record's inputs in whole samples, found by regressions of a few taps that begin at each.
 
 A regression of the outputs on their own past and on a few taps of an input explains most where its taps begin as the
-plant does. That is a proposal, from any noise and any number of modes; a fit of modes to records that are freed of the
-delay decides. Freed of it, modes have nothing to imitate, and what is left of a delay is a part of a sample.
+plant does. That is a proposal, from any noise and any number of modes; a fit of modes to records without the delay
+decides. Then no mode has to absorb it, and the remaining delay is a fraction of a sample.
 
 Source: L. Ljung, System Identification, 2nd edition, 1999, sections 4.2 and 16.4.
 """
@@ -27,7 +27,7 @@ LATEST = 64
 """Samples: more is no delay of a drive's electronics; and columns of inputs that are solved at once."""
 
 BEGINNING_ROWS = 20_000
-"""Rows of the longest record that a delay is told from."""
+"""Samples of the longest record from which a delay is determined."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def freed(
 ) -> tuple[list[Array], list[Array]]:
     """Return the records with each input moved later by `late` (n_u,) samples, as the plant gets it.
 
-    The first `unknown` rows are left out: what was played before a record is not known.
+    The first `unknown` samples are left out: what was played before a record is not known.
     """
     moved = [
         np.stack([u[unknown - k : u.shape[0] - k, j] for j, k in enumerate(late.tolist())], axis=1) for u in inputs

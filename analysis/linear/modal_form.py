@@ -75,7 +75,7 @@ def modal_from_poles(poles: ComplexArray, outputs: ComplexArray, inputs: Complex
 
 
 def canonical(model: ModalModel) -> ModalModel:
-    """Return the same system with each block's free choice of coordinates made one way.
+    """Return the same system with each block's free choice of coordinates made unique.
 
     States may be multiplied by T = alpha I + beta A, which commutes with the block A: for a complex pair that is a
     complex factor between input and output. T is chosen so that the input that drives the block most has b = 1 and
@@ -151,7 +151,7 @@ def _factor(gramian: Array) -> Array:
 
 
 def block_of(pole: complex, n0: Array, n1: Array, *, mechanical: bool) -> ModalModel:
-    """Return the one block of a `pole` (1/s, imaginary part positive) nearest to (n0 + n1 s) / ((s - p)(s - p*)).
+    """Return the one block of a `pole` (s⁻¹, imaginary part positive) nearest to (n0 + n1 s) / ((s - p)(s - p*)).
 
     `n0` and `n1` (n_y, n_u); a block takes part by one pattern of inputs and one of outputs, the strongest of both. A
     `mechanical` one has no direct parts.

@@ -1,9 +1,9 @@
 """The frequency response of a model with linear effects in it, exactly: no loop is played.
 
-An effect of the linear model re-tunes it. Any other adds a signal by its compiled step; one that is linear is a state
+An effect of the linear model adjusts it. Any other adds a signal by its compiled step; one that is linear is a state
 space (A, B, C, D) in the state and what the step receives, whose columns are the answers to unit vectors. Its transfer
 function C (zI - A)⁻¹ B + D is taken at steps so short that nothing happens within one, so that it is the continuous
-effect's, and closed around the plant at the effect's place.
+effect's, and closed around the plant at the effect's location.
 """
 
 from __future__ import annotations

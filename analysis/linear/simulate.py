@@ -15,14 +15,14 @@ from sim_backend.errors import ConfigError
 from sim_backend.jit import njit
 from sim_backend.linear import Array, DiscreteModel, delay_taps
 
-# a pass takes so many stretches of so many samples, a few rows of all at a time, so that these stay in the processor's
-# nearest caches; a length of a power of two would put all stretches into the same few places of a cache
+# a pass takes a few samples of many stretches at a time, so that these stay in the processor's nearest caches; a
+# length of a power of two would put all stretches into the same few addresses of a cache
 _LANES, _STRETCH, _ROWS = 64, 136, 68
 
 
 @njit
 def recur(a: Array, drive: Array, x: Array) -> None:
-    """Turn each block's drive (m, 2, n) into its states (q, v) in place; `x` (m, 2) is the state before and after."""
+    """Convert each block's drive (m, 2, n) to its states (q, v) in place; `x` (m, 2) is the state before and after."""
     m, _, n = drive.shape
     for i in range(m):
         q, v = x[i, 0], x[i, 1]
@@ -57,12 +57,12 @@ def delayed(u: Array, delay_samples: Array) -> Array:
 
 @njit(fastmath={"contract"})
 def _respond_from_rest(a: Array, b: Array, c: Array, u: Array, x: Array, y: Array, first: int, last: int) -> None:
-    """Add one block's response to the rows from `first` to `last` of `y` (n_y, stretch, lanes).
+    """Add one block's response to the samples from `first` to `last` of `y` (n_y, stretch, lanes).
 
-    It is driven by the first rows of `u` (n_u, rows, lanes), its states `x` (2 lanes) are moved on. `a` (2, 2), `b`
-    (2, n_u), `c` (n_y, 2). All lanes are stepped together, as they do not depend on each other: one
-    chain of states would have to wait for every product. Rates stand behind all positions in one row, so that the
-    compiler sees that they do not overlap. The first output and input that the block has go along with its step.
+    It is driven by the first samples of `u` (n_u, rows, lanes), and its states `x` (2 lanes) are advanced. `a` (2, 2),
+    `b` (2, n_u), `c` (n_y, 2). All lanes are stepped together, as they do not depend on each other: one chain of states
+    would have to wait for every product. Rates follow all positions in one row, so that the compiler sees that they do
+    not overlap. The first output and input that the block has are included in its step.
     """
     n, a00, a01, a10, a11 = _LANES, a[0, 0], a[0, 1], a[1, 0], a[1, 1]
     first_out, first_in = _first(c[:, 0], c[:, 1]), _first(b[0], b[1])
@@ -98,7 +98,7 @@ def _first(one: Array, other: Array) -> int:
 
 @njit(fastmath={"contract"})
 def _add_swing(a: Array, c: Array, x: Array, y: Array, first: int, last: int) -> None:
-    """Add one block's swing from the states `x` (2 lanes) to the rows from `first` to `last` of `y`.
+    """Add one block's swing from the states `x` (2 lanes) to the samples from `first` to `last` of `y`.
 
     `c` (n_y, 2) is moved on by as many samples.
     """
@@ -117,7 +117,7 @@ def _add_swing(a: Array, c: Array, x: Array, y: Array, first: int, last: int) ->
 
 @njit
 def _spread(drive: Array, start: int, stretch: int, u: Array, first: int, last: int) -> None:
-    """Fill the first rows of `u` with those from `first` to `last` of all stretches of `drive` (n, n_u) from `start`.
+    """Fill the first samples of `u` with samples `first` to `last` of all stretches of `drive` (n, n_u) from `start`.
 
     Beyond the end there is nothing.
     """
@@ -133,7 +133,7 @@ def _spread(drive: Array, start: int, stretch: int, u: Array, first: int, last: 
 
 @njit
 def _gather(y: Array, first: int, last: int, out: Array, start: int) -> None:
-    """Put the rows from `first` to `last` of all stretches of `y` where they stand in `out` (n, n_y) from `start`."""
+    """Copy samples `first` to `last` of all stretches of `y` to their position in `out` (n, n_y) from `start`."""
     for i in range(y.shape[0]):
         for s in range(_LANES):
             begin = start + s * y.shape[1] + first
@@ -143,7 +143,7 @@ def _gather(y: Array, first: int, last: int, out: Array, start: int) -> None:
 
 @njit
 def _put_direct(d: Array, u: Array, y: Array, first: int, last: int) -> None:
-    """Fill the rows from `first` to `last` of `y` with `d` (n_y, n_u) times the first rows of `u`.
+    """Fill the samples from `first` to `last` of `y` with `d` (n_y, n_u) times the first samples of `u`.
 
     Number by number: for an array that is written to another one numba compiles the text of an error about their
     shapes as well, which takes 4 s.
@@ -167,7 +167,7 @@ def _respond(
     """Fill `out` (n, n_y) with the response to `drive` (n, n_u); `state` (m, 2) is that before and after.
 
     Each pass plays all its stretches from rest at once and adds what each one's first state swings on to. `over` (m, 2,
-    2) is `a` over a stretch of so many samples. All blocks take their turn at a few rows, which stay in the nearest
+    2) is `a` over a stretch of so many samples. All blocks take their turn at a few samples, which stay in the nearest
     cache.
     """
     n, n_u, n_y, m = drive.shape[0], drive.shape[1], out.shape[1], a.shape[0]

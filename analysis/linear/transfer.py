@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 def polynomials(model: ModalModel, output: int = 0, input_: int = 0) -> tuple[Array, Array]:
     """Return numerator (2m + 1,) and monic denominator (2m + 1,) from the lowest power up; (6.3) of the paper.
 
-    Only for show: simulating such polynomials loses all digits. The delay is left out.
+    For display only: simulating such polynomials loses all digits. The delay is left out.
     """
     factors = [np.array([w**2, 2.0 * s, 1.0]) for w, s in zip(model.omega_rad_s, model.sigma_1_s, strict=True)]
     denominator = _product(factors)

@@ -27,7 +27,7 @@ HOST: Final = "127.0.0.1"
 
 HEADERS: Final = {
     "Cache-Control": "no-store",
-    "Content-Security-Policy": "frame-ancestors 'none'",  # all else stands in the page; this is read from here alone
+    "Content-Security-Policy": "frame-ancestors 'none'",  # all else is in the page; this is read from here alone
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",

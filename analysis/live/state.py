@@ -26,7 +26,7 @@ POINTS: Final = 800
 
 @dataclass(frozen=True)
 class State:
-    """What the page shows: `texts` by the name of their place, `trouble` when the log could not be read."""
+    """What the page shows: `texts` by the name of their element, `trouble` when the log could not be read."""
 
     title: str
     texts: Mapping[str, str]

@@ -1,4 +1,4 @@
-"""What every measurement asks of its input, asked in one place."""
+"""The checks of its input that all measurements share."""
 
 from __future__ import annotations
 

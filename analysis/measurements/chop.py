@@ -37,7 +37,7 @@ class ChopStability:
 
     @property
     def stability_rad(self) -> float:
-        """Largest 3σ over positions and axes: what the requirement is held against (Table 6.6)."""
+        """Largest 3σ over positions and axes: what is compared with the requirement (Table 6.6)."""
         return float(np.max(self.three_sigma_rad))
 
 

@@ -20,8 +20,8 @@ class LearningCurve:
     """`rms` (p,) of the error of every period; `floor`, its mean over the last quarter; `converged_at`, an iteration.
 
     `converged_at` counts periods from 1: from it on every rms stays within 10 % of the floor, or within three standard
-    deviations of the last quarter where those, being noise, are more. It is None when the floor is none: more than 10 %
-    below anything that was reached before the last quarter.
+    deviations of the last quarter where those, being noise, are more. It is None when the error still falls: the floor
+    is more than 10 % below any value before the last quarter.
     """
 
     rms: Array

@@ -101,7 +101,7 @@ def fit_sines(
     length = stop - start
     inside = np.concatenate([np.arange(a, b) for a, b in zip(start, stop, strict=True)])
     first = np.concatenate([[0], np.cumsum(length)[:-1]])
-    # phases run from each segment's first sample, where they are small and exact, and are turned back at the end
+    # phases run from each segment's first sample, where they are small and exact, and are shifted back at the end
     local = inside - np.repeat(start, length)
     data = record[inside]
     _require_readings(data, local, length, frequency)
@@ -163,7 +163,7 @@ def _check(
 
 
 def _require_readings(data: Array, local: NDArray[np.intp], length: NDArray[np.intp], frequency: Array) -> None:
-    """Refuse what no sensor reads, with the place of the first."""
+    """Refuse values that no sensor reads, with the position of the first."""
     if (absurd := first_absurd(data)) is not None:
         at = int(np.searchsorted(np.cumsum(length), absurd[0], side="right"))
         raise DataError(

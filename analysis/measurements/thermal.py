@@ -1,4 +1,4 @@
-"""Robustness to temperature: drift of the chopped positions, and two frequency responses held against each other."""
+"""Robustness to temperature: drift of the chopped positions, and two frequency responses compared."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ DASHES: tuple[Any, ...] = (
     (0, (12, 3)),
 )
 MARKS = ("o", "s", "^", "D", "v", "P", "X")
-"""Each colour has a dash and a mark of its own: curves are told apart in print and by readers who see few colours."""
+"""Each colour has a dash and a mark of its own: curves are distinct in print and for readers who see few colours."""
 
 PAPER = "#d55e00"
 """Whatever comes from the paper has this colour in every figure."""
@@ -279,7 +279,7 @@ def _plain_ticks(axes: Axes) -> None:
 
 
 def _whole(ticks: Array) -> Callable[[float, Any], str]:
-    """Return what writes each of the `ticks` (n,) whole, with the digits that tell it from the next."""
+    """Return what writes each of the `ticks` (n,) in full, with the digits that distinguish it from the next."""
     apart = np.diff(np.unique(ticks))
     last = int(np.floor(np.log10(apart.min()))) - 1 if apart.size else -4
 

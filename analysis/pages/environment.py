@@ -46,7 +46,7 @@ def page_environment(package: str) -> jinja2.Environment:
 class _OwnElements:
     """The scripts and styles of the pages, from files of the package alone: what a browser may run and apply.
 
-    Their digests are taken from the files, never from a finished page: a script that found its way there has none.
+    Their digests are taken from the files, never from a finished page: an injected script has none.
     """
 
     environment: jinja2.Environment
@@ -80,7 +80,7 @@ def _kind(name: str) -> str:
 
 
 def embedded(value: object) -> Markup:
-    """Return `value` as JSON that may stand in a script element: without `<`, `>` and `&`, finite numbers only.
+    """Return `value` as JSON that is safe in a script element: without `<`, `>` and `&`, finite numbers only.
 
     Its texts are printed by the script, and have axes as a reader knows them.
     """

@@ -24,7 +24,7 @@ Kind = Literal["line", "points", "bars"]
 
 @dataclass(frozen=True)
 class Series:
-    """One named curve, its x rising for a line; colour and dash follow from its place in the panel.
+    """One named curve, its x rising for a line; colour and dash follow from its order in the panel.
 
     A line has a gap where y is NaN.
     """

@@ -50,7 +50,7 @@ def _weasyprint() -> Any:
 
 
 def _with_colours(text: str) -> str:
-    """Return a page with its colours in place of their names: those of paper, else the light ones."""
+    """Return a page with the names of colours replaced by colours: those of paper, else the light ones."""
     light, _, paper = text.partition("@media print {")
     colours = dict(_COLOUR.findall(light[light.index(":root {") : light.index("}")]))
     colours |= dict(_COLOUR.findall(paper[: paper.index("}")]))

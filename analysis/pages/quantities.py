@@ -56,7 +56,7 @@ def span(low: float, high: float, unit: str) -> str:
 
 
 def time_left(left_s: float | None) -> str:
-    """Return a time that is left as it is told."""
+    """Return a remaining time as it is shown."""
     if left_s is None:
         return "not yet known"
     minutes, seconds = divmod(round(left_s), 60)

@@ -1,4 +1,4 @@
-"""An SVG file made fit to stand inside a page: no prolog, names of its own, and the page's colours."""
+"""An SVG file adapted for use inside a page: no prolog, names of its own, and the page's colours."""
 
 from __future__ import annotations
 

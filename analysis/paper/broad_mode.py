@@ -1,4 +1,4 @@
-"""The paper's order: one broad mode in the place of two resonances that a sweep tells apart; section 6.2.2.
+"""The paper's order: one broad mode instead of two resonances that a sweep resolves; section 6.2.2.
 
 "A broad resonance at 1440 Hz (to account for the two sharp resonances between 1.4 and 1.5 kHz)": how the authors found
 its numbers is not printed. Far from both, two modes K/(s² + 2 σ s + ω²) act as one with the sum of their K and with the

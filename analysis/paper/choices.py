@@ -1,6 +1,6 @@
 """Every choice behind the bench and the campaign in one table: value, label, source, and what it moves.
 
-Values and sources stand in the model file, what each moves in `choices.toml`. A number of the bench without an entry is
+Values and sources are in the model file, what each moves in `choices.toml`. A number of the bench without an entry is
 an error, and so is an entry without a number.
 """
 
@@ -37,7 +37,7 @@ LABEL_OF: dict[Origin, Label | str] = {
 """What an origin of the model file is called here. Nothing that is chosen is *predicted*."""
 
 UNITS = {"a": ("A", "m"), "s": ("1", "m"), "theta": ("N m", "rad"), "z": ("N", "m")}
-"""Input and output unit of an effect's parameters by the beginning of its place."""
+"""Input and output unit of an effect's parameters by the beginning of its location."""
 
 
 class _Words(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -180,7 +180,7 @@ def _require_used(words: _File, used: set[tuple[str, str]]) -> None:
     for group in ("mode", "hardware", "effect"):
         for key in getattr(words, group):
             if (group, key) not in used:
-                raise ConfigError(f'{WORDS}: [{group}."{key}"] speaks of nothing on the bench; take it out')
+                raise ConfigError(f'{WORDS}: [{group}."{key}"] names nothing on the bench; remove it')
 
 
 def _learning_s(axis_deg: float) -> float:
@@ -206,7 +206,7 @@ PLAYED: dict[str, Callable[[], float]] = {
 
 def _played(words: _File) -> list[Choice]:
     if list(words.played) != list(PLAYED):
-        raise ConfigError(f"{WORDS}: [played] speaks of {list(words.played)}, and there are {list(PLAYED)}")
+        raise ConfigError(f"{WORDS}: [played] names {list(words.played)}, and there are {list(PLAYED)}")
     return [
         Choice(name, ("campaign",), PLAYED[name](), "", told.label, told.source, told.moves)
         for name, told in words.played.items()

@@ -35,7 +35,7 @@ PRINTED_L = (0.048, 6.253e-5, -0.096, -2.939e-5, 0.048)
 
 
 SOLVED_MODE = (np.array([2.0 * np.pi * 29.579]), np.array([4.7902]), 97.6228e-3)
-"""Frequency (rad/s), decay (1/s) and gain (rad/N m) at which one mode's inverse gives every printed digit."""
+"""Frequency (rad/s), decay (s⁻¹) and gain (rad/N m) at which one mode's inverse gives every printed digit."""
 
 
 def learning_filter_order() -> Evidence:
@@ -105,7 +105,7 @@ def pinning() -> Evidence:
     rows.insert(0, ("paper", "", "about 0.7", "about 0.7", "about 0.7"))
     return Evidence(
         "The pinning of the hysteresis: k/µ0 or k·µ0",
-        "Displacement left at zero drive, in % of the amplitude, on the spring of Table 6.2:",
+        "Remanent displacement at zero drive, in % of the amplitude, on the spring of Table 6.2:",
         ("pinning", "value (rad)", "4.5 mrad", "7.2 mrad", "8.5 mrad"),
         tuple(rows),
         "With k/µ0 there is no hysteresis at all. The bench uses k·µ0.",

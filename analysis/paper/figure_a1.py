@@ -1,4 +1,4 @@
-"""Fig. A1: every length of the feed-forward of Table 6.4 held against its rows."""
+"""Fig. A1: every length of the feed-forward of Table 6.4 compared with its rows."""
 
 from __future__ import annotations
 

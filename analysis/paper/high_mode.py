@@ -1,8 +1,8 @@
-"""Whether the θx polynomial of Table 6.2 can be the plant that Tables 6.1 and 6.4 and the margins speak of.
+"""Whether the θx polynomial of Table 6.2 can be the plant of Tables 6.1 and 6.4 and of the margins.
 
 Each number that the paper prints is computed for three plants that differ in the highest mode alone: the polynomial as
-printed, the same with that mode at 1440 Hz as the text says, and with the mode for which Table 6.4 itself asks. A plant
-that misses a number by more than its tolerance, which covers the rounding of both, is not the one that it tells of. The
+printed, the same with that mode at 1440 Hz as the text says, and with the mode that Table 6.4 itself implies. A plant
+that misses a number by more than its tolerance, which covers the rounding of both, is not the plant of that number. The
 feed-forward has the length that `move_length` calibrates on a row without the highest mode.
 """
 
@@ -32,7 +32,7 @@ BENCH_HZ, BENCH_DECAY_1_S = 1440.0, 34.0
 """The mode of the bench: the frequency of the text, the damping of θy's mode."""
 
 _NEAR_HZ, _STEPS = (1405.0, 1470.0), 3
-"""Where the row's mode is looked for: between the two resonances of Table 6.1; and in how many alternating steps."""
+"""Where the row's mode is searched for: between the two resonances of Table 6.1; and in how many alternating steps."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def high_mode() -> Evidence:
         f"Rows without the highest mode are the same for all three. Without them, the polynomial as printed misses "
         f"{_counted(missed[0])}, the bench's 1440 Hz {_counted(missed[1])}. The mode between the two measured "
         "resonances that gives both numbers of the 30+1500 row, with a feed-forward whose length was set by another "
-        f"row, stands at {frequency_hz:.0f} Hz with a damping ratio ζ of {_zeta(frequency_hz, decay_1_s):.2g}: the "
+        f"row, is at {frequency_hz:.0f} Hz with a damping ratio ζ of {_zeta(frequency_hz, decay_1_s):.2g}: the "
         f"text has 1440 Hz, and θy's mode {_zeta(BENCH_HZ, BENCH_DECAY_1_S):.2g}. The complete plant's overshoot "
         "decides nothing: the rounding of its weak 125 Hz mode changes it "
         "by half.",
@@ -171,7 +171,7 @@ def _settled(plant: ModalModel, move: StepInput) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Roots:
-    """A plant by its upper poles (m,), lowest first, its zeros (k,), both in 1/s, and its gain at rest (rad/N m)."""
+    """A plant by its upper poles (m,), lowest first, its zeros (k,), both in s⁻¹, and its gain at rest (rad/N m)."""
 
     upper: ComplexArray
     zeros: ComplexArray
@@ -213,9 +213,9 @@ def _beside(zero: complex, poles: ComplexArray) -> int:
 
 
 def mode_of_row() -> tuple[float, float]:
-    """Return frequency (Hz) and decay (1/s) of the highest mode that give the 30+1500 row of Table 6.4.
+    """Return frequency (Hz) and decay (s⁻¹) of the highest mode that give the 30+1500 row of Table 6.4.
 
-    The overshoot hangs on the frequency alone but for 1 %, the settling on both, so that the two are solved in turn.
+    The overshoot depends on the frequency alone but for 1 %, the settling on both, so that the two are solved in turn.
     Settling goes in steps of half a period, 0.34 ms: the decay is found to 1 %.
     """
     printed, table = Roots.printed().part(PARTS["30+1500"]), paper_tables()["6.4"]

@@ -1,4 +1,4 @@
-"""Misses of a report that somebody has looked at: table, row and reason, held against what is measured now."""
+"""Reviewed misses of a report: table, row and reason, compared with what is measured now."""
 
 from __future__ import annotations
 

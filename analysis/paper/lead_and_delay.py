@@ -2,7 +2,7 @@
 
 Computing, the latency of the sensors and the lag of the amplifiers all delay the response to what was learned, and a
 lead takes a delay back. The text says that the leads were tuned on the model and needed "no adjustments" on the
-hardware (section 6.3.2). The lead that a delay asks for is taken as the one whose largest factor per period,
+hardware (section 6.3.2). The lead that a delay requires is taken as the one whose largest factor per period,
 |1 − z^γ S_p k_r L| over all frequencies with the feedback open, is the least (Fig. A2).
 """
 
@@ -41,7 +41,7 @@ class Leads:
         return float(np.max(values))
 
     def best(self, delay_samples: float) -> int:
-        """Return the lead in samples that a delay asks for."""
+        """Return the lead in samples that a delay requires."""
         return min(_LEADS, key=lambda lead: self.factor(lead, delay_samples))
 
     def delays(self) -> tuple[float, float]:
@@ -71,7 +71,7 @@ def lead_and_delay() -> Evidence:
     return Evidence(
         "How late the loop can be",
         "Computing, sensors and amplifiers add their delays, and none of them is printed. The lead (γ of Table 6.5) "
-        "that a delay asks for, by the least factor of Fig. A2 (✗: not the printed one):",
+        "that a delay requires, by the least factor of Fig. A2 (✗: not the printed one):",
         ("delay behind the hold", "γ of θx", "γ of θy"),
         tuple(rows),
         f"θx's lead is the best one up to a delay of {most_x:.2f} samples, θy's from {least_y:.2f} to {most_y:.2f}: "

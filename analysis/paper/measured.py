@@ -44,7 +44,7 @@ WARM_K, COLD_K = 77.0, 63.5
 """Temperatures of the two sweeps of section 6.4.3."""
 
 RELATIVE_FLOOR = 0.005
-"""How far hysteresis moves a response with amplitude, about: weights beyond this would fit the iron, not the modes."""
+"""How far hysteresis moves a response with amplitude, about: higher weights would fit it, not the modes."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Measured:
         """Return the modal fit to the whole sweep of an axis, behind the bench's zero-order hold.
 
         It has as many modes as the paper's model, or one more where the sweep shows a pair (`PAIR_HZ`), and a delay:
-        the fit follows the phase, and a mode would take the delay's place. None also where the sweep does not reach
+        the fit follows the phase, and a mode would otherwise absorb the delay. None also where the sweep does not cover
         every mode of the design model: what it did not see it cannot fit.
         """
         sweep = self.sweep(axis)
@@ -168,7 +168,7 @@ class Measured:
                 return fit
             finer = of_order(run, MODES[axis] + 1)
             low, high = PAIR_HZ[axis]
-            # a mode more also describes how hysteresis changes the lowest one: only the pair is looked for
+            # a mode more also describes how hysteresis changes the lowest one: only the pair is searched for
             hz = finer.model.omega_rad_s / (2.0 * np.pi)
             pair = np.sum((hz > low) & (hz < high)) == 2
             return finer if pair and finer.criterion < fit.criterion else fit

@@ -21,7 +21,7 @@ SUSPENSION = "theta_x suspension"
 def fitted_model(parameters: Mapping[str, float], base: str = "design-4th-order") -> Model:
     """Return the linear model `base` with the fitted hysteresis and polynomial in θx (see measurements/loop_fit.py).
 
-    Its suspension becomes as stiff as the fit says without the iron.
+    Its suspension becomes as stiff as the fit says without the hysteresis.
     """
     model = load_model(base)
     linear = model.linear()

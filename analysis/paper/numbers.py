@@ -41,11 +41,11 @@ UNIT_SI: dict[str, float] = {
     "mrad/N m": 1e-3,
     "mm/N": 1e-3,
 }
-"""SI value of one of each unit that stands in the tables (dB is a level and counts as itself)."""
+"""SI value of one of each unit in the tables (dB is a level and counts as itself)."""
 
 
 class PaperNumber(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One printed number and how ours is to be held against it; see the head of `numbers.toml`.
+    """One printed number and how ours is compared with it; see the head of `numbers.toml`.
 
     `tolerance` (in `unit`) and its reason `why` follow from the `rule`.
     """
@@ -163,6 +163,6 @@ def _could_fail(number: PaperNumber) -> bool:
 
 @functools.cache
 def paper_tables() -> dict[str, PaperTable]:
-    """Return the paper's tables by number; `text` holds what stands in no table."""
+    """Return the paper's tables by number; `text` holds the numbers outside of the tables."""
     resource = resources.files("analysis.paper") / "numbers.toml"
     return parse_numbers(resource.read_text(encoding="utf-8"), "analysis/paper/numbers.toml")

@@ -25,7 +25,7 @@ SOURCES: dict[str, Callable[[Array], Array]] = {
     "torque noise above 50 Hz": lambda f: (f > 50.0).astype(float),
     "torque noise above 150 Hz": lambda f: (f > 150.0).astype(float),
 }
-"""Amplitude spectra of what shakes the mirror, by name, in any unit."""
+"""Amplitude spectra of the disturbances of the mirror, by name, in any unit."""
 
 
 def motion(spectrum: Array, axis: str = "theta_x") -> tuple[float, float]:

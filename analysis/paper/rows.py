@@ -26,7 +26,7 @@ class Ours:
 class Row:
     """One row, all numbers in the unit of the paper; `ours` is None where nothing was measured.
 
-    `ours` is what the paper's controllers reach here, `own` what this project's design does, None where it was not
+    `ours` is what the paper's controllers achieve here, `own` what this project's design does, None where it was not
     played.
     """
 
@@ -59,7 +59,7 @@ class Row:
 
     @property
     def determined(self) -> bool:
-        """Whether ours can be held against the paper's: known better than its own size, or than the tolerance.
+        """Whether ours can be compared with the paper's: known better than its own size, or than the tolerance.
 
         An upper bound is met or not however small ours is.
         """

@@ -27,7 +27,7 @@ def share_inside(three_sigma_rad: float) -> float:
 
 
 def printed_shares() -> dict[str, tuple[float, float]]:
-    """Return the shares at positions 1 and 2 of every run, by α and form."""
+    """Return the shares at positions 1 and 2 of every run, by α and end points."""
     table = paper_tables()["6.7"]
     return {
         f"{alpha} {form}": (table.value(f"{alpha} {form} 1"), table.value(f"{alpha} {form} 2"))

@@ -1,4 +1,4 @@
-"""Table 6.6: the requirements and what the campaign reached."""
+"""Table 6.6: the requirements and what the campaign achieved."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def table_6_6(measured: Measured, played: Played = PAPER) -> dict[str, Ours]:
 
 
 def standard_chops(measured: Measured, strategy: str = PAPER.slow) -> list[ChopPhase]:
-    """Return the slow chops of the standard forms, 0 to ±8.5 mrad at every α."""
+    """Return the slow chops of the standard end points, 0 to ±8.5 mrad at every α."""
     found = [measured.chop(alpha, *FORMS[form], strategy) for alpha, form in STANDARD]
     return [chop for chop in found if chop is not None]
 
@@ -52,7 +52,7 @@ STANDARD = [(alpha, form) for alpha in (0.0, 120.0, 240.0) for form in ("0:+8.5"
 
 
 def _stability(measured: Measured, strategy: str) -> dict[str, Ours]:
-    """Return the largest of all standard forms, positions and, of 3σ, axes: the paper prints upper bounds."""
+    """Return the largest of all standard end points, positions and, of 3σ, axes: the paper prints upper bounds."""
     chops = standard_chops(measured, strategy)
     if not chops:
         return {}
@@ -61,7 +61,7 @@ def _stability(measured: Measured, strategy: str) -> dict[str, Ours]:
     errors = np.stack([r.three_sigma_std_rad for r in results])
     worst = np.unravel_index(np.argmax(three_sigma), three_sigma.shape)
     pooled = f"{1e6 * np.sqrt(np.mean(three_sigma**2)):.3g} µrad over all of them"
-    note = f"largest of {three_sigma.size} values of forms, positions and axes; {pooled}"
+    note = f"largest of {three_sigma.size} values of end points, positions and axes; {pooled}"
     return {
         "stability": Ours(float(three_sigma[worst]), float(errors[worst]), note),
         "accuracy": Ours(max(float(r.accuracy_rad.max()) for r in results)),

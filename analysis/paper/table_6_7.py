@@ -14,7 +14,7 @@ ALPHAS_DEG = (0, 120, 240)
 
 
 def table_6_7(measured: Measured, strategy: str = "hybrid") -> dict[str, Ours]:
-    """Return the percentage at both positions of every α and form, with its scatter between windows."""
+    """Return the percentage at both positions of every α and pair of end points, with its scatter between windows."""
     ours: dict[str, Ours] = {}
     for alpha in ALPHAS_DEG:
         for form, (start, stop) in FORMS.items():

@@ -33,7 +33,7 @@ OWN: dict[str, Callable[[Measured], Mapping[str, Ours]]] = {
     "6.6": lambda measured: table_6_6(measured, PROJECT),
     "6.7": lambda measured: table_6_7(measured, "designed"),
 }
-"""Tables that also show what this project's own design reaches."""
+"""Tables that also show what this project's own design achieves."""
 
 
 def make_table(key: str, measured: Measured) -> Table:

@@ -71,7 +71,7 @@ def _power(case: Case) -> float:
 
 
 def _among_positions(case: Case) -> float:
-    """Twice the deviation of the standard forms' percentages from their mean at one orientation."""
+    """Twice the deviation of the percentages of the standard end points from their mean at one orientation."""
     groups: dict[str, list[float]] = {}
     for key, value in case.values.items():
         alpha, form, _ = key.split()
@@ -119,7 +119,7 @@ RULES: dict[str, Rule] = {
     ),
     "power": Rule("rounding of 5.7 N/A, 2.75 A, 7.9 N/√W and of the power, added up", _power),
     "among positions": Rule(
-        "twice the scatter of the paper's own percentages of the standard forms at one α", _among_positions
+        "twice the scatter of the paper's own percentages of the standard end points at one α", _among_positions
     ),
     "two statements": Rule(
         "the paper itself says {also} elsewhere", lambda case: abs(case.value - case.number("also"))

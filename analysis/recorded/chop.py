@@ -30,7 +30,7 @@ R = TypeVar("R", bound=Recorded)
 
 @dataclass(frozen=True)
 class ChopOf(Generic[R]):
-    """One phase of a recorded chop (`learning`, `chop` …): rows `start` to `stop`, beginning with whole periods.
+    """One phase of a recorded chop (`learning`, `chop` …): samples `start` to `stop`, beginning with whole periods.
 
     `start` is where the first move to position 2 begins. `commanded_rad` (2, 2) are positions 1 and 2 as (θx, θy).
     """
@@ -54,7 +54,7 @@ class ChopOf(Generic[R]):
 
     @property
     def start_s(self) -> float:
-        """Time of the first row after the start of the run."""
+        """Time of the first sample after the start of the run."""
         return self.start / self.rate_hz
 
     @property
@@ -103,7 +103,7 @@ class ChopOf(Generic[R]):
     def moves(self, position: int, dof: str, skip: int = 1) -> Array:
         """Return the mean over cycles, after `skip`, of a dwell (dwell,) at position 1 or 2, its move first.
 
-        Raises DataError when no cycle is left.
+        Raises DataError when no cycle remains.
         """
         mean = self._mean_cycle(dof, skip)
         return mean[: self.dwell] if position == 2 else mean[self.dwell :]
@@ -111,7 +111,7 @@ class ChopOf(Generic[R]):
     def _mean_cycle(self, dof: str, skip: int) -> Array:
         """Return the mean of a period (period,), the move to position 2 first."""
         if self.n_cycles <= skip:
-            raise DataError(f"{self.run.path}: no cycle is left after the first {skip}; record a longer chop")
+            raise DataError(f"{self.run.path}: no cycle remains after the first {skip}; record a longer chop")
         total, skipped = np.zeros((1, self.period)), 0
         for block in self.blocks(dof):
             cycles = block.reshape(-1, self.period)

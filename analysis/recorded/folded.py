@@ -41,7 +41,8 @@ def together(parts: Sequence[tuple[Run, LogSegment]], period: int, periods: int)
 def folded(run: Run, segment: LogSegment, role: str, period: int, periods: int, group: int) -> Array:
     """Return means over `group` consecutive periods, (periods // group, period, channels).
 
-    They end with the first `periods` periods of the segment, so that what is left over is nearest to the transient.
+    They end with the first `periods` periods of the segment, so that the periods that are not used are nearest to the
+    transient.
     """
     names, means = run.names(role), periods // group
     first = segment.start + (periods - means * group) * period
@@ -60,7 +61,7 @@ def averaged_response(
 ) -> tuple[FrequencyResponse, Array, Array]:
     """Return the response of segments of any length and excitation, with mean inputs and outputs (channels, 1).
 
-    Segments shorter than `PIECE` count for nothing; raises DataError when what is left is too little.
+    Segments shorter than `PIECE` are ignored; raises DataError when the others are too short.
     """
     run = parts[0][0]
     inputs, outputs = run.names("input"), run.names("output")

@@ -1,4 +1,4 @@
-"""What each test's result is held against: the requirements of Table 6.6 and the sensor budget of section 6.1.2.
+"""What each test's result is compared with: the requirements of Table 6.6 and the sensor budget of section 6.1.2.
 
 Every function takes a measurement and returns its checks; a check without a limit is shown and cannot fail. Values
 are in SI with their unit named, for whoever prints them.
@@ -56,7 +56,7 @@ def endstop_checks(test: EndstopTest) -> tuple[Check, ...]:
 
 
 def theodolite_checks(test: TheodoliteTest) -> tuple[Check, ...]:
-    """Return gain corrections and the error they mean at the full angle, held against the accuracy of Table 6.6."""
+    """Return gain corrections and the error they mean at the full angle, compared with the accuracy of Table 6.6."""
     fit = test.calibration
     rows = []
     for i, dof in enumerate(TIP_TILT):

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ROWS_AT_ONCE = 250_000
-"""Rows that are fitted together: few enough for the processor's cache, and memory does not grow with the sweep."""
+"""Samples that are fitted together: few enough for the processor's cache, and memory does not grow with the sweep."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _gathered(parts: list[LogSegment]) -> Iterator[list[LogSegment]]:
 
 
 def _fitted(run: Run, names: tuple[str, ...], parts: list[LogSegment], origin: int) -> SineFit:
-    """Fit some neighbouring segments; phases count from row `origin`."""
+    """Fit some neighbouring segments; phases count from sample `origin`."""
     first = parts[0].start
     start = np.array([s.start + int(s.settings["measure_from"]) for s in parts]) - first
     stop = np.array([s.stop for s in parts]) - first

@@ -1,4 +1,4 @@
-"""Two recorded sweeps of one axis at two temperatures, held against each other."""
+"""Two recorded sweeps of one axis at two temperatures, compared with each other."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A run seen while it is recorded: what its channels do now, how far a model is off, how long it will take.
 
 The log is opened for reading, without a lock, for each look and closed again, so the writer never waits. What is seen
-are the committed rows, which the writer never touches again.
+are the committed samples, which the writer never touches again.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Reading:
 class Misfit:
     """Measured minus simulated of one output over the last seconds: its rms, and the output's own about its mean.
 
-    Both are of the rows that hold numbers, NaN where none does.
+    Both are of the samples that hold numbers, NaN where none does.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Watch:
             return self.seen(run, now_s)
 
     def seen(self, run: Run, now_s: float) -> Snapshot:
-        """Return the run as it is, opened by the caller; one that has taken the place of another is followed anew.
+        """Return the run as it is, opened by the caller; one that has replaced another is followed from its start.
 
         Raises as `look`.
         """
@@ -140,11 +140,11 @@ class Watch:
         )
 
     def first_row(self, run: Run) -> int:
-        """Return the first row of the last seconds."""
+        """Return the first sample of the last seconds."""
         return max(0, run.rows - round(self.window_s * run.sample_rate_hz))
 
     def simulated(self, name: str, rows: int) -> Array | None:
-        """Return the newest rows (n,) of an output as the model has them at the last look, None where it has none."""
+        """Return the newest samples (n,) of an output as simulated at the last look, None where there are none."""
         follower = self._follower
         ports = [] if follower is None else [port for port, own in follower.outputs.items() if own == name]
         return follower.simulated[-rows:, ports[0]] if follower is not None and ports else None
@@ -163,7 +163,7 @@ class Watch:
 
 @dataclass(frozen=True)
 class _Grown:
-    """New rows: by when they were there, how long before that nobody had looked, and how many there were then."""
+    """New samples: by when they were there, how long before that nobody had looked, and how many there were then."""
 
     at_s: float
     unseen_s: float
@@ -171,7 +171,7 @@ class _Grown:
 
 
 class _Growth:
-    """How fast a log grows, from the moments at which new rows were seen: between them it stands still."""
+    """How fast a log grows, from the moments at which new samples were seen: between them it stands still."""
 
     def __init__(self) -> None:
         self._seen: tuple[float, int] | None = None
@@ -180,7 +180,7 @@ class _Growth:
         self._longest_s = 0.0
 
     def add(self, now_s: float, rows: int) -> None:
-        """Note how many rows there are now."""
+        """Note how many samples there are now."""
         if self._seen is not None and rows > self._seen[1]:
             grown = _Grown(now_s, now_s - self._seen[0], rows)
             self._first = self._first or grown
@@ -189,10 +189,10 @@ class _Growth:
         self._seen = now_s, rows
 
     def left_s(self, expected: int, now_s: float) -> float | None:
-        """Return how long `expected` rows take from now; None until that is known within a factor of two.
+        """Return how long `expected` samples take from now; None until that is known within a factor of two.
 
-        It is not before rows came twice, the times of which are known to half of what passed between them, nor where
-        rows are overdue by twice the longest time between any.
+        It is not before samples came twice, the times of which are known to half of what passed between them, nor where
+        samples are overdue by twice the longest time between any.
         """
         first, last = self._first, self._last
         if first is None or last is None or last.rows == first.rows:
@@ -205,7 +205,7 @@ class _Growth:
 
 
 class _Follower:
-    """Simulates a linear model along a growing log, each row once, and keeps the last seconds of what it gives."""
+    """Simulates a linear model along a growing log, each sample once, and keeps the last seconds of what it gives."""
 
     def __init__(self, run: Run, model: Model, window: int) -> None:
         self.inputs, self.outputs = _channels(run, model.inputs, "input"), _channels(run, model.outputs, "output")

@@ -1,4 +1,4 @@
-"""One table in all its forms: CSV with every digit, LaTeX and HTML for reading, all from one DataFrame."""
+"""One table in all its formats: CSV with every digit, LaTeX and HTML for reading, all from one DataFrame."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _ours(row: Row) -> str:
 
 
 def write_table(table: Table, folder: Path, html: str) -> dict[str, Path]:
-    """Write a table into `folder` as CSV, LaTeX and HTML; return the paths by form."""
+    """Write a table into `folder` as CSV, LaTeX and HTML; return the paths by format."""
     stem = f"table-{table.key}"
     paths = {form: folder / f"{stem}.{form}" for form in ("csv", "tex", "html")}
     write_text(paths["csv"], inert_frame(table.frame()).to_csv(index=False, lineterminator="\n"))

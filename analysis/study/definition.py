@@ -50,7 +50,7 @@ class Uniform(_Strict, frozen=True, kw_only=True):
 class Variation(_Strict, frozen=True, kw_only=True):
     """What varies: a place, and either a distribution that is drawn from or the values of a sweep.
 
-    `place` is `model` (its name), `model.` and the way to a number in it, or `settings.` and the name of a setting.
+    `place` is `model` (its name), `model.` and the path to a number in it, or `settings.` and the name of a setting.
     With `relative` the numbers are changes in parts of what is there: 0.01 makes it one per cent larger. Where a place
     means several numbers, each gets a draw of its own unless they change `together`; a sweep sets all alike.
     """
@@ -70,7 +70,7 @@ class Variation(_Strict, frozen=True, kw_only=True):
             )
         head, dot, rest = self.place.partition(".")
         if not (self.place == MODEL or (head in (MODEL, SETTINGS) and dot and rest)):
-            raise ValueError(f"`{self.place}` is not a place: write model, model.<way to a number> or settings.<name>")
+            raise ValueError(f"`{self.place}` is not a place: write model, model.<path to a number> or settings.<name>")
         if self.sweep is not None and not self.sweep:
             raise ValueError(f"`{self.place}` sweeps over nothing: give at least one value")
         if self.place == MODEL and (self.sweep is None or not all(isinstance(v, str) for v in self.sweep)):
@@ -95,7 +95,7 @@ class Variation(_Strict, frozen=True, kw_only=True):
 class Study(_Strict, frozen=True, kw_only=True, dict=True):
     """A whole study; `trials` is the number of draws, each of which is tried at every point of the grid.
 
-    `settings` are those of the kind of trial, `limits` replace what its results are held against.
+    `settings` are those of the kind of trial, `limits` replace what its results are compared with.
     """
 
     schema: Literal["mccd-study/1"]

@@ -161,7 +161,7 @@ def cluster(job: Job, parts: dict[str, str], address: str) -> Iterator[Engine]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep `distributed` from telling of a lost connection what the error then says in one line."""
+    """Silence the messages of `distributed` about a lost connection, which the error states in one line."""
     talk = logging.getLogger("distributed")
     level = talk.level
     talk.setLevel(logging.CRITICAL)

@@ -1,6 +1,6 @@
 """Places in a model file: `modes[theta_y suspension].frequency_hz` and the like, found and replaced.
 
-A place is the way to a number as the file is written, its parts separated by dots. An entry of a list is chosen in
+A place is the path to a number as the file is written, its parts separated by dots. An entry of a list is chosen in
 brackets: a mode by its label, an effect as `name@where`. `*` and `?` stand for any characters, in keys too, so that one
 place may mean many numbers.
 """
@@ -33,7 +33,7 @@ class Number:
 def numbers_at(content: Mapping[str, Any], place: str) -> list[Number]:
     """Return every number of a model's plain content that `place` means, in the order of the file.
 
-    Raises ConfigError when there is none, naming what is there where the way ends.
+    Raises ConfigError when there is none, naming what is there where the path ends.
     """
     found = list(_followed(content, _steps(place), (), ()))
     if not found:
@@ -48,7 +48,7 @@ def numbers_at(content: Mapping[str, Any], place: str) -> list[Number]:
 
 
 def replaced(content: Any, way: Way, value: float) -> Any:
-    """Return the content with the number at the end of `way` replaced; what is not on the way is shared."""
+    """Return the content with the number at the end of `way` replaced; what is not on this path is shared."""
     if not way:
         return {**content, "value": value} if isinstance(content, dict) else value
     copy = content.copy()
@@ -101,7 +101,7 @@ def _label(entry: Any) -> str:
 
 
 def _missing(content: Mapping[str, Any], place: str) -> str:
-    """Say where the way to a place ends, and what there is instead."""
+    """State where the path of a place ends, and what there is instead."""
     nodes: list[Any] = [content]
     for key, label in _steps(place):
         known = sorted({k for node in nodes if isinstance(node, Mapping) for k in node})

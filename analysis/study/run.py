@@ -106,7 +106,7 @@ def _engine(
 
 
 class _Tally:
-    """Counts what is done now, so that the time left is told from this run alone."""
+    """Counts what is done now, so that the remaining time is estimated from this run alone."""
 
     def __init__(self, report: Report | None, missing: int, before: int) -> None:
         self._report, self._missing, self._before = report, missing, before

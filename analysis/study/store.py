@@ -51,7 +51,7 @@ class Store:
         self.path = folder / FILE
         self._varied, self._columns = tuple(varied), tuple(columns)
         folder.mkdir(parents=True, exist_ok=True)
-        require_no_link(self.path)  # SQLite itself refuses links in place of the files beside it
+        require_no_link(self.path)  # SQLite itself refuses links where it keeps the files beside it
         existed = self.path.exists()
         if existed and not resume:
             raise ConfigError(f"{folder} holds trials already; go on with --resume, or choose another --out")
@@ -80,7 +80,7 @@ class Store:
             raise
 
     def _hold(self) -> None:
-        """Take the file for this program alone and see that trials can stand in it."""
+        """Lock the file for this program and check that it can hold trials."""
         self._file.execute("PRAGMA locking_mode=EXCLUSIVE")
         self._file.execute("PRAGMA synchronous=FULL")
         (mode,) = self._file.execute("PRAGMA journal_mode=WAL").fetchone()
@@ -122,7 +122,7 @@ class Store:
                 made[name] = str(statement)
             elif statement is not None:  # the index that SQLite keeps for a primary key has none
                 raise DataError(
-                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another form than any study; "
+                    f"{self.path} holds the {str(kind)[:40]} '{str(name)[:40]}' in another format than any study; "
                     f"{_RESTORE}"
                 )
         return made
@@ -132,11 +132,11 @@ class Store:
         there = [str(name) for _, name, *_ in self._file.execute("PRAGMA table_info(trials)")]
         raise DataError(
             f"{self.path}: its trials have the columns {', '.join(there)[:1000]}, not {', '.join(wanted)}, or in "
-            f"another form; {_RESTORE}"
+            f"another format; {_RESTORE}"
         )
 
     def _require_trials(self) -> None:
-        """Raise DataError unless the trials stand in the types in which this program keeps them."""
+        """Raise DataError unless the trials have the column types of this program."""
         kept = {"trial": "'integer'", "status": "'text'", "reason": "'text'", "wall_s": "'real'"}
         kept |= {column.name: _KEPT_AS[column.kind] for column in self._columns}
         wrong = " OR ".join(f"typeof({_quoted(name)}) NOT IN ({kinds})" for name, kinds in kept.items())

@@ -28,7 +28,7 @@ Content = dict[str, Any]
 MAX_COLUMNS = 1500
 
 DRAWS_KEPT = 64
-"""Benches that are kept for the other points of their draw, which the threads reach at almost the same time."""
+"""Benches that are kept for the other points of their draw, which the threads need at almost the same time."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def _number(own: Any, one: Variation) -> float:
 
 
 def _set(settings: dict[str, Any], keys: list[str], value: Scalar) -> dict[str, Any]:
-    """Return the settings with one replaced; tables on the way are made where there are none."""
+    """Return the settings with one replaced; missing tables on its path are created."""
     below = settings.get(keys[0])
     inner = value if len(keys) == 1 else _set(below if isinstance(below, dict) else {}, keys[1:], value)
     return {**settings, keys[0]: inner}

@@ -1,6 +1,7 @@
 """What is known of a record before it is used: one fact per file, all of them listed in `finding`.
 
-Facts are found when data are imported and kept in the log; identification and diagnosis ask them, never the raw rows.
+Facts are found when data are imported and kept in the log; identification and diagnosis ask them, never the raw
+samples.
 """
 
 from campaigns.facts.base import Fact, Seen

@@ -59,7 +59,7 @@ class Seen:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of samples."""
         return next((values.size for values in self.columns.values()), 0)
 
 
@@ -72,17 +72,17 @@ def runs_of(at: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def changed(values: Array) -> NDArray[np.bool_]:
-    """Return after which rows a column (n,) reads something else, shape (n - 1,): differences take eight times that."""
+    """Return after which samples a column (n,) changes, shape (n - 1,): differences take eight times the memory."""
     return np.asarray(values[1:] != values[:-1])
 
 
 def stretches_of(at: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """Return where the stretches of `least` rows and more begin and end (exclusive) in which `at` (n,) holds."""
+    """Return where the stretches of `least` samples and more begin and end (exclusive) in which `at` (n,) holds."""
     return [(int(a), int(b)) for a, b in zip(*runs_of(at), strict=True) if b - a >= least]
 
 
 def by_segment(seen: Seen, values: Array) -> Iterator[tuple[LogSegment, Array]]:
-    """Yield every segment with rows and its part of a column."""
+    """Yield every segment with samples and its part of a column."""
     for segment in seen.segments:
         if segment.rows:
             yield segment, values[segment.start : segment.stop]

@@ -25,7 +25,7 @@ MOST_VALUES = 4_000_000
 class Blocks:
     """Spectra of inputs (b, f, n_u) and outputs (b, f, n_y) of `length` samples, at `line` (f,) over `length`.
 
-    `start` (b,) is the first row of each block, `stretch` (b,) the number of its stretch.
+    `start` (b,) is the first sample of each block, `stretch` (b,) the number of its stretch.
     """
 
     inputs: Spectrum

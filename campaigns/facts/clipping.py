@@ -45,7 +45,7 @@ def cut_off_in(values: Array, name: str, unit: str, segment: str) -> list[Fact]:
 
 
 def cut_off(found: Iterable[Fact], segment: str, rows: int, read: Callable[[str], Array]) -> NDArray[np.bool_]:
-    """Return (rows,) in which rows of a segment an output is at its end, by the facts `found` of the record.
+    """Return (rows,) in which samples of a segment an output is at its end, by the facts `found` of the record.
 
     `read` gives the segment's part of a channel (rows,).
     """
@@ -57,7 +57,7 @@ def cut_off(found: Iterable[Fact], segment: str, rows: int, read: Callable[[str]
 
 
 def saturation(values: Array) -> list[tuple[float, float]]:
-    """Return (share of rows cut off there, extreme) for each end at which a channel (n,) is cut off, at most two.
+    """Return (share of samples cut off there, extreme) for each end at which a channel (n,) is cut off, at most two.
 
     A limited sensor stays exactly at its extreme for samples on end although the motion was heading beyond it; one
     that rests or turns there arrives slowly. Inputs are not judged: a two-level signal is at its extremes always.

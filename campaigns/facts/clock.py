@@ -1,8 +1,8 @@
 """Whether the outputs were sampled by another clock than the inputs: a delay that grows steadily with time.
 
-Then the phase of every frequency turns at a rate proportional to it, and no amplitude changes. Resonances that move,
-as by warmth, turn the phase near them only and change the amplitudes as well: what is not of the form of a clock is
-not told as one.
+Then the phase of every frequency drifts at a rate proportional to it, and no amplitude changes. Resonances that move,
+as by warmth, shift the phase near them only and change the amplitudes as well: a drift that is not proportional to
+frequency is not reported as one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from campaigns.facts.stretches import Stretch
 NAME = "clock"
 
 LARGEST = 2e-3
-"""Difference of two clocks that is looked for: quartz is off by 1e-4 at most, a computer's timer by 1e-3."""
+"""Difference of two clocks that is searched for: quartz is off by 1e-4 at most, a computer's timer by 1e-3."""
 
 SIGNIFICANT = 6.0
 """Standard deviations from which on a difference is told: the scatter they are of comes from few blocks."""
@@ -39,17 +39,17 @@ SPAN = 1.5
 """Highest frequency over the lowest that tell a clock from a phase."""
 
 ALIGNED = 0.3
-"""Part of the power of all blocks, turned back, that is common to them at least: of noise that excites it is a half."""
+"""Least common part of the power of all blocks after correction of the phase: of noise excitation it is a half."""
 
 OTHER = 0.1
-"""Part of the turning of all lines that may be of another form than a clock's."""
+"""Part of the phase drift of all bins that may be different from a clock's."""
 
 
 @dataclass(frozen=True)
 class _Drift:
-    """A difference, its standard deviation, which part of the lines' drift is of another form, and over what time.
+    """A difference, its standard deviation, which part of the bins' drift is different, and over what time.
 
-    `halves` tells whether either half of the lines, every other one, says so by itself.
+    `halves` tells whether either half of the bins, every other one, shows it by itself.
     """
 
     relative: float
@@ -69,7 +69,7 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
     free = _free_blocks(stretches)
     found = []
     for o, name in enumerate(seen.of_role("output")):
-        # what turns with an output's clock: its lines where they repeat, its cross-spectra else
+        # whose phase drifts with an output's clock: its bins where they repeat, otherwise its cross-spectra
         turning = [(blocks.outputs[:, :, o], blocks) for blocks in repeating]
         turning += [(_cross(blocks, o), blocks) for blocks in free]
         drifts = [d for z, blocks in turning if (d := _drift_of(z, blocks)) is not None]
@@ -102,11 +102,11 @@ def _cross(blocks: Blocks, o: int) -> Spectrum:
 
 
 def _drift_of(z: Spectrum, blocks: Blocks) -> _Drift | None:
-    """Return how the lines of `z` (b, f) turn with time, None where too little is there to tell."""
+    """Return how the phase of the bins of `z` (b, f) drifts with time, None where there are too few."""
     counts = np.bincount(blocks.stretch)
     kept = counts[blocks.stretch] >= LEAST_BLOCKS
     lines = excited(np.mean(np.abs(blocks.inputs) ** 2, axis=0))
-    # a line that is played in some blocks only, as in a sweep, tells of those alone
+    # a bin that is played in some blocks only, as in a sweep, contains those alone
     size = np.abs(z)
     lines &= np.mean(size > 0.05 * size.mean(axis=0), axis=0) > 0.75
     if not kept.any() or lines.sum() < LEAST_LINES:
@@ -126,15 +126,15 @@ def _drift_of(z: Spectrum, blocks: Blocks) -> _Drift | None:
 
 
 def _alignment(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, relative: float) -> float:
-    """Return how large the mean of all blocks is when they are turned back by a difference."""
+    """Return how large the mean of all blocks is after phase correction by a difference."""
     back = z * np.exp(-1j * relative * np.outer(at, omega))
     return float(sum(np.sum(np.abs(back[stretch == i].sum(axis=0)) ** 2) for i in np.unique(stretch)))
 
 
 def _coarse(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array) -> float:
-    """Return the difference that turns blocks best into later ones, near ones first, then those farther apart.
+    """Return the difference that best maps blocks to later ones, near ones first, then those farther apart.
 
-    Far ones tell more closely, but near ones alone tell how often they have turned.
+    Far ones are more accurate, but only near ones resolve the number of whole turns.
     """
     step = float(np.median(np.diff(at)[np.diff(stretch) == 0]))
     best, width, apart, farthest = 0.0, LARGEST, 1, int(np.bincount(stretch).max()) - 1
@@ -156,7 +156,7 @@ def _coarse(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array) -> 
 
 
 def _fine(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, start: float) -> _Drift | None:
-    """Return the drift by linear least squares of what is left after turning back by `start`.
+    """Return the drift by linear least squares of the remaining phase after correction by `start`.
 
     The scatter of the delays of single blocks about their line gives its standard deviation, so that whatever makes
     them scatter is in it.
@@ -186,7 +186,7 @@ def _fine(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, start
     both = alike and all(abs(s) > 0.5 * SIGNIFICANT * e for s, (_, e) in zip(own, halves, strict=True))
     if _aligned(back, members) < ALIGNED:
         return None
-    # each line's own drift beyond what noise makes of it, against that of a clock
+    # each bin's own drift beyond that of noise, against that of a clock
     turn = np.sum(np.maximum(slope.imag**2 * total / phase - 1.0, 0.0))
     grow = np.sum(np.maximum(slope.real**2 * total / np.maximum(size, 1e-24) - 1.0, 0.0))
     other = float(max(turn, grow) / max(np.sum((omega * relative) ** 2 * total / phase), np.finfo(float).tiny))
@@ -210,7 +210,7 @@ def _line_of(phases: Array, omega: Array, noise: Array, time: Array, sizes: Sequ
 
 
 def _against_mean(z: Spectrum) -> Spectrum:
-    """Return each block's (b, f) difference from the mean line, against it: amplitude real, phase imaginary."""
+    """Return each block's (b, f) difference from its mean, relative to it: amplitude real, phase imaginary."""
     mean = z.mean(axis=0)
     return z * mean.conj() / np.maximum(np.abs(mean) ** 2, np.finfo(float).tiny) - 1.0
 
@@ -233,14 +233,14 @@ def _fact(name: str, drift: _Drift, rate_hz: float) -> Fact:
             f"{1e6 * drift.std:.2g} ppm, {abs(late):.3g} samples, {abs(late) / rate_hz:.3g} s, over the record"
         )
         means = (
-            "phases turn with time and lines leave their bins, which a diagnosis can only call sample-clock-error: "
+            "phases drift with time and lines leave their bins, which a diagnosis can only call sample-clock-error: "
             "sample both by one clock, or resample one of them"
         )
         return Fact(NAME, text, means, name, numbers=numbers)
     if abs(drift.relative) > SIGNIFICANT * drift.std:
         text = (
-            f"{name}: phases drift with time, but not as two clocks would: {100.0 * drift.other:.0f} % of it is of "
-            "another form"
+            f"{name}: phases drift with time, but not as two clocks would: {100.0 * drift.other:.0f} % of it is not "
+            "proportional to frequency"
         )
     else:
         text = f"{name}: no difference of clocks is seen; one of {1e6 * SIGNIFICANT * drift.std:.2g} ppm would be"

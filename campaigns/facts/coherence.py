@@ -19,7 +19,7 @@ from campaigns.facts.stretches import Stretch
 NAME = "coherence"
 
 LOW = 0.9
-"""Coherence below which a line is called low, and explained power below which a record is: a tenth is other."""
+"""Coherence below which a bin is called low, and explained power below which a record is: a tenth is unexplained."""
 
 AVERAGES = 6
 """Blocks that Welch's spectra are averaged over, for each input and one more."""

@@ -32,7 +32,7 @@ SLOW_START = 7.0
 second; of lower powers it is smaller by less."""
 
 MISSED = 0.1
-"""Part of what is new in an output that inputs before the order may hold: of fresh inputs it only adds to the noise."""
+"""Part of the innovations of an output that inputs before the order may explain: new inputs only add to the noise."""
 
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:

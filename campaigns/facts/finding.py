@@ -54,11 +54,11 @@ RELATIONS: Mapping[str, Callable[[Seen, Sequence[Stretch], Sequence[Fact]], list
 which of them it has asked."""
 
 MOST_NUMBERS = 20_000_000
-"""Numbers of a log that are looked at, 160 MB. A longer one is known from its import, or by its first rows."""
+"""Numbers of a log that are looked at, 160 MB. A longer one is known from its import, or by its first samples."""
 
 
 def found_in(seen: Seen, asked: Sequence[str] = tuple(RELATIONS)) -> tuple[Fact, ...]:
-    """Return the facts of a record, of `RELATIONS` those that are `asked`; none of one without rows."""
+    """Return the facts of a record, of `RELATIONS` those that are `asked`; none of one without samples."""
     if not seen.rows:
         return ()
     found = missing.facts(seen)

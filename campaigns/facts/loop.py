@@ -1,16 +1,15 @@
 """Whether an input answers the output, as in a closed loop: then the noise of the output is in the input as well.
 
-What is new in the output at a sample cannot be foretold by inputs to come, unless these answer it. So the output is
-regressed on its own past and the inputs up to now, and asked whether the inputs to come hold more of it (C. Sims,
+The innovation of the output at a sample cannot be predicted by later inputs, unless these answer it. So the output is
+regressed on its own past and the inputs up to now, and tested for the part that later inputs explain (C. Sims,
 "Money, income, and causality", 1972; with the output's own past, J. Geweke, R. Meese and W. Dent, 1983). Of a periodic
-excitation, that repeats and so is known for all time, only what differs from period to period is asked.
+excitation, which is known for all time, only the differences from period to period are tested.
 
-With its reference logged, the input of the very sample is asked as well: a controller that answers within its sample
-puts all of a reading's noise there. Without a reference that cannot be told from a plant that acts at once.
+With its reference logged, the input of the same sample is tested as well: a controller that answers within its sample
+puts all of a reading's noise there. Without a reference that cannot be distinguished from a plant that acts at once.
 
-A model that misses something of its inputs finds that in the inputs to come too, but as much in inputs farther past:
-these are asked as well, and must hold much less. Of an input that can be foretold from what came before, as a sweep,
-nothing is asked.
+What a model misses of its inputs is found in later inputs too, but as much in inputs farther past: these are tested as
+well, and must explain much less. An input that can be predicted from its past, such as a sweep, is not tested.
 """
 
 from __future__ import annotations
@@ -113,7 +112,7 @@ def _answer(output: str, regression: Regression) -> _Answer:
         return _Answer(output, 0.0, 1.0, 0.0, regression.rows)
     ratio = (before - after) / tests / (after / free)
     chance = float(scipy.special.fdtrc(tests, free, max(ratio, 0.0)))
-    # of so many numbers, that many parts of the rows are held by chance
+    # of so many numbers, that many parts of the samples are held by chance
     share = (before - after) / before - tests / regression.rows
     return _Answer(output, share, chance, (plain - before) / plain - tests / regression.rows, regression.rows)
 

@@ -39,7 +39,7 @@ def facts(seen: Seen) -> list[Fact]:
 
 
 def missing_rows(run: Run, segment: LogSegment) -> NDArray[np.bool_]:
-    """Return in which rows (n,) of a segment an input, output or reference holds no number; it is read in blocks."""
+    """Return in which samples (n,) of a segment an input, output or reference holds no number; it is read in blocks."""
     names = [name for role in ROLES for name in run.names(role)]
     missing = np.zeros(segment.rows, dtype=bool)
     for first, block in run.blocks(names, segment.start, segment.stop, ROWS_AT_ONCE):
@@ -49,7 +49,7 @@ def missing_rows(run: Run, segment: LogSegment) -> NDArray[np.bool_]:
 
 
 def drawn_over(seen: Seen) -> Seen:
-    """Return a record with straight lines over what holds no number, for facts that ask for the rest of it."""
+    """Return a record with straight lines over what holds no number, for facts that need its other samples."""
     columns = {name: _drawn(values) for name, values in seen.columns.items()}
     return replace(seen, columns=columns)
 

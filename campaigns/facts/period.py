@@ -1,4 +1,4 @@
-"""Whether an input repeats after the period that is claimed: a wrong one makes a response at lines never played."""
+"""Whether an input repeats after the stated period: a wrong one gives a response at frequencies never played."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def facts(seen: Seen) -> list[Fact]:
 
 
 def period_of(inputs: dict[str, Array]) -> int:
-    """Return the number of rows after which the inputs (n,) repeat nearly exactly, 0 where they do not."""
+    """Return the number of samples after which the inputs (n,) repeat nearly exactly, 0 where they do not."""
     moving = _moving(inputs)
     if not moving:
         return 0
@@ -78,7 +78,7 @@ def period_of(inputs: dict[str, Array]) -> int:
 
 
 def claimed_period(segment: LogSegment) -> int:
-    """Return the rows after which a segment says that it repeats, 0 where it says nothing."""
+    """Return the samples after which a segment says that it repeats, 0 where it says nothing."""
     value = segment.settings.get("period_samples")
     return int(value) if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else 0
 
@@ -90,7 +90,7 @@ def _moving(columns: dict[str, Array]) -> dict[str, Array]:
 def difference(parts: Array, period: int) -> float:
     """Return the rms by which inputs (n, k) of size one differ after `period` samples, 1 for inputs that are foreign.
 
-    The first period may still be begun in: it is left out where there are three.
+    The first period may contain the transient: it is left out where there are three.
     """
     first = period if parts.shape[0] >= 3 * period else 0
     apart = parts[first + period :] - parts[first:-period]

@@ -20,9 +20,9 @@ AHEAD = 10
 """Samples to come, and as many beyond the order, that are asked for what they hold of the output."""
 
 FRESH = 1e-3
-"""Part of an input's power that all else must leave of a sample before it is asked what that sample alone does. Of a
-smooth input, a sweep or a few lines less is left than the noise of its own sensor, 3 % of it; samples to come then
-tell, by their mean, what the input was."""
+"""Part of an input's power that must be unpredictable in a sample to test what that sample alone does. Of a smooth
+input, a sweep or a few frequencies, that part is less than the noise of its own sensor, 3 % of it; later samples then
+show, by their mean, what the input was."""
 
 MOST_ORDER = 40
 MOST_COLUMNS = 130
@@ -30,7 +30,7 @@ MOST_ROWS = 20_000
 PIECES = 4
 
 ROWS_PER_COLUMN = 5
-"""Fewest rows for each number that is fitted."""
+"""Fewest samples for each number that is fitted."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Regression:
     """An output on all lags: `triangle` (p + 1, p + 1) of their orthogonal form, the output in its last column.
 
     `lag` (p,) is that of each column, `of` (p,) the channel: -1 for the output itself, 0 and on for inputs, -2 for a
-    reference. `rows` is what they are worth.
+    reference. `rows` is their number of independent samples.
     """
 
     triangle: Array
@@ -56,7 +56,7 @@ class Regression:
         return [float(left[end]) if end < left.size else 0.0 for end in ends]
 
     def fresh(self) -> float:
-        """Return which part of the freshest input's power is new in the next sample, after all that came before."""
+        """Return which part of the least predictable input's power is new in the next sample, given its past."""
         earlier = np.flatnonzero((self.of <= -2) | self.past | self.before)
         parts = []
         for next_one in np.flatnonzero((self.of >= 0) & (self.lag == -1)):
@@ -86,9 +86,9 @@ def triangle_of(matrix: Array) -> Array:
 
 
 def regression_of(stretches: Sequence[Stretch], output: int, *, worth: float = 1.0) -> Regression | None:
-    """Return the regression of an output, of the order that the Bayesian criterion chooses; None for too few rows.
+    """Return the regression of an output, of the order that the Bayesian criterion chooses; None for too few samples.
 
-    `worth` is the part of the rows that are independent of each other.
+    `worth` is the part of the samples that are independent of each other.
     """
     some = _pieces(stretches)
     if not some:
@@ -119,7 +119,7 @@ def regression_of(stretches: Sequence[Stretch], output: int, *, worth: float = 1
 
 
 def _pieces(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Return all rows, or so many as are looked at in pieces spread over those there are."""
+    """Return all samples, or so many as are looked at in pieces spread over those there are."""
     least = MOST_ORDER + 2 * AHEAD + 1
     enough = [s for s in stretches if s.rows >= 2 * least]
     total = sum(s.rows for s in enough)
@@ -148,7 +148,7 @@ def _columns(order: int, n_u: int, n_r: int) -> tuple[NDArray[np.intp], NDArray[
 
 
 def _matrix(s: Stretch, output: int, lag: NDArray[np.intp], of: NDArray[np.intp], deepest: int) -> Array:
-    """Return the columns and the output for every row that has all of them, without their means."""
+    """Return the columns and the output for every sample that has all of them, without their means."""
     rows = np.arange(deepest, s.rows - AHEAD)
     out = np.empty((rows.size, lag.size + 1))
     for c, (k, j) in enumerate(zip(lag, of, strict=True)):

@@ -45,7 +45,7 @@ def facts(seen: Seen) -> list[Fact]:
 
 
 def _still_rows(seen: Seen) -> int:
-    """Return how many rows at the end hold the last values of all channels, none where it rests as long before."""
+    """Return how many samples at the end hold the last values of all channels, none where it rests as long before."""
     moved = np.zeros(seen.rows - 1, dtype=bool)
     for values in seen.of_role("input", "output").values():
         moved |= changed(values)

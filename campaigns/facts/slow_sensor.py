@@ -9,7 +9,7 @@ from campaigns.facts.base import Array, Fact, Seen, changed
 from campaigns.facts.steps import step_of
 
 MOST_ROWS = 1000
-"""Slowest sensor that is looked for, in samples of the log."""
+"""Slowest sensor that is searched for, in samples of the log."""
 
 LEAST_CHANGES = 20
 ON_BEAT = 0.98
@@ -83,7 +83,7 @@ def _is_coarse(values: Array) -> bool:
 
 
 def beat(at: NDArray[np.intp]) -> int:
-    """Return the largest number of rows of which nearly all changes, at rows (n,), fall on one, 1 if there is none."""
+    """Return the largest period in samples on which nearly all changes, at samples (n,), fall; 1 if there is none."""
     starts = range(0, at.size, AT_ONCE)
     gaps = np.zeros(MOST_ROWS + 1, dtype=np.intp)
     for first in starts:

@@ -11,7 +11,7 @@ from campaigns.facts.base import Array, Fact, Seen
 from campaigns.facts.period import claimed_period, difference
 
 LEAST_ROWS = 200
-"""Rows of a segment below which nothing is asked of it: too few for a spectrum and a handful of lags."""
+"""Samples of a segment below which nothing is asked of it: too few for a spectrum and a handful of lags."""
 
 VARIES = 0.1
 """What inputs may differ by from period to period, against their size: a hundredth of the power of what they move."""
@@ -19,9 +19,9 @@ VARIES = 0.1
 
 @dataclass(frozen=True)
 class Stretch:
-    """Rows `start` and after of a segment: inputs (n, n_u), outputs (n, n_y), references (n, n_r), without their means.
+    """Samples of a segment from `start`: inputs (n, n_u), outputs (n, n_y), references (n, n_r), without their means.
 
-    `period` is in rows, 0 where nothing repeats.
+    `period` is in samples, 0 where nothing repeats.
     """
 
     label: str
@@ -33,7 +33,7 @@ class Stretch:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of samples."""
         return int(self.inputs.shape[0])
 
     @property

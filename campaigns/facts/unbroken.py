@@ -25,28 +25,28 @@ CHANCE = 0.01
 """Chance at which recordings of their own would fit together so well: as sure as a cause is named."""
 
 AHEAD = (1, 4, 16, 64)
-"""Rows after a border whose means are foretold: close by they tell where a motion is, further on its way."""
+"""Samples after a border whose means are predicted: the nearest give the position of a motion, the next its rate."""
 
 BEHIND = 8
-"""Means of readings and commands before a row that a learnt prediction knows, of half the rows ahead each."""
+"""Means of readings and commands before a sample that a learnt prediction uses, of half the samples ahead each."""
 
 COMMANDS = 4
-"""Means of the commands in the rows that are foretold."""
+"""Means of the commands in the samples that are predicted."""
 
 LEAST = 16
-"""Times that the rows ahead fit into a stretch, at least."""
+"""Times that the samples ahead fit into a stretch, at least."""
 
 LOOKED_AT = 8192
-"""Rows on either side of a border that are looked at."""
+"""Samples on either side of a border that are looked at."""
 
 LEARNT_FROM = 1500
-"""Rows, spread over both stretches, from which it is learnt how to foretell."""
+"""Samples, evenly chosen from both stretches, from which the prediction is learnt."""
 
 ENOUGH = 3
 """Times that these are more than the numbers to learn, at least."""
 
 PLACES = 512
-"""Rows of each of two stretches that are held against each other."""
+"""Samples of each of two stretches that are compared."""
 
 RESTS = 0.2
 """An output that moves less than this part of what is usual on either side of a border rests there, and fits always."""
@@ -113,7 +113,7 @@ def _repeated(inputs: Sequence[Array], before: Stretch, after: Stretch) -> bool:
 
 
 def _moves(y: Array, at: int) -> bool:
-    """Tell whether an output (n,) moves on both sides of the border at row `at`, as much as it usually does."""
+    """Tell whether an output (n,) moves on both sides of the border at sample `at`, as much as it usually does."""
     beside, usual = [], []
     for side in (y[:at][::-1], y[at:]):
         rows = max(side.size // WINDOWS, min(16, side.size // 2))
@@ -135,10 +135,10 @@ def _sized(columns: Sequence[Array], rows: slice) -> Array:
 
 @dataclass(frozen=True)
 class _Foretold:
-    """What earlier rows foretell of the rows after each row (n,), what comes, and the rms of their difference.
+    """The prediction of the samples after each sample (n,) from earlier ones, the outcome, and the rms difference.
 
-    That is of rows whose surroundings lie within one stretch. What later commands add is taken off what comes. Where
-    rows lie beyond both stretches there is no number.
+    That is of samples whose surroundings are within one stretch. The effect of later commands is subtracted. Where
+    samples lie beyond both stretches there is no number.
     """
 
     foretold: Array
@@ -146,20 +146,20 @@ class _Foretold:
     usual: float
 
     def apart(self, ends: Ints, begins: Ints) -> Array:
-        """Return how badly the rows from `begins` on go on from those before `ends`, (ends, begins)."""
+        """Return how badly the samples from `begins` on go on from those before `ends`, (ends, begins)."""
         return np.asarray(np.abs(self.come[begins][None] - self.foretold[ends][:, None]) / self.usual)
 
 
 @dataclass(frozen=True)
 class _Border:
-    """Inputs (n, n_u) and outputs (n, n_y) of two stretches, the second of which begins at row `at`."""
+    """Inputs (n, n_u) and outputs (n, n_y) of two stretches, the second of which begins at sample `at`."""
 
     u: Array
     y: Array
     at: int
 
     def aligned(self, foretold: Array, come: Array, behind: int, ahead: int) -> _Foretold | None:
-        """Return a prediction and its outcome, of all rows with so many behind and ahead; None where it is exact."""
+        """Return a prediction and its outcome, of all samples with so many behind and ahead; None where it is exact."""
         rows = np.arange(behind, behind + come.size)
         within = (rows <= self.at - ahead) | (rows >= self.at + behind)
         usual = float(np.sqrt(np.mean((come - foretold)[within] ** 2)))
@@ -185,7 +185,7 @@ def _coincidence(border: _Border, told: Sequence[_Foretold]) -> float:
 
 
 def _by_its_way(border: _Border, m: int) -> Iterator[_Foretold]:
-    """Yield the mean of the next `m` rows, foretold by the line or parabola through the last 2 m that misses less."""
+    """Yield the mean of the next `m` samples, predicted by the better of line and parabola through the last 2 m."""
     for y in border.y.T:
         come = np.convolve(y, np.full(m, 1.0 / m), mode="valid")[2 * m :]
         found = []
@@ -198,7 +198,7 @@ def _by_its_way(border: _Border, m: int) -> Iterator[_Foretold]:
 
 
 def _learnt(border: _Border, m: int) -> Iterator[_Foretold]:
-    """Yield both halves of the next `m` rows, foretold by a linear prediction that knows the commands as well."""
+    """Yield both halves of the next `m` samples from a linear prediction that uses the commands as well."""
     half, n = max(m // 2, 1), border.y.shape[0]
     behind = BEHIND * half
     rows = np.arange(behind, n - m + 1)
@@ -215,9 +215,9 @@ def _learnt(border: _Border, m: int) -> Iterator[_Foretold]:
 
 
 def _means(values: Array, rows: Ints, count: int, width: int) -> Array:
-    """Return the means of so many neighbouring parts of `values` (n, k), each of `width` rows, from each of `rows` on.
+    """Return the means of `count` adjacent parts of `values` (n, k), each of `width` samples, from each of `rows` on.
 
-    Shape (rows, count k).
+    Shape (samples, count k).
     """
     total = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     edges = rows[:, None] + width * np.arange(count + 1)

@@ -46,14 +46,14 @@ def _until(segment: LogSegment, end: int) -> LogSegment:
 
 
 LEAST_PIECE = 100
-"""Rows between two stretches at the end of a sensor's range that a fit may begin anew for."""
+"""Samples between two stretches at the end of a sensor's range that a fit may begin anew for."""
 
 
 def measured_segments(run: Run) -> list[LogSegment]:
-    """Return the usable segments of a log without the rows that are no measurement.
+    """Return the usable segments of a log without the samples that are no measurement.
 
     There an output is at the end of its sensor's range, or an input, output or reference holds no number. What lies
-    between such rows becomes a segment of its own, begun in an unknown state, if it is long enough.
+    between such samples becomes a segment of its own, begun in an unknown state, if it is long enough.
     """
     facts = facts_of(run)
     found: list[LogSegment] = []

@@ -13,7 +13,7 @@ SMALL = 0.1
 
 
 def facts(seen: Seen) -> list[Fact]:
-    """Return the outputs that jump over nearly their whole range from one row to the next."""
+    """Return the outputs that jump over nearly their whole range from one sample to the next."""
     found = []
     for name, values in seen.of_role("output").items():
         steps = np.diff(values)
@@ -23,7 +23,7 @@ def facts(seen: Seen) -> list[Fact]:
             continue
         jumps = np.flatnonzero(steps > OF_RANGE * span)
         tall = steps[jumps]
-        steps[jumps] = 0.0  # the largest of the others is looked for
+        steps[jumps] = 0.0  # the largest of the others is searched for
         if 0 < jumps.size < 0.2 * steps.size and float(steps.max()) < SMALL * span:
             unit = seen.channels[name].unit
             found.append(

@@ -26,7 +26,7 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     """Return the channels of an archive on one clock, from the last of their first readings to the first of their last.
 
     Raises DataError for names that are not there and readings that are no numbers, ConfigError for a map without rate
-    or way to resample.
+    or method of resampling.
     """
     found, log = files.map, files.map.log
     where = f"part '{part.label}': " if part else ""

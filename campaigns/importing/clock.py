@@ -98,7 +98,7 @@ def stamps_in(values: NDArray[Any], unit: str) -> Stamps:
 def dates(cells: Sequence[str], what: str) -> Stamps:
     """Return dates or times of day (n,) as times; a step back by more than half a day is midnight.
 
-    Raises DataError for a cell that is none, and where day and month cannot be told apart.
+    Raises DataError for a cell that is none, and where day and month are ambiguous.
     """
     import pandas as pd
 
@@ -123,7 +123,7 @@ def dates(cells: Sequence[str], what: str) -> Stamps:
 
 
 def _format(cells: Sequence[str], what: str) -> str:
-    """Return pandas' name for the form of dates; ISO 8601, or days, months and years in the order the cells show."""
+    """Return pandas' name for the format of dates; ISO 8601, or days, months and years in the order the cells show."""
     first = _DAYS_FIRST.match(cells[0])
     if not first:
         return "ISO8601"

@@ -63,8 +63,9 @@ def import_run(
 ) -> ImportReport:
     """Import what the map at `map_path` names into a new log at `target`; sources count from the map's folder.
 
-    They must lie in there or below, unless `allow_outside`. `note` stands in the log. All data are held in memory once.
-    Raises ConfigError for the map and an existing target, DataError for the sources; in both cases nothing is written.
+    They must lie in there or below, unless `allow_outside`. `note` is written to the log. All data are held in memory
+    once. Raises ConfigError for the map and an existing target, DataError for the sources; in both cases nothing is
+    written.
     """
     path = Path(map_path)
     check_note(note)

@@ -178,7 +178,7 @@ BATCH_ROWS = 2**18
 
 
 def optional(library: str, path: Path) -> Any:
-    """Return a library that is there only with the extra `formats`; raises DataError with the way to install it."""
+    """Return a library that is there only with the extra `formats`; raises DataError that says how to install it."""
     try:
         return import_module(library)
     except ImportError:
@@ -211,7 +211,7 @@ class MatSource:
 
     @cached_property
     def _walked(self) -> list[Variable]:
-        """All variables; none of a file that has another form, of which scipy's parser tells what is wrong."""
+        """All variables; none of a file of another format, whose error scipy's parser reports."""
         try:
             return variables_in(self.path)
         except (ValueError, OSError, zlib.error, struct.error):
@@ -260,7 +260,7 @@ def child() -> None:
     """Answer questions about the file named on the command line until standard input ends.
 
     A question is one line of JSON, null for the names or the name of an array. So is an answer; that of an array is
-    followed by its bytes, in C order of the shape that is told. Dates come as nanoseconds since 1970.
+    followed by its bytes, in C order of the stated shape. Dates come as nanoseconds since 1970.
     """
     path = Path(sys.argv[1])
     _load_parsers(path)

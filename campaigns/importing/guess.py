@@ -1,4 +1,4 @@
-"""A map proposed for files that nobody has described: what is certain, what is guessed, and what is doubtful."""
+"""A map proposed for files that nobody has described: what is certain, what is guessed, and what is uncertain."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Guess:
-    """The text of the map, and in sentences what was guessed and what is doubtful."""
+    """The text of the map, and in sentences what was guessed and what is uncertain."""
 
     text: str
     said: tuple[str, ...]

@@ -102,7 +102,7 @@ class ImportMap(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_map(path: Path) -> tuple[ImportMap, str]:
-    """Return the map at `path` and its text; raises ConfigError naming the place, the value and the nearest field."""
+    """Return the map at `path` and its text; raises ConfigError naming the key, the value and the nearest field."""
     text = read_text(path, "import map", fix="give the path of one")
     try:
         found = msgspec.convert(toml_of(text, str(path)), ImportMap, strict=True)

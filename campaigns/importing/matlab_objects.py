@@ -1,9 +1,9 @@
 """Objects of MATLAB (timetables, tables, datetimes, strings) beside plain data: known by name, never read as numbers.
 
-What such an object holds stands in a part of the file whose form MATLAB does not publish; in its place stand six whole
-numbers that point there. scipy's listing of variables fails on one, so the elements of a file of version 5 to 7 are
-walked here, by "MAT-File Format" (The MathWorks, R2023a), chapter 1; an object's has no dimensions, but its name, the
-system of its type and its class.
+The content of such an object is in a part of the file whose format MATLAB does not publish; the object itself is six
+whole numbers that point there. scipy's listing of variables fails on one, so the elements of a file of version 5 to 7
+are walked here, by "MAT-File Format" (The MathWorks, R2023a), chapter 1; an object's has no dimensions, but its name,
+the system of its type and its class.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Variable:
     shape: tuple[int, ...] = ()
     object_of: str = ""
     begin: int = 0
-    """Where its element stands in the file, behind the tag."""
+    """Position of its element in the file, behind the tag."""
     size: int = 0
     packed: bool = False
 

@@ -1,4 +1,4 @@
-"""From selected arrays to one record: axes put in time order, clock found, values checked and turned into SI."""
+"""From selected arrays to one record: axes put in time order, clock found, values checked and converted to SI."""
 
 from __future__ import annotations
 

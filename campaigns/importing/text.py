@@ -95,7 +95,7 @@ class TextSource:
         return [cell.strip() for frame in self._frames(usecols=[column], dtype=str) for cell in frame.iloc[:, 0]]
 
     def coded(self, name: str) -> tuple[NDArray[np.int32], list[str]] | None:
-        """Return every row's place (n,) in the different texts of a column, and these; None without such a column.
+        """Return every row's index (n,) in the distinct texts of a column, and these; None without such a column.
 
         Raises DataError as `array` does, and for more than `MOST_NAMES` different ones.
         """
@@ -206,7 +206,7 @@ class TextSource:
 
     @cached_property
     def _checked(self) -> tuple[int, bool]:
-        """Return how many rows there are, and whether remarks stand among them."""
+        """Return how many rows there are, and whether remarks are among them."""
         count, remarks = 0, False
         for _, line, data in self._rows():
             remarks = remarks or data is not line
@@ -261,7 +261,7 @@ class TextSource:
                     skipinitialspace=True,
                     index_col=False,
                     low_memory=False,
-                    na_filter=False,  # an empty cell is told with its place, below
+                    na_filter=False,  # an empty cell is reported with its position, below
                     chunksize=max(FRAME_CELLS // self._width, 1),
                     **options,
                 ) as frames:
@@ -275,7 +275,7 @@ class TextSource:
 
     @cached_property
     def _columns_of_numbers(self) -> dict[int, NDArray[Any]]:
-        """Return the columns that pandas takes for numbers throughout, by their place."""
+        """Return the columns that pandas takes for numbers throughout, by their index."""
         count, kept = self._checked[0], True
         kinds: dict[int, set[np.dtype[Any]]] = {i: set() for i in range(self._width)}
         found: list[pd.DataFrame] = []
@@ -301,7 +301,7 @@ class TextSource:
                 if bad.size:
                     self._refuse_cell(index, int(bad[0]), str(values[bad[0]]), bad.size)
             return values
-        # cells that pandas takes for text: numbers of another hand, or none, and then nothing of them is kept
+        # cells that pandas takes for text: numbers in another notation, or none, and then none of them is kept
         pieces: list[NDArray[np.float64]] = []
         row, count, first, kept = 0, 0, 0, True
         for numbers in self._frames_of_numbers(index):
@@ -344,7 +344,7 @@ def _number(cell: str, decimal: str) -> float:
 
 
 class _Joined:
-    """Lines as a file that is read, so that they never stand in memory together."""
+    """Lines as a file that is read, so that they are never in memory together."""
 
     def __init__(self, lines: Iterator[str]) -> None:
         self._lines = lines

@@ -21,7 +21,7 @@ START_S = 120.0
 
 LEAST_S = 15.0
 SLOWEST_BYTES_S = 2e6
-"""Of a log with thousands of channels and few rows, which takes longest for its size."""
+"""Of a log with thousands of channels and few samples, which takes longest for its size."""
 
 WAIT_S = 120.0
 WAITS = 10.0

@@ -1,4 +1,4 @@
-"""The empty log: everything that stands in the file before its first row."""
+"""The empty log: everything in the file before its first sample."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def lay_out(
 ) -> None:
     """Write the header, the empty channels, the empty table of segments and the counter into a new file.
 
-    Raises OSError, with nothing written, when the disk has no room for them.
+    Raises OSError, with nothing written, when the disk has no space for them.
     """
     take(file, header_bytes(sum(len(str(value)) for value in astuple(header)), len(channels)))
     file.attrs["schema"] = SCHEMA

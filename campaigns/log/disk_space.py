@@ -1,6 +1,6 @@
 """Space on the disk, allocated before it is needed: a log that is refused it has not been touched and stays sound.
 
-HDF5 writes its tables in place. When the disk is full in the middle of that, some tables tell of what others do not
+HDF5 writes its tables in place. When the disk is full in the middle of that, some tables refer to what others do not
 know yet, and the file can no longer be opened. So the blocks behind its end are allocated first.
 """
 
@@ -20,7 +20,7 @@ INDEX_BYTES = 2096
 
 CHUNKS_PER_NODE = 32
 NODES_SPARE = 4
-"""A tree of 32⁴ chunks of 4096 rows, 119 hours at 10 kHz, splits so many nodes at once."""
+"""A tree of 32⁴ chunks of 4096 samples, 119 hours at 10 kHz, splits so many nodes at once."""
 
 CHECKSUM_BYTES = 4
 CLOSING_BYTES = 2**16
@@ -35,7 +35,7 @@ _UNKNOWN = {errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS, errno.ENOTSUP}
 
 
 def header_bytes(texts: int, channels: int) -> int:
-    """Return what a log takes before its first row: `texts` characters in the header, and so many channels."""
+    """Return what a log takes before its first sample: `texts` characters in the header, and so many channels."""
     return CLOSING_BYTES + 2 * UTF_8_BYTES * texts + channels * CHANNEL_BYTES
 
 

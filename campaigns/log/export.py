@@ -1,7 +1,7 @@
 """A log for other programs: a pandas frame, an xarray data set, and files for MATLAB, NeXus viewers and spreadsheets.
 
-Times, units and segments go along wherever the form has a place for them. All values are in SI, as in the log. Files
-are written a block of rows at a time, so that a log may be larger than the memory.
+Times, units and segments are included wherever the format allows. All values are in SI, as in the log. Files
+are written a block of samples at a time, so that a log may be larger than the memory.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CSV_ROWS = 20_000
-"""Rows of text that are written before it is told how far that is: a second of work at most."""
+"""Rows of text that are written between reports of progress: a second of work at most."""
 
 MATLAB_NAME = 63
 """Letters of a name that MATLAB keeps."""
 
 MAT_BYTES = 2**31 - 2**20
-"""The most that a structure in a MATLAB file of version 5 can hold, with room for its names and segments."""
+"""The most that a structure in a MATLAB file of version 5 can hold, less its names and segments."""
 
 
 def to_frame(run: Run) -> pd.DataFrame:
-    """Return the committed rows as a frame: a column per channel, time in s as index, units in `attrs["units"]`."""
+    """Return the committed samples as a frame: a column per channel, time in s as index, units in `attrs["units"]`."""
     import pandas as pd
 
     frame = pd.DataFrame({name: run.read(name) for name in run.channels}, index=pd.Index(_time(run), name="time_s"))
@@ -57,10 +57,10 @@ def to_frame(run: Run) -> pd.DataFrame:
 
 
 def to_dataset(run: Run) -> xr.Dataset:
-    """Return the committed rows as a data set over `time`, with `units`, role and dof of each variable.
+    """Return the committed samples as a data set over `time`, with `units`, role and dof of each variable.
 
-    The label of each row's segment is the coordinate `segment`, empty between segments. Raises ConfigError when xarray
-    is not installed.
+    The label of each sample's segment is the coordinate `segment`, empty between segments. Raises ConfigError when
+    xarray is not installed.
     """
     try:
         import xarray as xr
@@ -115,7 +115,7 @@ def save_mat(run: Run, path: Path, report: Report = unheard) -> None:
     """Write a MATLAB file (v5) of one structure `run`: `time_s`, `channels`, `units`, `segments`, `about` as JSON text.
 
     Names that MATLAB cannot have are changed: other signs become `_`, and a leading digit gets an `x`. Segments count
-    rows from 1 and include their last, as MATLAB does. Raises ConfigError for a log that this form cannot hold.
+    samples from 1 and include their last, as MATLAB does. Raises ConfigError for a log that this format cannot hold.
     """
     size = 8 * run.rows * (len(run.channels) + 1)
     if size > MAT_BYTES:
@@ -192,7 +192,7 @@ FORMS: Final[Mapping[str, Callable[[Run, Path, Report], None]]] = {
 
 
 def save(run: Run, path: Path, report: Report = unheard) -> None:
-    """Write the committed rows of a log in the form that the file's ending names.
+    """Write the committed samples of a log in the format that the file's ending names.
 
     Raises ConfigError for an ending that is none of FORMS, and for a file that exists.
     """
@@ -222,7 +222,7 @@ class _Reader:
     done: int = 0
 
     def values(self, name: str) -> Iterator[tuple[int, Array]]:
-        """Yield (first row, values) of a channel."""
+        """Yield (first sample, values) of a channel."""
         for start, block in self.run.blocks([name]):
             self.report(self.done, self.run.rows * len(self.run.channels), f"channel {name}")
             self.done += block[name].size
@@ -248,7 +248,7 @@ def _time(run: Run) -> Array:
 
 
 def _about(run: Run, stored: Mapping[str, str]) -> dict[str, Any]:
-    """Return what is known of a run; `stored` says under which name each channel stands in the file."""
+    """Return what is known of a run; `stored` gives the name of each channel in the file."""
     header = run.header
     return {
         "run_uid": run.run_uid,

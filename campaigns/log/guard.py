@@ -1,4 +1,4 @@
-"""Opening HDF5 files of unknown origin: what reaches outside the file or exhausts the memory is refused.
+"""Opening HDF5 files of unknown origin: what refers outside of the file or exhausts the memory is refused.
 
 The checks read descriptions only (link kinds, layouts, sizes), never data, so a refusal costs no memory.
 """

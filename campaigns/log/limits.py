@@ -16,8 +16,8 @@ MAX_CHUNK_BYTES = 64 * 2**20
 """A chunk is what has to be decompressed at once."""
 
 MAX_EXPANSION = 100
-"""Deflate reaches 1032:1 on constant data. Measured data stay below 20:1, so 100:1 leaves room for quiet channels while
-a bomb stays within 100 times its own size."""
+"""Deflate achieves 1032:1 on constant data. Measured data stay below 20:1, so 100:1 allows for quiet channels while a
+bomb stays within 100 times its own size."""
 
 FREE_BYTES = 256 * 2**20
 """Below this size the expansion does not matter: a square wave compresses to nothing."""

@@ -53,7 +53,7 @@ def _looked(path: Path, whole: bool) -> str:
 
 
 def _read_all(run: Run, names: list[str]) -> str:
-    """Read these channels, one after the other within a block of rows; return the first damage."""
+    """Read these channels, one after the other within a block of samples; return the first damage."""
     coarse = max(BLOCK_ROWS // run.chunk_rows, 1) * run.chunk_rows
     sound, damage = 0, ""
     for rows in (coarse, run.chunk_rows):  # the second pass finds the chunk within the block

@@ -36,7 +36,7 @@ Value: TypeAlias = "str | Numbers | Sequence[str] | Mapping[str, Value]"
 
 
 def write_structure(file: BinaryIO, name: str, fields: Mapping[str, Value]) -> None:
-    """Write the header and one structure `name` into an empty file that can be written at any place.
+    """Write the header and one structure `name` into an empty file that can be written at any position.
 
     Names of fields are ASCII, 63 characters at most.
     """
@@ -82,7 +82,7 @@ def _matrix(file: BinaryIO, kind: int, shape: tuple[int, int], name: str) -> Ite
 
 
 def _element(file: BinaryIO, kind: int, data: bytes) -> None:
-    """Write a data element; up to four bytes stand in its tag, more are filled up to a multiple of eight."""
+    """Write a data element; up to four bytes are in its tag, more are filled up to a multiple of eight."""
     if len(data) <= 4:
         file.write(struct.pack("<HH4s", kind, len(data), data))
     else:

@@ -195,7 +195,7 @@ def _segments(path: Path, file: h5py.File, rows: int) -> tuple[LogSegment, ...]:
     for raw in _rows_of(table):
         label, start, stop = raw["label"].decode("utf-8"), int(raw["start"]), int(raw["stop"])
         if not label or (start >= rows and stop != start):
-            continue  # begun, but none of its rows was committed before the writer ended
+            continue  # begun, but none of its samples was committed before the writer ended
         stop = rows if stop == OPEN_STOP else min(stop, rows)
         if not free <= start <= stop or label in labels:
             what = f"has segment {label!r} from sample {start} to {stop}, used twice or overlapping another"

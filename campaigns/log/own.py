@@ -1,6 +1,6 @@
 """Logs that this very process has written: nobody has to look at them first.
 
-What is known stands in memory alone. A checksum beside a file says that the file is as somebody left it, not who.
+What is known is in memory only. A checksum beside a file says that the file is as somebody left it, not who.
 """
 
 from __future__ import annotations

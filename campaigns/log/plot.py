@@ -88,7 +88,7 @@ def save_picture(run: Run, path: Path) -> None:
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Write a figure in the form that the ending of `path` names, whole or not at all."""
+    """Write a figure in the format that the ending of `path` names, whole or not at all."""
     with whole_file(path) as stream:
         figure.savefig(stream, dpi=150, format=path.suffix.lower().removeprefix("."))
 

@@ -40,7 +40,7 @@ class NoMemoryError(DataError):
 class Run:
     """One recorded run, opened by `probe.read_run`; close it or use it as a context manager.
 
-    `rows` is the number of committed rows of every channel; nothing beyond is ever read. `expected_rows` is what a
+    `rows` is the number of committed samples of every channel; nothing beyond is ever read. `expected_rows` is what a
     complete run has, None where nobody knew. `channels` and `segments` describe, `read`, `window` and `blocks` give
     values in SI units.
     """
@@ -72,12 +72,12 @@ class Run:
 
     @property
     def chunk_rows(self) -> int:
-        """Rows that are stored, checked and lost together."""
+        """Samples that are stored, checked and lost together."""
         return min((dataset.chunks or (BLOCK_ROWS,))[0] for dataset in self._datasets.values())
 
     @property
     def stored_rows(self) -> int:
-        """Rows of the longest dataset; more than `rows` while being written or after a kill."""
+        """Samples of the longest dataset; more than `rows` while being written or after a kill."""
         return max(dataset.shape[0] for dataset in self._datasets.values())
 
     def names(self, role: str) -> tuple[str, ...]:
@@ -85,9 +85,9 @@ class Run:
         return tuple(name for name, channel in self.channels.items() if channel.role == role)
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.
+        """Return samples `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.
 
-        Raises ConfigError for an unknown channel or row, DataError where the file is damaged and for numbers that
+        Raises ConfigError for an unknown channel or sample, DataError where the file is damaged and for numbers that
         nothing can be computed with (larger than LARGEST, or all of them smaller than SMALLEST and not zero),
         NoMemoryError where the memory does not suffice.
         """
@@ -101,7 +101,7 @@ class Run:
         return values
 
     def stored(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows as `read` does, whatever numbers they hold: to copy them, or to say what is wrong with them."""
+        """Return samples as `read` does, whatever numbers they hold: to copy them, or to say what is wrong."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
             raise ConfigError(f"samples {start} to {last} of {self.path}: it holds samples 0 to {self.rows}")
@@ -117,7 +117,7 @@ class Run:
             raise refuse(self.path, name, what, "run `mccd log recover`, or restore the file from a copy") from None
 
     def time_s(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return the times of rows `start` to `stop` of a channel as (n,); raises ConfigError as `read`."""
+        """Return the times of samples `start` to `stop` of a channel as (n,); raises ConfigError as `read`."""
         channel = self._described(name)
         return channel.t0_s + np.arange(start, self.rows if stop is None else stop) / channel.sample_rate_hz
 
@@ -129,7 +129,7 @@ class Run:
         return found
 
     def window(self, label: str) -> Window:
-        """Return the rows of the segment `label`; raises ConfigError naming those there are."""
+        """Return the samples of the segment `label`; raises ConfigError naming those there are."""
         for segment in self.segments:
             if segment.label == label:
                 return Window(self, segment)
@@ -144,7 +144,7 @@ class Run:
         stop: int | None = None,
         rows: int | None = None,
     ) -> Iterator[tuple[int, dict[str, Array]]]:
-        """Yield rows `start` to `stop` in blocks of at most `rows`, as (first row, {name: values (rows,)}), SI.
+        """Yield samples `start` to `stop` in blocks of at most `rows`, as (first sample, {name: values (rows,)}), SI.
 
         Without `rows`, as many as keep the memory of a block whatever the number of channels. Raises as `stored`.
         """
@@ -195,7 +195,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Window:
-    """The rows of one segment of a run."""
+    """The samples of one segment of a run."""
 
     run: Run
     segment: LogSegment
@@ -206,17 +206,17 @@ class Window:
         return self.segment.settings
 
     def read(self, name: str) -> Array:
-        """Return the segment's rows of a channel as (n,) in SI units; raises as `Run.read`."""
+        """Return the segment's samples of a channel as (n,) in SI units; raises as `Run.read`."""
         return self.run.read(name, self.segment.start, self.segment.stop)
 
     def time_s(self, name: str) -> Array:
-        """Return the times of the segment's rows as (n,); raises as `Run.time_s`."""
+        """Return the times of the segment's samples as (n,); raises as `Run.time_s`."""
         return self.run.time_s(name, self.segment.start, self.segment.stop)
 
     def blocks(
         self, names: Iterable[str] | None = None, rows: int | None = None
     ) -> Iterator[tuple[int, dict[str, Array]]]:
-        """Yield blocks of the segment as (first row, {name: values (rows,)}), SI; rows count from the start of the run.
+        """Yield blocks of the segment as (first sample, {name: values (rows,)}), SI; counted from the run's start.
 
         `names` selects channels (default: all), `rows` bounds a block. Raises as `Run.blocks`.
         """

@@ -27,10 +27,10 @@ class Recovery:
 
 
 def recover(path: str | os.PathLike[str], target: str | os.PathLike[str], report: Report = unheard) -> Recovery:
-    """Copy the sound committed rows of the log at `path`, up to the first damage, into a new log at `target`.
+    """Copy the sound committed samples of the log at `path`, up to the first damage, into a new log at `target`.
 
     The copy keeps the run's uid and description and gets status `crashed` with the reason. Raises DataError
-    when the log cannot be opened at all or holds no sound row, ConfigError when `target` exists.
+    when the log cannot be opened at all or holds no sound sample, ConfigError when `target` exists.
     """
     found = examine(Path(path), part_of(report, 0.0, 0.5))
     if found.refused:

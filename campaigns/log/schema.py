@@ -1,4 +1,4 @@
-"""The schema of a log in one place: what a file of version `mccd-log/1` holds, and what may stand in it."""
+"""The schema of a log: what a file of version `mccd-log/1` must and may contain."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ChannelLike(Protocol):
 
     @property
     def dof(self) -> str:
-        """Degree of freedom or place that the channel belongs to."""
+        """Degree of freedom or location that the channel belongs to."""
 
     @property
     def sample_rate_hz(self) -> float:
@@ -92,7 +92,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class LogSegment:
-    """Rows `start` to `stop` (exclusive) of every channel, with the settings they were recorded under."""
+    """Samples `start` to `stop` (exclusive) of every channel, with the settings they were recorded under."""
 
     label: str
     start: int
@@ -101,12 +101,12 @@ class LogSegment:
 
     @property
     def held_out(self) -> bool:
-        """Whether the label keeps these rows from every fit."""
+        """Whether the label keeps these samples from every fit."""
         return HELD_OUT in self.label
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of samples."""
         return self.stop - self.start
 
 
@@ -199,7 +199,7 @@ def _plain(value: object) -> object:
 
 
 def segment_dtype(settings_bytes: int) -> np.dtype[Any]:
-    """Return the row type of the segments table: texts of fixed length, so a row is written in one place."""
+    """Return the row type of the segments table: texts of fixed length, so that a row is written in one location."""
     text = h5py.string_dtype
     return np.dtype(
         [

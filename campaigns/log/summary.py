@@ -27,11 +27,11 @@ class ChannelSummary:
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite goes into the numbers, and is seen there
 def summarise(run: Run, names: Iterable[str] | None = None, report: Report = unheard) -> tuple[ChannelSummary, ...]:
-    """Return the summary of the committed rows of each channel, or of those named.
+    """Return the summary of the committed samples of each channel, or of those named.
 
     Deviations are summed about the mean of their own block and the blocks joined (Chan, Golub & LeVeque 1983), so that
     a large offset costs no digits. Values that are not finite go into every number. Raises DataError for a log without
-    rows, and as `Run.read`.
+    samples, and as `Run.read`.
     """
     chosen = tuple(run.channels if names is None else names)
     if run.rows == 0:

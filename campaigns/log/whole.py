@@ -23,7 +23,7 @@ from sim_backend.safe_write import give_name, hidden_name, write_text
 def whole_log(target: Path, channels: Sequence[ChannelLike], **about: Any) -> Iterator[LogWriter]:
     """Give a writer of the new log `target`; `channels` and what it is `about` as for `LogWriter.create`.
 
-    Raises ConfigError for an existing path, DataError when the file cannot be completed: then nothing is left of it.
+    Raises ConfigError for an existing path, DataError when the file cannot be completed: then it is removed.
     """
     require_new(target)
     hidden = hidden_name(target)

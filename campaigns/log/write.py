@@ -1,7 +1,7 @@
-"""The writer of a log: whole-chunk appends, the counter of committed rows last, a checksum at close.
+"""The writer of a log: whole-chunk appends, the counter of committed samples last, a checksum at close.
 
-A chunk that holds committed rows is never touched again, so a process killed at any moment leaves every
-committed row as it was. The rows of the unfinished chunk (at most `chunk_rows - 1`) are the price of that.
+A chunk that holds committed samples is never touched again, so a process killed at any moment leaves every
+committed sample as it was. The samples of the unfinished chunk (at most `chunk_rows - 1`) are the price of that.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class LogWriter:
         self._closed = False
         self._broken = False
         self._own = own.begin(path)
-        self._room_rows, self._room_segments = -1, 0  # for which room is taken, besides that for closing
+        self._room_rows, self._room_segments = -1, 0  # for which space is reserved, besides that for closing
 
     @classmethod
     def create(
@@ -103,7 +103,7 @@ class LogWriter:
     ) -> LogWriter:
         """Make the file, complete with its header, under a hidden name and only then give it its own.
 
-        `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the room
+        `channels` are in the order of the columns; all share one sample rate. `settings_bytes` is the space
         for each segment's settings as JSON, `expected_rows` how long a complete run is, `note` what a user says of it.
         Raises ConfigError for an existing path, a header that a log cannot hold, and more channels or
         `expected_segments` than any reader takes; DataError when the file cannot be made.
@@ -143,11 +143,11 @@ class LogWriter:
 
     @property
     def rows(self) -> int:
-        """Rows appended so far, committed or waiting for their chunk to fill."""
+        """Samples appended so far, committed or waiting for their chunk to fill."""
         return self.committed_rows + self._fill
 
     def reserve(self, rows: int) -> None:
-        """Take the room on the disk for `rows` more rows, before they are measured; it is kept until they come.
+        """Reserve disk space for `rows` more samples, before they are measured; it is kept until they come.
 
         Raises DataError when the disk has not so much; what was committed can still be completed.
         """
@@ -155,7 +155,7 @@ class LogWriter:
         self._take_room(rows)
 
     def begin_segment(self, label: str, settings: Mapping[str, Any] | None = None) -> None:
-        """Let the rows that follow belong to the segment `label`, which must be new in this log.
+        """Let the samples that follow belong to the segment `label`, which must be new in this log.
 
         Raises ConfigError for a label or settings that do not fit, or while another segment is open.
         """
@@ -176,7 +176,7 @@ class LogWriter:
         self._in_segment = True
 
     def end_segment(self) -> None:
-        """End the open segment at the rows appended so far; raises ConfigError when none is open."""
+        """End the open segment at the samples appended so far; raises ConfigError when none is open."""
         self._require_open()
         if not self._in_segment:
             raise ConfigError("no segment is open: begin one before ending it")
@@ -186,15 +186,15 @@ class LogWriter:
 
     @contextlib.contextmanager
     def segment(self, label: str, settings: Mapping[str, Any] | None = None) -> Iterator[None]:
-        """Put the rows appended inside the block into the segment `label`; raises as `begin_segment`."""
+        """Put the samples appended inside the block into the segment `label`; raises as `begin_segment`."""
         self.begin_segment(label, settings)
         yield
         self.end_segment()
 
     def append(self, block: Mapping[str, ArrayLike]) -> None:
-        """Append the same number of rows to every channel; `block` maps each channel's name to an array (n,).
+        """Append the same number of samples to every channel; `block` maps each channel's name to an array (n,).
 
-        Raises ConfigError when names or lengths do not match, DataError when the file cannot take the rows.
+        Raises ConfigError when names or lengths do not match, DataError when the file cannot take the samples.
         """
         self._require_open()
         columns = self._columns(block)
@@ -222,9 +222,9 @@ class LogWriter:
         self.status, self.status_reason = status, reason
 
     def close(self) -> None:
-        """Commit the last rows, write the status, close and write the checksum; a second call does nothing.
+        """Commit the last samples, write the status, close and write the checksum; a second call does nothing.
 
-        Raises DataError when the file cannot be completed; its committed rows stay readable.
+        Raises DataError when the file cannot be completed; its committed samples stay readable.
         """
         if self._closed:
             return
@@ -296,7 +296,7 @@ class LogWriter:
         self._room_rows -= columns[0].size
 
     def _need_room(self, rows: int, segments: int) -> None:
-        """Take room only where `reserve` has not: the disk may have filled since."""
+        """Reserve space only where `reserve` has not: the disk may have filled since."""
         if rows > self._room_rows or segments > self._room_segments:
             self._take_room(max(rows, self._room_rows, 0))
 

@@ -1,8 +1,8 @@
 """What a plan is: a test as settings, which become segments without anything being moved.
 
 A plan is a frozen struct whose fields are its settings in SI, with the unit in the name; unknown fields are errors.
-From the bench it uses the public face alone (axes, channels, rate, limits), so that it can be counted, checked against
-limits and shown before the first sample is played, and runs unchanged on every bench.
+From the bench it uses the public interface alone (axes, channels, rate, limits), so that it can be counted, checked
+against limits and shown before the first sample is played, and runs unchanged on every bench.
 """
 
 from __future__ import annotations
@@ -88,9 +88,10 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @classmethod
     def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
-        """Yield the forms in which this plan could be the next experiment, none using more of the bench than `reach`.
+        """Yield the variants of this plan that could be the next experiment, none using more of the bench than `reach`.
 
-        The same forms in the same order for any size of `reach`; a plan that is no experiment of its own yields none.
+        The same variants in the same order for any size of `reach`; a plan that is no experiment of its own yields
+        none.
         """
         yield from ()
 

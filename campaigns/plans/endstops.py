@@ -1,4 +1,4 @@
-"""Pull the intermediate body against the end stops, eight ways: the noise of the position sensors (6.2.1)."""
+"""Pull the intermediate body against the end stops, in eight directions: the noise of the position sensors (6.2.1)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class EndStops(Plan, frozen=True, kw_only=True):
         return channels_of(bench, (), ("head_",)) or channels_of(bench, ("output",))
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
-        """Yield for every position a segment that goes there and one that holds; at the end the way back."""
+        """Yield for every position a segment that moves there and one that holds; at the end the return."""
         rate, record = rate_of(bench), self.channels(bench)
         to_current = bench.limits.to_current
         to_command = np.linalg.pinv(to_current)

@@ -1,4 +1,4 @@
-"""A random free run: noise and steps over the whole range, with held-out stretches of other size and form."""
+"""A random free run: noise and steps over the whole range, with held-out stretches of other size and waveform."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class FreeRun(Plan, frozen=True, kw_only=True):
 
     Steps go to uniformly random levels of up to `torque_nm` (angles) or `force_n` (z) along half a cosine in `move_s`
     and stay for `dwell_s`, so that position, direction and rest all vary. Noise is Gaussian with all frequencies up to
-    `noise_stop_hz`, of a fifth of that size (rms). Of the held-out part the noise is a multisine on other lines.
+    `noise_stop_hz`, of a fifth of that size (rms). Of the held-out part the noise is a multisine at other frequencies.
     """
 
     name: ClassVar[str] = "freerun"

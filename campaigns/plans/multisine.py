@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 
 
 PEAK_FACTOR = 3.5
-"""Peak over rms of a random-phase multisine of some hundred lines, as of normal numbers: exceeded once in 2000."""
+"""Crest factor of a random-phase multisine of some hundred frequencies, as of normal noise: exceeded once in 2000."""
 
 
 class Multisine(Plan, frozen=True, kw_only=True):
-    """Periodic multisines from `start_hz` to `stop_hz`, all lines of 1/`period_s`, of equal amplitude.
+    """Periodic multisines from `start_hz` to `stop_hz`: all multiples of 1/`period_s`, of equal amplitude.
 
-    Each of `realisations` draws new phases from `seed` and is played as one experiment per axis, the phases of the
-    axes turned against each other by the rows of a Fourier matrix, so that the inputs of a realisation are orthogonal
+    Each of `realisations` draws new phases from `seed` and is played as one experiment per axis, the phases of the axes
+    shifted relative to each other by the rows of a Fourier matrix, so that the inputs of a realisation are orthogonal
     (Pintelon and Schoukens, System Identification, 2012, 3.7). An experiment is `transient_periods` and `periods`.
     `torque_rms_nm` acts on angles, `force_rms_n` on z. A last, held-out realisation has `held_out_gain` times that.
     """

@@ -95,10 +95,10 @@ def run_campaign(
     """Play every run of `campaign` that the folder does not hold yet, each into `folder`/<run>.h5.
 
     With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing moves
-    unless all segments of all runs keep the limits; before anything does, `announce` is told how many bytes the missing
-    logs will take. `note` stands in each log that is made. The first Ctrl-C ends it after the current segment, as
-    *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is writing or a
-    disk with too little room for what is missing, and whatever a run raises.
+    unless all segments of all runs keep the limits; before anything does, `announce` is called with the bytes that the
+    missing logs will take. `note` is written to each log that is made. The first Ctrl-C ends it after the current
+    segment, as *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is
+    writing or a disk with too little room for what is missing, and whatever a run raises.
     """
     home, plans, levels = Path(folder), campaign.plans(), campaign.levels()
     survey = _survey(campaign, address, seed)

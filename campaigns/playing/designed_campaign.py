@@ -13,10 +13,10 @@ AXES = {"x": 0.0, "y": 90.0}
 
 ALPHAS_DEG = (0, 120, 240)
 FORMS_RAD = {"up": (0.0, 8.5e-3), "down": (0.0, -8.5e-3), "wide": (-8.5e-3, 8.5e-3)}
-"""Directions and forms of Table 6.7."""
+"""Directions and end points of Table 6.7."""
 
 SLOW_LEARNING_S = 8.0
-"""Learning of a slow chop, four of its periods: it is observed when the feedback has long settled."""
+"""Learning of a slow chop, four of its periods: it is observed long after the feedback has settled."""
 
 KNOWING = ("designed", "designed-hysteresis", "designed-modes", "designed-linear")
 

@@ -1,7 +1,7 @@
 """What signals do to a running test: the first Ctrl-C ends it after the current segment, the second at once.
 
 SIGTERM and a closed terminal end it at once too. "At once" is as soon as the test waits for the bench: a signal
-reaches neither into a write nor into making the bench safe.
+interrupts neither a write nor making the bench safe.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Interrupts:
 
     `pausing` is set by the first Ctrl-C. An abort raises KeyboardInterrupt, or Terminated, inside `abortable()` alone;
     one that came at another time is raised when that is next entered, or at the latest when the context ends. Threads
-    that share it are told to pause and to abort likewise, the latter whenever they enter `abortable()`.
+    that share it pause and abort likewise, the latter whenever they enter `abortable()`.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def abortable(self) -> Iterator[None]:
-        """Let an abort happen inside the block; in a helper's thread, which no signal reaches, at its start alone."""
+        """Let an abort happen inside the block; in a helper's thread, which gets no signals, at its start alone."""
         if threading.get_ident() != self._owner:
             if self._aborted is not None:
                 raise self._aborted

@@ -1,4 +1,4 @@
-"""A run that was never written: a plan played into memory, with the same face as a log that is read."""
+"""A run that was never written: a plan played into memory, with the same interface as a log that is read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Recorded(Protocol):
-    """What measurements ask of a run, whether it is a log that is read or stands in memory."""
+    """What measurements need of a run, whether it is a log that is read or in memory."""
 
     @property
     def path(self) -> Path:
@@ -40,7 +40,7 @@ class Recorded(Protocol):
         """The rate that all channels share."""
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,), SI."""
+        """Return samples `start` to `stop` (exclusive; default: all) of a channel as (n,), SI."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Recording:
         return next(iter(self.channels.values())).sample_rate_hz
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return rows `start` to `stop` (exclusive; default: all) of a channel as (n,); raises ConfigError for none."""
+        """Return samples `start` to `stop` (exclusive; default: all) of a channel as (n,); ConfigError for none."""
         if name not in self.values:
             raise ConfigError(f"{self.path} has no channel '{name}'; it has {', '.join(self.values)}")
         first, last, _ = slice(start, stop).indices(self.rows)
@@ -75,9 +75,9 @@ class Recording:
 
 
 class Planned:
-    """Segments of plans, made and checked once for every plan and face of a bench, however often they are played.
+    """Segments of plans, made and checked once for every plan and interface of a bench, however often they are played.
 
-    A plan sees nothing of a bench but its face, so benches that differ only in what is inside play the same segments.
+    A plan sees only the interface of a bench, so benches with the same one play the same segments.
     """
 
     def __init__(self, most: int = 32) -> None:

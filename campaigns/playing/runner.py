@@ -36,7 +36,7 @@ class Outcome:
 
 
 def configuration_of(plan: Plan) -> str:
-    """Return the plan's configuration as the JSON text that stands in its logs."""
+    """Return the plan's configuration as the JSON text in its logs."""
     return json.dumps(plan.configuration(), sort_keys=True)
 
 
@@ -66,7 +66,7 @@ def run_plan(
     """Play `plan` on `bench` into a new log at `path` and return how it ended.
 
     Nothing moves unless all segments keep the bench's limits; `counted` is the estimate of a caller who has made sure.
-    `note` stands in the log.
+    `note` is written to the log.
     The first Ctrl-C ends the run after its segment as *paused*, the second as *aborted* (KeyboardInterrupt), an error
     as *failed*; the bench is made safe in each case.
     Raises ConfigError for what the bench cannot be asked, DataError for a log that cannot be written (a segment for
@@ -128,7 +128,7 @@ def _play_all(
 
 def _play(asked: Segment, segment: Segment, bench: Bench, writer: LogWriter, signals: Interrupts) -> Record:
     """Play what is `asked` and log of its record what the `segment` records."""
-    writer.reserve(segment.n_samples)  # what is measured has its place before it is measured
+    writer.reserve(segment.n_samples)  # space is reserved before it is measured
     with signals.abortable():
         record = bench.play(asked)
     kept = {name: values for name, values in record.channels.items() if name in segment.record or not segment.record}

@@ -29,7 +29,7 @@ def share(jobs: Iterable[T], do: Callable[[T], None], workers: int, signals: Int
     """Do every job once, in order of their start; with one worker, one after the other in this thread.
 
     A pause lets what has begun end and begins nothing else, and so does an error, which is raised when all have ended:
-    this thread's own first. An abort reaches the helpers as soon as they wait for their bench.
+    this thread's own first. An abort stops the helpers as soon as they wait for their bench.
     """
     waiting = deque(jobs)
 

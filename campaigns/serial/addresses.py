@@ -39,5 +39,5 @@ def resolved(host: str, port: int) -> list[Address]:
 
 
 def is_loopback(address: Address) -> bool:
-    """Return whether only this machine reaches an address."""
+    """Return whether an address is local to this machine."""
     return ipaddress.ip_address(str(address.to[0]).partition("%")[0]).is_loopback

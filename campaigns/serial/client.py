@@ -20,7 +20,7 @@ WATCHDOG_S = 5.0
 """Silence after which the bench makes itself safe. Between two segments the host may be silent for so long."""
 
 SETTLE_S = 6 * 3600.0
-"""How long a bench may take to reach another temperature."""
+"""How long a bench may take to settle at another temperature."""
 
 _CALL_S = 15.0
 """What everything that is no transfer may take together, retries included."""
@@ -119,7 +119,7 @@ class SerialBench:
             raise HardwareError(f"segment '{segment.label}': {self._explained(error)}") from None
 
     def safe(self) -> None:
-        """Zero all drives and open all loops; never raises. What does not reach the bench, its watchdog does."""
+        """Zero all drives and open all loops; never raises. If the message is lost, the watchdog does it."""
         self.left_safe = False
         with contextlib.suppress(MccdError):
             self._link.limit(_CALL_S)

@@ -66,7 +66,7 @@ HEADERS = {
 _LONG = {form: long for long, short in HEADERS.items() for form in (long, short)}
 
 UNCHECKED = frozenset(long for long in HEADERS if long.endswith("?") and not long.startswith("RECORD:DATA")) | {"ABORT"}
-"""What is carried out without tag and checksum, for a person at a terminal: questions, and the way to safety."""
+"""What is carried out without tag and checksum, for a person at a terminal: questions, and what makes it safe."""
 
 UNLOCKED = frozenset(long for long in HEADERS if long.endswith("?")) | {
     "ABORT",

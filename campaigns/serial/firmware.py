@@ -302,7 +302,7 @@ class Firmware:
         if self._state is not State.ARMED or run != self._run or self._armed is None:
             raise Refused(Code.CONFLICT, f"run {run} is not armed (state {self._state.value}); arm it first")
         self._safe = False
-        # what is left in self._play is condemned and still computing: an ABORt must not wait for it meanwhile
+        # a play that is still in self._play is cancelled but computing: an ABORt must not wait for it
         self._play = Play(self._bench, self._about, self._armed, run, now_s, self._speed, self._play)
         self._enter(State.RUNNING, f"run {run}")
         return Reply("OK")

@@ -1,6 +1,6 @@
 """Bytes on the line: text lines with a tag and a CRC-32, and IEEE 488.2 definite-length blocks.
 
-A line is printable ASCII between line feeds; any number of line feeds may stand between two lines. A checked line
+A line is printable ASCII between line feeds; any number of line feeds may be between two lines. A checked line
 ends in ` @TTTT*CCCCCCCC`: the tag of the request that it is or answers, and the CRC-32 of everything before the star.
 A block is `#<d><length>`, its run, sequence number and CRC-32, its data, and a line feed. Its length is announced by a
 checked line before it, so it is read by count: data may hold any byte.
@@ -40,7 +40,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Block:
-    """One block of a transfer: which run it belongs to, its place, its data."""
+    """One block of a transfer: which run it belongs to, its sequence number, its data."""
 
     run: int
     sequence: int
@@ -57,7 +57,7 @@ def encode_line(text: str, tag: int | None = None) -> bytes:
 
 
 def parse_line(raw: bytes) -> Line | None:
-    """Return the line that stands in `raw` (without line feeds), None when it is damaged or no text."""
+    """Return the line in `raw` (without line feeds), None when it is damaged or no text."""
     if not raw or len(raw) > MAX_LINE_BYTES or raw.translate(_VISIBLE) != raw:
         return None
     found = _TRAILER.match(raw)

@@ -48,7 +48,7 @@ _IN_BUFFERS = 8192
 """Bytes that may still lie in the buffers of the line ahead of an answer."""
 
 _MOST_BYTES = 1 << 24
-"""How much may come in before an answer: what is left of a burst is a million bytes, a network holds some more."""
+"""How much may come in before an answer: the end of a burst is a million bytes, a network holds some more."""
 
 _BLOCK_S = 0.25
 """How long a block may take beyond three times its bytes, however it drips in."""
@@ -222,7 +222,7 @@ class Link:
         self._lock(end_s)
 
     def _show(self, token: bytes, end_s: float) -> None:
-        """Prove that this host knows the token; a bench that asks for none is left in peace."""
+        """Prove that this host knows the token; a bench that needs none is not asked."""
         challenge = self._answered("SYST:CHAL?", end_s)
         if challenge == NO_CHALLENGE or challenge.startswith(f"ERR {int(Code.UNKNOWN)},"):
             return

@@ -96,7 +96,7 @@ class PtyPort:
         return self._line
 
     def close(self) -> None:
-        """Remove what is left of it."""
+        """Remove its folder, if it made one."""
         if self._folder is not None:
             self._folder.cleanup()
 

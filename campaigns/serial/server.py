@@ -38,7 +38,7 @@ IDLE_S = 60.0
 """Without a command or a good block for so long, a connection that does not hold the lock is hung up."""
 
 REMARKS = 20
-"""Remarks that may come at once, and one more a second: what strangers do must not fill a disk."""
+"""Remarks that may come at once, and one more a second: unknown hosts must not fill a disk."""
 
 _PIECE_BYTES = 65536
 _TURN_BYTES = 16384
@@ -288,7 +288,7 @@ class Server:
             self._open(channel, now_s)
 
     def _make_room(self, now_s: float) -> None:
-        """Hang up on whoever is overdue, and on the most silent of those beyond the places there are."""
+        """Hang up on whoever is overdue, and on the most silent of those beyond the limit."""
         holder = self._holder()
         for connection in list(self._connections):
             if connection is not holder and (why := connection.overdue(now_s)):
@@ -302,7 +302,7 @@ class Server:
             self._dismiss(connection, f"{MAX_HOSTS} others are connected, it was silent the longest", now_s)
 
     def _holder(self) -> Connection | None:
-        """Return the one connection that keeps its place because its host has locked the bench.
+        """Return the one connection that is kept because its host has locked the bench.
 
         Many may have locked it by one name, as after a line that broke: it is the one that spoke last.
         """

@@ -153,7 +153,7 @@ class TcpTransport:
         return self._token
 
     def another(self) -> TcpTransport:
-        """Return a second way to the same bench, not connected yet."""
+        """Return a second connection to the same bench, not open yet."""
         return TcpTransport(self._host, self._port, self._bytes_per_s, self._token)
 
     def open(self, timeout_s: float) -> None:
@@ -208,7 +208,7 @@ class TcpTransport:
 
 
 def transport_at(kind: str, address: str) -> Transport:
-    """Return the transport of `serial` DEVICE[@BAUD] or `tcp` HOST:PORT; raises ConfigError for another form."""
+    """Return the transport of `serial` DEVICE[@BAUD] or `tcp` HOST:PORT; raises ConfigError for another format."""
     if kind == "serial":
         device, _, baud = address.rpartition("@") if "@" in address else (address, "", "115200")
         if not device or not baud.isdecimal() or not 0 < int(baud) <= 100_000_000:

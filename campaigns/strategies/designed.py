@@ -1,8 +1,8 @@
 """The designed strategies: what `mccd design` wrote, with as much of its knowledge as a strategy is named after.
 
-The feedback is always closed, on a reference that the plant can follow, so that noise is all it has to fight. The
-feed-forward for that reference knows, one after the other, the modes of the mechanism, those of the cryostat, and the
-iron; what it does not know is learned, period by period, around the closed loop, and then frozen.
+The feedback is always closed, on a reference that the plant can follow, so that it only has to suppress noise. The
+feed-forward for that reference knows, one after the other, the modes of the mechanism, those of the cryostat, and
+magnetic hysteresis; what it does not know is learned, period by period, around the closed loop, and then frozen.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Knowledge = Literal["linear", "modes", "hysteresis", "learned"]
 
 STRONG = 0.1
 """A mode belongs to the mechanism when its response to torque is at least this part of the strongest one's: inertia and
-mirror differ by 5 % from each other, the modes of the cryostat reach 5 % of them."""
+mirror differ by 5 % from each other, the modes of the cryostat have up to 5 % of them."""
 
 CONVERGENCE_LINES = 2000
 """Frequencies at which the convergence of a controller is checked before it is played, besides those of its modes."""
@@ -45,7 +45,7 @@ MAGNETISING_PERIODS = 3
 
 
 def _designed(knowledge: Knowledge) -> Strategy:
-    """Return the strategy that knows what stands in `Knowledge` up to and including `knowledge`."""
+    """Return the strategy that knows everything in `Knowledge` up to and including `knowledge`."""
 
     def stages(task: Task, design: Design) -> tuple[Stage, ...]:
         assert design.controller is not None, "the plan has checked that there is one"

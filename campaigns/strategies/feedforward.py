@@ -31,7 +31,7 @@ def mbff_stages(task: Task, design: Design) -> tuple[Stage, ...]:
 
 
 def _approach_and_chop(task: Task, design: Design, program: Program) -> tuple[Stage, ...]:
-    """One dwell to reach position 1 from zero, by the same strategy, then the chop."""
+    """One dwell to move to position 1 from zero, by the same strategy, then the chop."""
     feedback = tuple(feedback_of(dof, design.rate_hz) for dof in task.axes)
     approach, chop = [], []
     for axis, moves in enumerate(moving(task)):

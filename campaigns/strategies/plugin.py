@@ -1,4 +1,4 @@
-"""Strategies of other packages: what they return is held against what a stage is, before anything is made of it."""
+"""Strategies of other packages: what they return is checked to be a stage before it is used."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ CONVERGED_RAD = 1.7e-6
 """Error (rms over a cycle) that learning need not shrink any further: the band in which a chop has settled."""
 
 FLOOR_RAD = 10.0 * CONVERGED_RAD
-"""Error (rms) below which learning need not shrink it: behind a filter it ends at a floor, not at nothing."""
+"""Error (rms) below which learning need not shrink it: behind a filter it ends at a noise floor, not at zero."""
 
 MOST_MISSING = 0.5
 """Part of a cycle's readings that may be missing."""
@@ -53,7 +53,7 @@ class Promise:
     """What a strategy promises of a chop.
 
     `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
-    most, 1 where nothing is proven: then learning may undo STRAY_RAD of what it has reached. The error of the axes
+    most, 1 where nothing is proven: then learning may undo STRAY_RAD of what it has achieved. The error of the axes
     `held` stays below STRAY_RAD except while they move, `step_samples` or longer. `feedback` of every axis is what
     brings the bench back: the paper's, for the one in force may be what fails; None where it is unstable as well.
     """
@@ -256,9 +256,9 @@ class Watch:
 
 
 def _alike(one: Segment, other: Segment) -> bool:
-    """Tell whether the errors of one segment are a measure for the other: the same way, both while learning or not.
+    """Tell whether the errors of one segment are a measure for the other: same direction, both while learning or not.
 
-    What was learned may be played without the feedback under which it was, and then errs otherwise.
+    What was learned may be played without the feedback under which it was learned, and then has another error.
     """
     ways = [np.ptp(segment.reference, axis=0) for segment in (one, other)]
     return np.array_equal(*ways) and learns(one.learning) == learns(other.learning)

@@ -42,7 +42,7 @@ from mccdcli.progress import Report, progress
     "--twisted",
     type=WholeRange(0),
     default=0,
-    help="Second generator: cases with a listed effect of changed form, per such law.",
+    help="Second generator: cases with a listed effect whose law is changed, per such law.",
 )
 @click.option(
     "--unlisted",

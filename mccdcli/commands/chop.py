@@ -62,7 +62,7 @@ def _measured(run: Run, *, cycles: int) -> tuple[Sequence[Check], Mapping[str, A
     from analysis.recorded.settle import settle_of
 
     result = chop_phase(run).stability()
-    # the first cycle may still be on its way, so one alone tells nothing of settling, nor does what stays in place
+    # the first cycle may not have converged, so one alone says nothing of settling, nor does a chop without motion
     test = settle_of(run) if cycles > 1 else None
     results = {
         "settling_ms": test.settling_s * 1e3 if test and test.moved else None,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @settings_option
 @common_options()
 def endstops(settings: dict[str, Any], **order: Unpack[Order]) -> int:
-    """Pull the mechanism against its end stops, eight ways, and measure the noise of the sensors there.
+    """Pull the mechanism against its end stops in eight directions and measure the sensors' noise there.
 
     The log is endstops.h5 unless --out names another. Exit code 1 if a 3σ exceeds 30 nm.
 

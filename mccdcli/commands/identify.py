@@ -210,11 +210,11 @@ def _text(found: Identification) -> str:
     facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
     facts += [(f"error on {one.segment}", f"{100.0 * one.total:.2f} %") for one in found.held_out]
     remarks = "".join(f"\nremark: {remark}" for remark in found.remarks)
-    return f"{table(rows, heads=('frequency, Hz', 'decay rate, 1/s', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
+    return f"{table(rows, heads=('frequency, Hz', 'decay rate, s⁻¹', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
 
 
 def _uncertainty(curve: ResponseCurve) -> str:
-    """Say over what range a response was measured, and how well at the median line."""
+    """State the range over which a response was measured, and its uncertainty at the median line."""
     relative = sorted(
         std / size for std, size in zip(curve.std.tolist(), curve.magnitude.tolist(), strict=True) if size
     )

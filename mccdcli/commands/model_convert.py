@@ -1,4 +1,4 @@
-"""`mccd model convert`: a model in another form."""
+"""`mccd model convert`: a model in another format."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 MOST_POINTS: Final = 12
 MOST_REASONS: Final = 5
-"""What is shown of a large study; all of it stands in its files."""
+"""What is shown of a large study; its files contain all of it."""
 
 
 class ClusterAddress(click.ParamType[str]):
@@ -31,7 +31,7 @@ class ClusterAddress(click.ParamType[str]):
     name = "cluster"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return `value` if it has the form of such an address, else end with a usage error."""
+        """Return `value` if it has the format of such an address, else end with a usage error."""
         address = str(value)
         if not re.fullmatch(r"(tcp|tls)://[^\s/]+:\d{1,5}", address):
             self.fail(f"{address!r} is not the address of a scheduler; write it as in tcp://127.0.0.1:8786", param, ctx)

@@ -48,7 +48,7 @@ class LoopShape:
                 raise ConfigError(f"feedback: {name} is {value}; it must be a finite number above zero")
 
     def continuous_zpk(self) -> tuple[ComplexArray, ComplexArray, float]:
-        """Return zeros (3,), poles (4,) in 1/s and the gain that Tustin turns into `leading_nm_per_rad`."""
+        """Return zeros (3,), poles (4,) in s⁻¹ and the gain that Tustin converts to `leading_nm_per_rad`."""
         tau = 2.0 * np.pi
         zeros = np.append(_pair(self.notch_zero_hz, self.notch_zero_damping), -tau * self.integrator_zero_hz)
         poles = np.append(_pair(self.notch_pole_hz, self.notch_pole_damping), [0.0, -tau * self.low_pass_hz])
@@ -78,7 +78,7 @@ def theta_controller(gain_factor: float = 1.0) -> DiscreteFilter:
 def pid_forward_euler(kp: float, ki: float, kd: float, bandwidth_rad_s: float, rate_hz: float) -> DiscreteFilter:
     """Return kp + ki/s + kd N s/(s + N), N = `bandwidth_rad_s`, by the forward Euler rule.
 
-    The rule is s = rate (z - 1). The gains are in output per input unit (times 1/s and s). Raises ConfigError
+    The rule is s = rate (z - 1). The gains are in output per input unit (times s⁻¹ and s). Raises ConfigError
     when the rule makes the derivative filter unstable, which it does from N = 2 rate on.
     """
     pole = 1.0 - bandwidth_rad_s / rate_hz

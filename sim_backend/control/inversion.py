@@ -3,9 +3,9 @@
     u_k = Q (u_{k-N} + k_r z^lead L e_{k-N})      converges fastest where z^lead S_p L = 1
 
 The input of a periodic motion is its Fourier series over the response, line by line, which no zero outside the unit
-circle hinders. The learning filter has to run sample by sample: it is the sum of second-order blocks with chosen
-poles whose numerators bring z^lead S_p L nearest to 1 in the sense of least squares. The lead makes room for the part
-of the inverse that looks ahead.
+circle hinders. The learning filter has to run sample by sample: it is the sum of second-order blocks with chosen poles
+whose numerators bring z^lead S_p L nearest to 1 in the sense of least squares. The lead allows for the non-causal part
+of the inverse.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 SPARE_POLES = tuple(0.6 * np.exp(1j * np.pi * angle) for angle in np.linspace(0.08, 0.92, 8))
-"""Fast poles spread over all angles: blocks that ring for five samples form what looks ahead of the inverse."""
+"""Fast poles at all angles: blocks that ring for five samples form the non-causal part of the inverse."""
 
 LEAK_HZ = 0.1
 """The feedback's integrator, of which the inverse has a copy, leaks by this: an input has no pole at rest to learn."""

@@ -33,7 +33,7 @@ _REACHING_SAMPLES = 2000
 
 @dataclass(frozen=True)
 class Noise:
-    """What shakes one axis, as standard deviations.
+    """The disturbances of one axis, as standard deviations.
 
     A torque `torque_nm` within `bandwidth_hz` (first order), and the white noise of one reading, `reading_rad`. Raises
     ConfigError when one is not a finite number above zero.
@@ -119,7 +119,7 @@ def _riccati(a: Array, b: Array, q: Array, r: Array) -> Array:
 
 
 def _in_units_of(noise: Noise, a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
-    """Return a plant from torques and to readings in units of their noise, its states in units of what torque reaches.
+    """Return a plant from torques and to readings in units of their noise, its states scaled by their motion.
 
     In SI its numbers lie ten powers of ten apart, and rounding then finds no solution of the Riccati equations.
     """

@@ -8,7 +8,7 @@ each other:
     jerk j = d t_d,  acceleration a = j (t_d + t_j),  velocity v = a (2 t_d + t_j + t_a),
     distance x = v (2 (2 t_d + t_j) + t_a + t_v)
 
-so each duration is the largest that breaks no bound, from the innermost out, in closed form.
+so each duration is the largest within all bounds, from the innermost out, in closed form.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
     s[0] -= decayed * behind
     # the loop holds one value per sample: the mean of the exponential over it
     mean = signal + behind * decayed * f
-    # held for a sample, the means spread the command more widely in time than the lag does: its second and third
+    # held for a sample, the means extend the command more widely in time than the lag does: its second and third
     # moments, 2 f² and 6 f³ samples, are restored by a second and a third difference
     if f < 100.0:
         a = 1.0 - decayed

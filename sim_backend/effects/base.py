@@ -1,7 +1,7 @@
 """What an effect is: one object that simulation, screening, fitting, naming and the report all read.
 
-An effect says what it is (name, family, symptom), where in the loop it acts (`site`), what its parameters are, and
-how it is simulated: `step`, a compiled function called once per sample with the signals at its place, returning what it
+An effect says what it is (name, family, symptom), where in the loop it acts (`site`), what its parameters are, and how
+it is simulated: `step`, a compiled function called once per sample with the signals at its location, returning what it
 *adds* there. A contribution that is added, never a value that replaces, makes two promises easy to keep: neutral
 parameters add nothing, so they give exactly the model without the effect; and running the same compiled step along a
 measured trajectory gives the effect's first-order signature, so that screening needs no second definition of the
@@ -97,12 +97,12 @@ def _power(name: str, p: int) -> str:
 class Parameter:
     """What is known of one parameter: its neutral value, dimension, bounds and whether it is a size or a shape.
 
-    With all *sizes* neutral the effect adds nothing, and for fixed *shapes* the contribution is linear in the sizes.
-    An effect without sizes is neutral at its shapes' neutral values (a limit at infinity, say).
-    Bounds are absolute; `log` says that the parameter is searched on a logarithmic scale. A `fixed` parameter is a
-    constant of the description that no data can tell from another parameter; a fit leaves it where it is. `spread` is
-    how far a shape may plausibly lie from where `guess` looks for it, as a standard deviation of its logarithm. `grain`
-    is by which part of itself a shape has to change for the contribution to change at all, where it does so in jumps.
+    With all *sizes* neutral the effect adds nothing, and for fixed *shapes* the contribution is linear in the sizes. An
+    effect without sizes is neutral at its shapes' neutral values (a limit at infinity, say). Bounds are absolute; `log`
+    says that the parameter is searched on a logarithmic scale. A `fixed` parameter is a constant of the description
+    that no data can distinguish from another parameter; a fit does not change it. `spread` is how far a shape may
+    plausibly be from where `guess` searches for it, as a standard deviation of its logarithm. `grain` is by which part
+    of itself a shape has to change for the contribution to change at all, where it does so in jumps.
     """
 
     name: str
@@ -188,7 +188,7 @@ def _declare(
 
 @dataclass(frozen=True)
 class Effect:
-    """One physical effect at one place, with its parameters as fields.
+    """One physical effect at one location, with its parameters as fields.
 
     Subclasses set `name`, `family`, `site`, `symptom` and, as they need, `exact`, `linear_form`, `several`, `beyond`,
     `aux`, `n_state`, `step`, `guess`, `limits`, `drawn_std`, `retune`, `rewrite`. Raises ConfigError when a parameter
@@ -203,15 +203,15 @@ class Effect:
     cause: ClassVar[str] = ""  # the name it is reported by, where several models share one cause; else `name`
     symptom: ClassVar[str]  # what a person sees in the residual; ends the sentence "the residual …"
     several: ClassVar[bool] = (
-        False  # one place may have several of it, told apart by their shapes, as modes by frequency
+        False  # one location may have several of it, distinguished by their shapes, as modes by frequency
     )
     aux: ClassVar[Aux] = Aux.NONE
     beyond: ClassVar[Mapping[str, str]] = {}  # by a shape, what it is called beyond the limit, or UNLISTED
     whole: ClassVar[bool] = False  # a small part of what it adds is not what it adds at any other shape
     n_state: ClassVar[int] = 0
     step: ClassVar[Any] = None  # compiled with @compiled
-    exact: ClassVar[bool] = False  # nature leaves its form no freedom: a gain is a gain, a friction only as good a law
-    linear_form: ClassVar[bool] = False  # where nature's form of it is another, that one is linear too, and as steady
+    exact: ClassVar[bool] = False  # no model discrepancy: a gain is a gain, a friction is only an approximate law
+    linear_form: ClassVar[bool] = False  # its model discrepancy is linear and steady as well
 
     def __post_init__(self) -> None:
         for p in self.parameters():
@@ -289,9 +289,9 @@ class Effect:
 
     @classmethod
     def choices(cls, view: RecordView) -> float:
-        """Return among how many independent shapes `guess` chose by looking at the residual; 1 when it did not look.
+        """Return among how many independent shapes `guess` chose by means of the residual; 1 when it did not use it.
 
-        Noise alone stands out somewhere among so many, and a screening has to allow for it.
+        Noise alone is large somewhere among so many, and a screening has to allow for it.
         """
         return 1
 
@@ -344,6 +344,6 @@ class Effect:
     def rewrite(self, values: Array, rate_hz: float, rng: np.random.Generator | None = None) -> Array:
         """Return the reading at `where`, shape (n,), as recorded with this effect, for effects whose site is RECORD.
 
-        Without `rng` what is left to chance does not happen.
+        Without `rng` nothing random happens.
         """
         raise ConfigError(f"effect {self.name} does not change the record; it acts on {self.site.name}")

@@ -64,7 +64,7 @@ class BoucWen(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return reaches from a part of the swing to beyond it, for loops that soften and that stiffen."""
+        """Return strokes from a part of the swing to beyond it, for loops that soften and that stiffen."""
         swing = max(view.position_peak, 1e-14)
         return [
             {"reach": swing * part, "gamma_over_beta": bend, "exponent": 1.0}
@@ -74,5 +74,5 @@ class BoucWen(Effect):
 
     @classmethod
     def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
-        """Return reaches beyond those within which friction turns."""
+        """Return strokes beyond those within which friction reverses."""
         return {"reach": (max(MOST_GIVE * view.swing, 1e-15), math.inf)}

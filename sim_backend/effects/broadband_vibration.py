@@ -1,4 +1,4 @@
-"""Broadband vibration: the surroundings shake the bench at random within a band."""
+"""Broadband vibration: a random disturbance of the bench within a band."""
 
 from __future__ import annotations
 

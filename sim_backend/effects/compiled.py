@@ -17,7 +17,7 @@ from sim_backend.jit import Callback, entry_name, intrinsic
 from sim_backend.kernel_cache import keep_entry, read_entry
 
 WIRES = 7
-"""Addresses of one place: signal, position, rate, aux, target, parameters, state."""
+"""Addresses at one location: signal, position, rate, aux, target, parameters, state."""
 
 _ALONE = f"float64({'float64, ' * 5}CPointer(float64), CPointer(float64))"
 
@@ -49,7 +49,7 @@ def store(typingctx, address, value):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def call_loop(typingctx, address, n, wires, dt_s):  # type: ignore[no-untyped-def]
-    """Call the compiled loop at `address` for `n` places, whose addresses begin at the address `wires`."""
+    """Call the compiled loop at `address` for `n` locations, whose addresses begin at the address `wires`."""
     from llvmlite import ir
     from numba import types
 
@@ -83,7 +83,7 @@ class Step:
 
     @cached_property
     def alone(self) -> tuple[str, str]:
-        """The step for one place, as LLVM's text and the name of its function, compiled or read from disk now.
+        """The step for one location, as LLVM's text and the name of its function, compiled or read from disk now.
 
         It takes signal, position, rate, aux and dt_s as float64, then the addresses of parameters and state.
         """
@@ -104,9 +104,9 @@ class Step:
 def compiled(step: Callable[..., float]) -> Step:
     """Return the Step of `step`(signal, position, rate, aux, dt_s, parameters, state) -> contribution.
 
-    `signal` is the value at the effect's place before it (command, current, torque, sensor, reading), `position` and
+    `signal` is the value at the effect's location before it (command, current, torque, sensor, reading), `position` and
     `rate` the motion of its coordinate, `aux` the value of its auxiliary source (see Aux) and `dt_s` the time step.
-    `parameters` and `state` are pointers to this place's own numbers.
+    `parameters` and `state` are pointers to this location's own numbers.
     """
     return Step(step)
 

@@ -27,7 +27,7 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
 class DriveHysteresis(Effect):
     """Command less sum weight_i · z_i: stop operator z_i follows the command within ±reach / 3^(i-1).
 
-    A stop is what its play operator leaves of the command, so this is the Prandtl–Ishlinskii model: the gain is
+    A stop is the command less its play operator, so this is the Prandtl–Ishlinskii model: the gain is
     smallest right after a reversal and grows with the amplitude.
     Source: K. Kuhnen, European Journal of Control 9 (2003).
     """
@@ -48,8 +48,8 @@ class DriveHysteresis(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return reaches in each quarter of the rung below the largest command, and one for small loops.
+        """Return strokes in each quarter of the rung below the largest command, and one for small loops.
 
-        As of the springs in `hysteresis.py`: a third of a reach is nearly the same ladder again.
+        As of the springs in `hysteresis.py`: a third of a stroke is nearly the same ladder again.
         """
         return [{"reach": max(view.u_peak * part, 1e-15)} for part in (0.1, 0.38, 0.50, 0.66, 0.87)]

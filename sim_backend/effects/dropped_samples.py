@@ -1,4 +1,4 @@
-"""Dropped samples: now and then a reading does not arrive and the last one stands in for it."""
+"""Dropped samples: now and then a reading does not arrive and the last one is repeated."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class ExtraResonance(Effect):
 
     @classmethod
     def choices(cls, view: RecordView) -> int:
-        """Return the number of lines that are compared: every frequency of the residual's spectrum."""
+        """Return the number of bins that are compared: every frequency of the residual's spectrum."""
         return view.residual.size // 2
 
     def retune(self, model: ModalModel, input_index: int, output_index: int) -> ModalModel:

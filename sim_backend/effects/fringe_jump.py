@@ -47,6 +47,6 @@ class FringeJump(Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return limits below the fastest motion of the record, down to a third of it.
 
-        Which motions are too fast changes with every few per cent of the limit, and no descent finds its way between.
+        Which motions are too fast changes with every few per cent of the limit, and a descent cannot follow that.
         """
         return [{"rate_limit": max(view.rate_peak * (1.0 - _PITCH) ** (k + 0.5), 1e-12)} for k in range(20)]

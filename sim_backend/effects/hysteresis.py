@@ -11,7 +11,7 @@ from sim_backend.effects.presliding_friction import MOST_GIVE
 from sim_backend.effects.view import RecordView
 
 _RUNGS = 27.0
-"""Ratio of the largest reach to the smallest."""
+"""Ratio of the largest stroke to the smallest."""
 
 
 @compiled
@@ -32,7 +32,7 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
 class Hysteresis(Effect):
     """Torque -sum stiffness_i · z_i: spring i follows the position until its deflection z_i slips at ±reach / 3^(i-1).
 
-    The ladder of reaches is fixed, so that the contribution is linear in all but one number; four elements trace a
+    The ladder of strokes is fixed, so that the contribution is linear in all but one number; four elements trace a
     smooth loop over a range of amplitudes of 1 : 27. Every loop is closed, obeys Masing's rule and loses energy.
     Source: W. D. Iwan, J. Appl. Mech. 33 (1966).
     """
@@ -52,14 +52,14 @@ class Hysteresis(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return reaches in each quarter of the lowest rung.
+        """Return strokes in each quarter of the lowest rung.
 
-        A third of a reach is nearly the same ladder again, and a spring that reaches beyond the swing never slips;
-        between them a fit has several places to settle in.
+        A third of a stroke is nearly the same ladder again, and a spring whose stroke exceeds the swing never slips;
+        between them a fit has several local minima.
         """
         return [{"reach": max(view.position_peak * part, 1e-15)} for part in (0.57, 0.75, 1.0, 1.3)]
 
     @classmethod
     def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
-        """Return reaches at which the first spring slips later than what rubs gives way."""
+        """Return strokes at which the first spring slips later than friction does."""
         return {"reach": (max(_RUNGS * MOST_GIVE * view.swing, 1e-15), math.inf)}

@@ -1,4 +1,4 @@
-"""Jiles–Atherton hysteresis: iron in the actuators is magnetised by the motion and remembers it."""
+"""Jiles–Atherton hysteresis: magnetic material in the actuators is magnetised by the motion, with memory."""
 
 from __future__ import annotations
 

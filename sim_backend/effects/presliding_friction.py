@@ -11,7 +11,7 @@ from sim_backend.effects.compiled import compiled
 from sim_backend.effects.view import RecordView
 
 MOST_GIVE = 0.02
-"""Part of the swing within which friction has turned; what takes longer is called hysteresis."""
+"""Part of the swing within which friction has reversed; what takes longer is called hysteresis."""
 
 
 @compiled

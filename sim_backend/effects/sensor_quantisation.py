@@ -47,5 +47,5 @@ class SensorQuantisation(Effect):
 
     @classmethod
     def choices(cls, view: RecordView) -> int:
-        """Return the number of lines that are compared: every distance of the residual's spectrum over the position."""
+        """Return the number of bins that are compared: every distance of the residual's spectrum over the position."""
         return READING_DISTANCES

@@ -1,4 +1,4 @@
-"""Sensor rotation: the sensors' axes are turned against those of the motion."""
+"""Sensor rotation: the sensors' axes are rotated relative to those of the motion."""
 
 from __future__ import annotations
 

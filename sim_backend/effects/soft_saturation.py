@@ -1,4 +1,4 @@
-"""Amplifier saturation that sets in softly: the output bends towards a limit that it reaches only in the end."""
+"""Amplifier saturation that sets in softly: the output approaches a limit asymptotically."""
 
 from __future__ import annotations
 

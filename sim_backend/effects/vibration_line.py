@@ -1,4 +1,4 @@
-"""Vibration line: a pump or the mains shakes the bench at one frequency."""
+"""Vibration line: a pump or the mains disturbs the bench at one frequency."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-d
 _PERIODS = 20.0
 
 _BANDS = 512
-"""Narrow surroundings: the noise of a band, or of a resonance that is shaken, is no background to a line elsewhere."""
+"""Narrow surroundings: the noise of a band, or of an excited resonance, is no background to a line elsewhere."""
 
 
 @dataclass(frozen=True)
 class VibrationLine(Effect):
     """Torque cosine · cos(2π frequency_hz t) + sine · sin(2π frequency_hz t), t from the start of the run.
 
-    What shakes a bench does not wait for a run: where several were recorded, `runs` holds for each by how many periods
-    the line is ahead of that of the first, middle against middle, and half of by how many seconds it is shorter.
-    `ahead` is the phase, in periods, in which the run at hand begins. A model file holds the phase of the first run.
+    A disturbance is not synchronised with the runs: where several were recorded, `runs` holds for each by how many
+    periods the line is ahead of that of the first, middle against middle, and half of by how many seconds it is
+    shorter. `ahead` is the phase, in periods, in which the run at hand begins. A model file holds the phase of the
+    first run.
     """
 
     name = "vibration-line"
@@ -76,7 +77,7 @@ class VibrationLine(Effect):
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the strongest lines of the residual."""
-        # fewer periods than this are drift: the noise down there is known from a handful of rows
+        # fewer periods than this are drift: the noise down there is known from a handful of samples
         lowest = _PERIODS / view.duration_s
         return [{"frequency_hz": f} for f in view.residual_lines_hz(5, lowest, _BANDS) if f > lowest]
 
@@ -89,7 +90,7 @@ class VibrationLine(Effect):
 
     @classmethod
     def choices(cls, view: RecordView) -> int:
-        """Return the number of lines that are compared: every frequency of the residual's spectrum.
+        """Return the number of bins that are compared: every frequency of the residual's spectrum.
 
         A phase that is chosen for a run as well counts as two.
         """

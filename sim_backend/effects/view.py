@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _LINES = 32
-"""Lines of a spectrum to either side whose median is the level of the noise there."""
+"""Frequency bins to either side whose median is the level of the noise there."""
 
 _VISIBLE, _FINE, _MOST, _LOOKED_AT, _LEAST_LOOKS, _MOST_LOOKS = 4.0, 0.2, 60_000, 8_000_000, 8, 600
-"""Steps of a rounding are looked for from where they move the readings by so many standard deviations, at distances
-that shift the input by so much of a step; at most so many are tried, and on so many rows in all looked at closely, at
-least so many steps and at most so many."""
+"""Steps of a rounding are searched for from where they move the readings by so many standard deviations, at distances
+that shift the input by so much of a step; at most so many are tried, and on so many samples in all looked at closely,
+at least so many steps and at most so many."""
 
 
 DISTANCES = 1024
@@ -66,7 +66,7 @@ def _rounding_scores(u, wanted, energy, steps, scores, ratios):  # type: ignore[
 
 @njit
 def _mode_scores(u, r, weight, centres, damping, scores):  # type: ignore[no-untyped-def]
-    """Fill `scores` with how well a mode at each of `centres` (in lines) explains `r` by `u`, lines weighed."""
+    """Fill `scores` with how well a mode at each of `centres` (in bins) explains `r` by `u`, bins weighed."""
     for k in range(centres.size):
         f = centres[k]
         reach = 12.0 * damping * f + 2.0
@@ -89,7 +89,7 @@ def _squares_of_answers(answer: Array, rows: int) -> Callable[[Array], float]:
 
 
 def _energy_of_levels(answer: Array, levels: Ints) -> Array:
-    """Return the squared answer of the readings to a unit of each level of the input, by the rows' `levels` (n,).
+    """Return the squared answer of the readings to a unit of each level of the input, by the samples' `levels` (n,).
 
     Samples of a stretch that holds one level add up in the answer, stretches apart from each other only in its
     square: that of m samples is the sum of (m - |k|) r(k) over the autocorrelation r of the answer to one.
@@ -106,13 +106,13 @@ def _energy_of_levels(answer: Array, levels: Ints) -> Array:
 
 @dataclass(frozen=True)
 class RecordView:
-    """The signals at one place: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
+    """The signals at one location: input `u`, motion `position` and `rate`, each (n,), and the model's residual (n,).
 
-    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first
-    resonance of the nominal model at this place (0 for a rigid body). `wanted` (n,), where known, is by how much the
+    `temperature_k` is (n,) or None when the record has no temperature channel; `lowest_mode_hz` is the first resonance
+    of the nominal model at this location (0 for a rigid body). `wanted` (n,), where known, is by how much the
     likelihood would rise per unit of a small change of each sample of the input, and `answer` (rows, n_y) what a change
-    by one unit of a single sample makes of the readings, in standard deviations of their noise. `ends` are the rows at
-    which the runs end that are joined here.
+    by one unit of a single sample makes of the readings, in standard deviations of their noise. `ends` are the samples
+    at which the runs end that are joined here.
     """
 
     rate_hz: float
@@ -167,14 +167,15 @@ class RecordView:
         return self.u.size / self.rate_hz
 
     def rounding_steps(self) -> Array:
-        """Return every step of a rounding of the input that is told apart from its neighbours, ascending."""
+        """Return every step of a rounding of the input that differs enough from its neighbours, ascending."""
         moving = self.u[self.wanted != 0.0] if self.wanted is not None else self.u[:0]
         size = float(np.sqrt(np.mean(moving**2))) if moving.size else 0.0
         if not (size > 0.0 and self.seen > 0.0):
             return np.zeros(0)
         # rounding to a step q adds an error of q²/12 to each sample
         low = max(_VISIBLE * np.sqrt(12.0 / moving.size) / self.seen, size / (_FINE * _MOST))
-        # at a distance of _FINE q²/size an input of this size is shifted against its lattice by _FINE steps
+        # at a distance of _FINE q²/size an input of this size is shifted relative to its quantisation grid by _FINE
+        # steps
         count = int(max((1.0 / low - 4.0 / self.u_peak) * size / _FINE, 0.0))
         return np.asarray(1.0 / (1.0 / low - np.arange(count) * _FINE / size))
 
@@ -234,9 +235,8 @@ class RecordView:
         """Return the `n` frequencies above a lowest at which the residual's spectrum is highest over its surroundings.
 
         These reach to either side by one of so many `bands` that make the whole spectrum (the more, the narrower must
-        be what stands out), and by enough lines of a run to know their median.
-        What goes on by itself has another phase in every run, so the spectra of runs are added without their phases,
-        each in units of its own surroundings.
+        be a peak), and by enough bins of a run to know their median. A free-running disturbance has another phase in
+        every run, so the spectra of runs are added without their phases, each in units of its own surroundings.
         """
         size = self.residual.size
         excess = np.zeros(size // 2 + 1)
@@ -249,7 +249,7 @@ class RecordView:
             floor = np.array([np.median(power[max(0, i - width) : i + width]) for i in range(0, power.size, width)])
             excess += power / np.maximum(np.repeat(floor, width)[: power.size], np.finfo(float).tiny)
         excess[: max(2, int(np.ceil(above_hz * size / self.rate_hz)))] = 0.0
-        # a line is as wide as the spectrum of a middling run makes it
+        # a vibration line is as wide as the frequency bins of a run of median length
         beside = 3 * max(round(size / float(np.median(np.diff((0, *ends))))), 1)
         lines: list[float] = []
         for _ in range(n):
@@ -289,7 +289,7 @@ class RecordView:
     def line_phases(self, frequency_hz: float) -> list[tuple[float, float]]:
         """Return, for each run, the phase of the residual's line in periods, in the middle of the run, and its seconds.
 
-        In the middle, because a frequency that is a little off turns the phase there least. Rows that no fit may use
+        In the middle, because a small error of the frequency shifts the phase there least. Samples that no fit may use
         (`wanted` is zero) take no part.
         """
         ends = self.ends or (self.residual.size,)
@@ -304,10 +304,10 @@ class RecordView:
         return found
 
     def likely_modes(self, n: int, damping_ratios: tuple[float, ...]) -> list[tuple[float, float]]:
-        """Return the `n` pairs (frequency in Hz, damping ratio) of a further mode that the residual speaks for most.
+        """Return the `n` pairs (frequency in Hz, damping ratio) of a further mode with most evidence in the residual.
 
-        Each is a matched filter: what a mode makes of the input, lines weighed by the residual's own level around them.
-        A mode answers many lines at once, none of which need stand out of the noise alone.
+        Each is a matched filter: the response of a mode to the input, bins weighed by the residual's level around them.
+        A mode responds in many bins at once, none of which need be above the noise alone.
         """
         rows = self.residual.size
         lines = np.fft.rfftfreq(rows, 1.0 / self.rate_hz)

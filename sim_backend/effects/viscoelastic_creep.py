@@ -1,4 +1,4 @@
-"""Viscoelastic creep: part of the stiffness gives way in time."""
+"""Viscoelastic creep: part of the stiffness relaxes in time."""
 
 from __future__ import annotations
 

@@ -90,5 +90,5 @@ def test_whole_numbers_have_64_bits() -> None:
 def test_what_is_no_toml_is_told_apart() -> None:
     with pytest.raises(SyntaxFault, match="x: not valid TOML: .*line 1"):
         toml_of("a = = 1", "x")
-    with pytest.raises(DataError, match="x: not valid JSON: .*; mend that place"):
+    with pytest.raises(DataError, match="x: not valid JSON: .*; correct it there"):
         json_of("{", "x", error=DataError)

@@ -27,7 +27,7 @@ class Scene:
     """What the scale of an effect may be drawn from: the undisturbed motion of the whole campaign without effects.
 
     Per axis (n,): peaks and rms values of command, position and rate over all runs, and `stiffness`; `run_s` is the
-    longest run, `kelvin` the change of temperature, `places` are the axes to choose from; the rest are numbers.
+    longest run, `kelvin` the change of temperature, `places` are the axes to choose from; the others are numbers.
     """
 
     u_peak: Array
@@ -56,7 +56,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect at one place; `size` is what the detection and naming limits are stated in.
+    """One effect at one location; `size` is what the detection and naming limits are stated in.
 
     Subclasses set `slug` (the library's name of the cause) and override the hooks they need.
     """
@@ -67,15 +67,15 @@ class Hidden:
     slug: ClassVar[str]
     needs_axes: ClassVar[int] = 1
     random: ClassVar[bool] = False  # known only by its statistics: detected by power, see `power.py`
-    proportional: ClassVar[bool] = True  # its signature has one form at any size
+    proportional: ClassVar[bool] = True  # its signature has one shape at any size
     one_sided: ClassVar[bool] = False  # its size has one sign by nature
     smooth: ClassVar[bool] = True  # the reading can be differentiated by the parameters
     predictable: ClassVar[bool] = True  # knowing it tells the next reading; chance and rounding do not
-    given: ClassVar[tuple[str, ...]] = ("way",)  # fields that no data have to tell
+    given: ClassVar[tuple[str, ...]] = ("way",)  # fields that no data need to determine
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        """Return the effect at a random place with random shape, at a size that acts by about a tenth of the motion."""
+        """Return the effect at a random location with random shape, of about a tenth of the motion in size."""
         raise NotImplementedError
 
     def cap(self, scene: Scene) -> float:
@@ -84,7 +84,7 @@ class Hidden:
 
     @property
     def where(self) -> str:
-        """The place as the library writes it."""
+        """The location as the library writes it."""
         return AXES[self.axis]
 
     def resized(self, size: float) -> Self:
@@ -104,7 +104,7 @@ class Hidden:
         return tuple(name for name in self.free() if name != "size")
 
     def borrowing(self, other: Hidden, turn: float = 0.0) -> Self:
-        """Return this effect with every shape that `other` has too, a phase turned by `turn`: its closest relative."""
+        """Return this effect with every shape that `other` has too, a phase shifted by `turn`: its closest relative."""
         shared = {name: getattr(other, name) for name in set(self.shapes()) & set(other.shapes())}
         if "phase" in shared:
             shared["phase"] += turn
@@ -145,7 +145,7 @@ class Coupled(Hidden):
 
     @property
     def where(self) -> str:
-        """The place as the library writes it."""
+        """The location as the library writes it."""
         return f"{AXES[self.source]}->{AXES[self.axis]}"
 
 

@@ -28,7 +28,7 @@ class BoucWen(Hidden):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        """Draw a reach of a twentieth to two thirds of the largest deflection."""
+        """Draw a stroke of a twentieth to two thirds of the largest deflection."""
         a = some_axis(rng, scene)
         reach = log_uniform(rng, 0.05, 0.7) * float(scene.y_peak[a])
         return cls(a, float(0.05 * scene.stiffness[a]), reach, rng.uniform(0.5, 0.8))
@@ -44,7 +44,7 @@ class BoucWen(Hidden):
 
 @dataclass(frozen=True)
 class JilesAtherton(Hidden):
-    """Hysteresis of iron that the motion magnetises."""
+    """Magnetic hysteresis, driven by the motion."""
 
     bend: float
     pinning: float
@@ -62,7 +62,7 @@ class JilesAtherton(Hidden):
         return cls(a, size, log_uniform(rng, 0.5, 3.0) * y, log_uniform(rng, 0.1, 0.6) * y, rng.uniform(0.05, 0.4))
 
     def cap(self, scene: Scene) -> float:
-        """Up to half the suspension's stiffness, which the iron takes away."""
+        """Up to half the suspension's stiffness, by which the magnetic pull reduces it."""
         return float(1.5 * scene.stiffness[self.axis] * self.bend)
 
     def law(self) -> Law:
@@ -81,7 +81,7 @@ class Iwan(Hidden):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        """Draw a largest reach of a tenth to once the largest deflection."""
+        """Draw a largest stroke of a tenth to once the largest deflection."""
         a = some_axis(rng, scene)
         return cls(a, float(0.05 * scene.stiffness[a]), log_uniform(rng, 0.1, 1.0) * float(scene.y_peak[a]))
 
@@ -107,7 +107,7 @@ def _plays(u, reaches):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class DriveHysteresis(Hidden):
-    """A share `size` of the command passes through twenty plays, evenly spread up to `reach`, as in a piezo."""
+    """A share `size` of the command passes twenty play operators, evenly spaced up to `reach`, as in a piezo."""
 
     reach: float
 
@@ -116,7 +116,7 @@ class DriveHysteresis(Hidden):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        """Draw a largest reach of a tenth to once the largest command."""
+        """Draw a largest stroke of a tenth to once the largest command."""
         a = some_axis(rng, scene)
         return cls(a, 0.05, log_uniform(rng, 0.1, 1.0) * float(scene.u_peak[a]))
 

@@ -313,7 +313,7 @@ class Cogging(Hidden):
         return cls(a, float(0.02 * scene.stiffness[a] * period), period, rng.uniform(0.0, 2.0 * np.pi))
 
     def cap(self, scene: Scene) -> float:
-        """Up to half the stiffness in its steepest part, so that the axis keeps one place of rest."""
+        """Up to half the stiffness in its steepest part, so that the axis keeps one position of rest."""
         return float(0.5 * scene.stiffness[self.axis] * self.period / (2.0 * np.pi))
 
     def law(self) -> Law:

@@ -1,4 +1,4 @@
-"""Hidden effects of the surroundings: what shakes, heats and times the bench."""
+"""Hidden effects of the surroundings: vibration, heat and timing."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ class ClockError(Hidden):
         return 0.01
 
     def on_reading(self, reading: Array, motion: Motion, excitation: Excitation, rng: np.random.Generator) -> Array:
-        """Return the motion, by a cubic spline through its fine grid, at the wrong times; the last place stays."""
+        """Return the motion, by a cubic spline through its fine grid, at the wrong times; the last position stays."""
         fine = motion.position[:, self.axis]
         n = reading.shape[0]
         at = np.minimum(np.arange(n) * (1.0 + self.size * self.way) * motion.substeps, fine.size - 1.0)
@@ -147,7 +147,7 @@ class ClockError(Hidden):
 
 @dataclass(frozen=True)
 class DroppedSamples(Hidden):
-    """A part `size` of the readings of one axis does not arrive; the last one that did stands in."""
+    """A part `size` of the readings of one axis does not arrive; the last one that did replaces them."""
 
     slug: ClassVar[str] = "dropped-samples"
     one_sided: ClassVar[bool] = True

@@ -73,7 +73,7 @@ def _draw(plan: Plan, rng: np.random.Generator) -> Drawn:
     base = _steady(campaign)
     axes = [[a for a in range(campaign.plant.axes) if applicable(law, campaign, a)] for law in laws]
     if not all(axes):
-        raise BadDrawError("the bench has no place for the law")
+        raise BadDrawError("the bench has no location for the law")
     metric = Metric(campaign, base)
     if rng.random() < 0.7:
         campaign = _with_unknown_mode(campaign, metric, rng)

@@ -54,7 +54,7 @@ def draw_records(
 ) -> tuple[Record, ...]:
     """Return the runs of a campaign; `low` to `high` are the frequencies played, in cycles per sample.
 
-    `held` says where the held-out rows are: "rows" at the end of the run, or a "run" of its own.
+    `held` says where the held-out samples are: "rows" at the end of the run, or a "run" of its own.
     """
     levels = (1.0, 0.5) if rng.random() < 0.7 else (1.0,)
     periods = int(rng.integers(3, 5))

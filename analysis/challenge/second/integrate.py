@@ -25,7 +25,7 @@ LARGEST_STEP = 0.35
 
 @dataclass(frozen=True)
 class Placed:
-    """A law in action: its parameters, the size first, at axis `i` (and `j`); `rate` (1/s) is how fast it reacts."""
+    """A law in action: its parameters, the size first, at axis `i` (and `j`); `rate` (s⁻¹) is how fast it reacts."""
 
     law: Law
     p: Array
@@ -59,7 +59,7 @@ def exponentials(omega: Array, decay: Array, h: float) -> tuple[Array, Array]:
 
 
 def split_delay(delay_s: float, rate_hz: float) -> tuple[int, float]:
-    """Return whole samples of a delay and the fraction that is left."""
+    """Return the whole samples of a delay and the remaining fraction."""
     whole = int(np.floor(delay_s * rate_hz + 1e-9))
     return whole, max(delay_s * rate_hz - whole, 0.0)
 

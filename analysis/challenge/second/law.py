@@ -57,12 +57,11 @@ Shapes = Callable[[np.random.Generator, Scene], tuple[float, ...]]
 class Law:
     """One law of motion or of measurement.
 
-    `effect` is what a diagnosis should call it: the listed name, or the law's own where none is listed. `size` tells
-    what would be a plain disturbance of a scene, `cap` how many times that is the most that is plausible. `shapes`
-    follow the size in the parameters. `rate` (1/s) is how fast a law reacts, which steps must resolve. `springy` laws
-    need an axis with a stiffness; `axes` is how many they join,
-    `most_axes` how many the bench may have; `alone` is false for those that have a twin on any
-    bench.
+    `effect` is what a diagnosis should call it: the listed name, or the law's own where none is listed. `size` is the
+    size of a plain disturbance of a scene, `cap` the largest plausible size as a multiple of that. `shapes` follow the
+    size in the parameters. `rate` (s⁻¹) is how fast a law reacts, which steps must resolve. `springy` laws need an axis
+    with a stiffness; `axes` is how many they join, `most_axes` how many the bench may have; `alone` is false for those
+    that have a twin on any bench.
     """
 
     name: str

@@ -1,10 +1,10 @@
-"""How large a hidden law must be to be seen, and to be told from every listed one: from this simulator alone.
+"""How large a hidden law must be to be seen, and to be distinguished from every listed one: from this simulator alone.
 
 The *signature* of a law is what it changes in the readings beyond what the linear plant makes of the change that it
 causes in the commands: (reading with − without) − plant·(command with − without). So it is the same in a position loop
-as in an open one, and the noise to whiten it by is the sensor's own. What nuisances explain is taken out: every number
-of the nominal model, tuned with the prior of a uniform error of ±5 %, and the state in which each run begins, with a
-prior as wide as the motion. d² is the energy left on the rows that may be fitted.
+as in an open one, and it is whitened by the sensor's own noise. What nuisances explain is taken out: every number
+of the nominal model, adjusted under the prior of a uniform error of ±5 %, and the state in which each run begins, with
+a prior as wide as the motion. d² is the remaining energy over the samples that may be fitted.
 
 - *Detection limit*: the size at which d = 2.576, as of the first generator.
 - *Naming limit*: the size at which the part of d that no rival explains is 2.576. A rival is any other listed name at

@@ -46,7 +46,7 @@ def tuned(plant: Plant, numbers: Sequence[Number], steps: Array) -> Plant:
 
 
 def whitened(campaign: Campaign, parts: Sequence[Array]) -> Array:
-    """Return readings of every run (n, axes), or columns of them (n, axes, k), as fitted rows in units of the noise."""
+    """Return the fitted samples of every run, (n, axes) or columns (n, axes, k), in units of the noise."""
     rows = []
     for record, part in zip(campaign.records, parts, strict=True):
         level = 1.0 + campaign.louder * record.levels()
@@ -83,14 +83,14 @@ class Projection:
         return np.asarray(scipy.linalg.cho_solve(self.factor, self.columns.T @ vectors))
 
     def beyond(self, vectors: Array) -> Array:
-        """Return what nuisances leave of vectors (rows, k), with what their priors charge below: (rows + q, k)."""
+        """Return the residual of vectors (rows, k) after nuisances, their prior penalty below: (rows + q, k)."""
         found = self.fit(vectors)
         return np.vstack([vectors - self.columns @ found, -found])
 
 
 @dataclass(frozen=True)
 class Left:
-    """What nuisances leave of a signature, (rows + q,), and the projection about where they were tuned to."""
+    """The residual of a signature after nuisances, (rows + q,), and the projection about their adjusted values."""
 
     vector: Array
     projection: Projection

@@ -23,8 +23,8 @@ DRIVES = {"rad": "N m", "m": "N"}
 class Plant:
     """Modes q'' + 2 decay q' + ω² q = drive·u, y = shape·q.
 
-    `omega` and `decay` (m,) in rad/s and 1/s, `drive` (m, axes), `shape` (axes, m). The first modes are the axes' own;
-    `unknown` counts those at the end that no nominal model holds. `delay_s` is between command and torque.
+    `omega` (m,) is in rad/s, `decay` (m,) in s⁻¹, `drive` (m, axes), `shape` (axes, m). The first modes are the axes'
+    own; `unknown` counts those at the end that no nominal model holds. `delay_s` is between command and torque.
     """
 
     unit: str

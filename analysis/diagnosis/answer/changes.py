@@ -59,7 +59,7 @@ def changes(nominal: Model, extended: Model) -> list[Change]:
 
 
 def unit_of(entry: EffectEntry, parameter: str, model: Model) -> str:
-    """Return the unit of an effect's parameter at its place in `model`; empty for a parameter it has not."""
+    """Return the unit of an effect's parameter at its location in `model`; empty for a parameter it has not."""
     u, y = units_at(model, entry.where)
     for p in effect_class(entry.effect).parameters():
         if p.name == parameter:
@@ -68,7 +68,7 @@ def unit_of(entry: EffectEntry, parameter: str, model: Model) -> str:
 
 
 def _of_mode(mode: Mode, model: Model) -> Iterator[tuple[str, str, Value, Value]]:
-    """Yield every number of a mode: what it is, its unit, itself, and how it is told: a decay rate as damping ratio.
+    """Yield every number of a mode: name, unit, value, and how it is stated: a decay rate as damping ratio.
 
     A mode moves in the unit of the output in which it is seen most.
     """

@@ -57,15 +57,15 @@ QUANTITIES = {
 }
 
 SWINGS = 8
-"""Swings of the measured output that are drawn: more would lie on each other."""
+"""Swings of the measured output that are drawn: more would overlap."""
 
 PIECES = 5
-"""Pieces, half overlapping, that the longest record is cut into: the more, the less noise and the coarser the lines."""
+"""Half-overlapping segments of the longest record: more of them lower the noise and coarsen the frequency bins."""
 
 MOST_ROWS = 16384
 
 WEAKEST = 1e-6
-"""Part of the strongest line's power below which an input says nothing of the response there."""
+"""Part of the strongest bin's power below which an input says nothing of the response there."""
 
 KNOWN = 0.1
 """Largest standard deviation of a point that is drawn, relative to the response."""
@@ -205,7 +205,7 @@ def _floor(canvas: Canvas, first: Domain) -> None:
 
 
 def swing_rows(y: Array) -> int:
-    """Return the mean length in rows of one swing of `y` (n,) about its mean, half of all rows where it never turns."""
+    """Return the mean length in samples of one swing of `y` (n,) about its mean; half of all where none ends."""
     about = y - y.mean()
     # half the rms on either side: what crosses by noise alone is no swing
     beyond = np.sign(about)[np.abs(about) > 0.5 * float(np.std(y))]
@@ -216,7 +216,8 @@ def swing_rows(y: Array) -> int:
 def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None:
     """Return magnitude and phase of the response of `output` to the input that drives it most.
 
-    None where the records tell no linear response: inputs that never move apart, or too few lines above the noise.
+    None where the records determine no linear response: the inputs never move independently, or too few frequency bins
+    are above the noise.
     """
     from matplotlib.ticker import MultipleLocator  # see `analysis.pages.canvas`
 
@@ -287,7 +288,7 @@ def _measured(diagnosis: Diagnosis, output: int) -> tuple[FrequencyResponse, int
 
 
 def _thinned_lines(f: Array, spread: Array) -> NDArray[np.intp]:
-    """Return the numbers of the best-known line of each of `PER_DECADE` bands, of those that are known."""
+    """Return the numbers of the best-known bin of each of `PER_DECADE` bands, of those that are known."""
     known = np.flatnonzero(spread < KNOWN)
     if known.size == 0:
         return known

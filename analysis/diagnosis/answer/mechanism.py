@@ -1,8 +1,8 @@
 """The picture in which a named cause is seen: the force that the linear model lacks, over what it depends on.
 
-What the linear part of the extended model leaves of the readings is turned back into the force that would make it, by
-the inverse of the plant where it stands above the noise (Wiener's filter). Measured and modelled force pass through
-the same filter, so that they can be compared; only the middle of a stretch is drawn, where its ends have no part.
+The residual of the linear part of the extended model is converted to the force that would cause it, by the inverse of
+the plant where the plant is above the noise (Wiener's filter). Measured and modelled force pass through the same
+filter, so that they can be compared. Only the middle of a stretch is drawn, which its ends do not affect.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SEEN = 0.3
 """Part of a force's variance that one quantity has to explain for a picture over it to show anything."""
 
 SMOOTHED = 9
-"""Neighbouring lines whose mean power is held against that of the noise."""
+"""Neighbouring frequency bins whose mean power is compared with that of the noise."""
 
 LOOPS, RATES = ("hysteresis", "backlash"), ("friction",)
 """Parts of the names of effects that are seen in a loop over the position, and over the rate."""
@@ -71,7 +71,7 @@ def mechanism_figure(diagnosis: Diagnosis, model: Model, whitener: Whitener) -> 
     Hysteresis and backlash are drawn over the position, friction over the rate, anything else over the quantity that
     explains most of it: one of the effect's own degree of freedom if that explains enough.
     """
-    effect = _told(diagnosis)
+    effect = _shown_effect(diagnosis)
     if effect is None:
         return None
     place = _place(diagnosis, model, effect)
@@ -87,7 +87,7 @@ def mechanism_figure(diagnosis: Diagnosis, model: Model, whitener: Whitener) -> 
     return _drawn(missing, *chosen, effect, window)
 
 
-def _told(diagnosis: Diagnosis) -> Effect | None:
+def _shown_effect(diagnosis: Diagnosis) -> Effect | None:
     """Return the effect of the first cause, of the best hypothesis where causes are tied; None without one."""
     for cause in diagnosis.causes:
         for effect in diagnosis.effects:
@@ -153,9 +153,10 @@ def _missing(
 
 
 def _above_noise(x: Array, whitener: Whitener, o: int, rate_hz: float, energy: float) -> Array:
-    """Return at every line but the first which part of the power is that of `x` (n,) and not noise (Wiener's filter).
+    """Return, in every bin but the first, which part of the power is that of `x` (n,) and not noise (Wiener's filter).
 
-    `x` is what the extended model says: without noise of its own, it tells where the measured one is worth looking at.
+    `x` is what the extended model says. It has no noise of its own, so it shows where the measurement is above the
+    noise.
     """
     power = np.abs(np.fft.rfft(x)[1:]) ** 2
     f = np.fft.rfftfreq(x.size, 1.0 / rate_hz)[1:]
@@ -251,7 +252,7 @@ def _looped(effect: Effect) -> bool:
 
 
 def _busiest(x: Array, force: Array) -> slice:
-    """Return the rows of a few swings of `x` (n,) where `force` (n,) is largest: more loops would hide each other."""
+    """Return the samples of a few swings of `x` (n,) where `force` (n,) is largest: more would hide each other."""
     length = min(max(SWINGS * swing_rows(x), SHOWN_POINTS), x.size)
     total = np.concatenate([[0.0], np.cumsum(force**2)])
     begin = int(np.argmax(total[length:] - total[:-length]))

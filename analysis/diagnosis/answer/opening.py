@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LEAST_ROWS = 200
-"""Rows of the shortest stretch that is drawn."""
+"""Samples of the shortest stretch that is drawn."""
 
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Rows of one output of one record."""
+    """Samples of one output of one record."""
 
     record: int
     window: Window
@@ -42,7 +42,7 @@ def opening_figure(
     noise_rms: Array,
     model: Model,
 ) -> Drawn | None:
-    """Return measured and simulated over each other where the extended model gains most, held-out rows if there are.
+    """Return measured and simulated over each other where the extended model gains most, held-out samples if there are.
 
     Where the two models are one it is where that misses most. The model as `given` is drawn beside both.
 

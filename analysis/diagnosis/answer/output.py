@@ -1,4 +1,4 @@
-"""A diagnosis as files: `diagnosis.json` by docs/diagnosis.md, and `extended.toml`, also told as a difference."""
+"""A diagnosis as files: `diagnosis.json` by docs/diagnosis.md, and `extended.toml`, also given as a difference."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ DOMAINS = ("frequency", "amplitude", "position", "direction", "rate", "time", "t
 """The domains of the contract; a diagnosis may look at further ones, which follow."""
 
 GAINS = ("held_out", "rms_given", "rms_before", "rms_after", "noise_floor", "reduction", "ci95")
-"""What of a gain stands in `gain`; its segments and outputs follow by themselves."""
+"""Fields of a gain in `gain`; its segments and outputs follow as lists of their own."""
 
 LISTED_RUNS = 4
-"""Runs that are named with their checksum in each parameter's source; all of them stand in diagnosis.json."""
+"""Runs that are named with their checksum in each parameter's source; diagnosis.json has all of them."""
 
 
 def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[ChopGain] = ()) -> dict[str, Any]:
@@ -118,10 +118,10 @@ def _plain(node: Any) -> Any:
 
 
 def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]) -> Model:
-    """Return `model` with its linear part as re-tuned and the found effects added, each changed number with its origin.
+    """Return `model` with its linear part as adjusted and the found effects added, each changed number with its origin.
 
-    What the fit left alone keeps its own origin. Effects of `model` that act on its linear part are in the re-tuned
-    modes and delays already. The result goes through `dump_model`, `load_model` and every bench.
+    Numbers that the fit did not change keep their own origin. Effects of `model` that act on its linear part are in the
+    adjusted modes and delays already. `dump_model`, `load_model` and every bench accept the result.
     """
     source = _provenance(sources)
     linear, std = diagnosis.linear, diagnosis.linear_std
@@ -153,7 +153,7 @@ def _moved_zero(entry: EffectEntry, model: Model, diagnosis: Diagnosis, source: 
 
 
 def _delays(model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> dict[str, Value]:
-    """Return the delay of each input; what the model's own effects add to it has to stand in the file like the rest."""
+    """Return the delay of each input; the file must also contain what the model's own effects add to it."""
     delays, sum_of = dict(model.delay_s), f"delay of {model.name} with its effects"
     for j, port in enumerate(model.inputs):
         before, now = delays.get(port.name, 0.0), float(linear.delay_s[j])
@@ -205,7 +205,7 @@ def _provenance(sources: Sequence[Source]) -> str:
 
 
 def _feedthrough(model: Model, linear: ModalModel, std: ModalModel | None, source: str) -> dict[str, dict[str, Value]]:
-    """Return the direct paths that `model` has, as re-tuned."""
+    """Return the direct paths that `model` has, as adjusted."""
     ins, outs = [p.name for p in model.inputs], [p.name for p in model.outputs]
     return {
         out: _table(row, ins, linear.d[outs.index(out)], None if std is None else std.d[outs.index(out)], source)
@@ -219,10 +219,10 @@ def _table(old: dict[str, Value], names: list[str], row: Array, spread: Array | 
 
 
 def _fitted(old: Value, new: float, spread: Any, source: str) -> Value:
-    """Return a number with its new value, origin and standard deviation; as it is where nothing turned it."""
+    """Return a number with its new value, origin and standard deviation; unchanged where nothing adjusted it."""
     if math.isclose(number(old), float(new), rel_tol=1e-12, abs_tol=0.0):
         return old
-    known = float(spread) if spread is not None and spread > 0.0 else None  # no nuisance turned it: not known
+    known = float(spread) if spread is not None and spread > 0.0 else None  # no nuisance adjusted it: not known
     return Quantity(value=float(new), origin="fitted", source=source, std=known)
 
 
@@ -249,7 +249,7 @@ def _mode(mode: Mode, m: int, model: Model, linear: ModalModel, std: ModalModel 
 
 
 def _entries(diagnosis: Diagnosis, source: str) -> list[EffectEntry]:
-    """Return the found effects; several of one kind at one place stand in the order of their causes."""
+    """Return the found effects; several of one kind at one location are in the order of their causes."""
     left, entries = list(diagnosis.causes), []
     for effect in diagnosis.effects:
         cause = next((c for c in left if (c.effect, c.where) == (effect.reported(), effect.where)), None)

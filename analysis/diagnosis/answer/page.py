@@ -178,7 +178,7 @@ def _environment() -> jinja2.Environment:
 
 
 def _unbroken(number: str) -> str:
-    """Return a number with its unit, between which no line ends."""
+    """Return a number with its unit, without a line break between them."""
     return number.replace(" ", "\N{NO-BREAK SPACE}")
 
 
@@ -204,7 +204,7 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
 
 
 def _improved(diagnosis: Diagnosis) -> bool:
-    """Tell whether an extended model is told of: a cause is named, or tied ones gain more than chance does.
+    """Tell whether the page shows an extended model: a cause is named, or tied ones gain more than chance does.
 
     What does not explain the residual is no better model, however little it leaves.
     """
@@ -263,7 +263,7 @@ def _grouped(rows: Sequence[Change]) -> dict[str, list[Change]]:
 
 
 def _held_out(diagnosis: Diagnosis, files: dict[str, str]) -> list[str]:
-    """Return the held-out segments as "file: label", names of files in place of those of runs."""
+    """Return the held-out segments as "file: label", with the names of files instead of those of runs."""
     named = []
     for entry in diagnosis.gain.held_out if diagnosis.gain else ():
         run, _, label = entry.partition("#")

@@ -17,7 +17,7 @@ SIGNIFICANT = 1e-3
 """Evidence with a larger p-value, counted over all curves of its domain, is not spoken of."""
 
 _MANY = 4
-"""Places of one kind of cause that are all told."""
+"""Up to so many locations of one kind of cause are all listed."""
 
 _FAR_LESS = 5
 """Powers of ten from which on the number before them says nothing more."""
@@ -40,9 +40,9 @@ def sentence(
     choice: Choice | None = None,
     remainder: Remainder | None = None,
 ) -> str:
-    """Return the sentence for a verdict; further ones say what is left beside a name, and with `choice` what to do.
+    """Return the sentence for a verdict; further ones state the residual beside a name, and with `choice` what to do.
 
-    `evidence` is told of an unknown verdict: where what is not understood lives.
+    An unknown verdict also states the `evidence`: where the unexplained residual is.
     """
     parts = (
         _verdict(verdict, causes, tied, gain, evidence),
@@ -98,7 +98,7 @@ def _verdict(
 
 
 def _listed(causes: Sequence[Cause]) -> str:
-    """Return what the causes are and where, each kind once; of many places the first and the last."""
+    """Return what the causes are and where, each kind once; of many locations the first and the last."""
     places: dict[str, list[str]] = {}
     for cause in causes:
         places.setdefault(cause.effect, []).append(cause.where)
@@ -137,13 +137,13 @@ def _missed(gain: Gain | None) -> str:
     if gain is None:
         return ""
     missed = f"; it misses {share(gain.rms_before)} of the held-out output"
-    if not gain.noise_floor < gain.rms_before:  # the noise is taken from what is left, so that its size says nothing
+    if not gain.noise_floor < gain.rms_before:  # noise estimated from the residual: its size says nothing
         return f"{missed}, which by its size alone could all be noise"
     return f"{missed}, of which {share(gain.noise_floor)} is noise"
 
 
 def _little(gain: Gain | None) -> str:
-    """Return how much of the output passes for noise where it is most of it, or is within what numbers are known."""
+    """Return how much of the output is absorbed by noise where it is most of it, or by the parameters' uncertainty."""
     if gain is None:
         return ""
     if leaves_most(gain):
@@ -155,7 +155,7 @@ def _little(gain: Gain | None) -> str:
 
 
 def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -> str:
-    """Return what named causes leave beside the usual noise and why it is no remainder, where they leave that much."""
+    """Return the residual of the named causes above the usual noise, if large, and why it is no lack of fit."""
     if verdict not in ("named", "ambiguous") or remainder is not None or gain is None:
         return ""
     above = _above_usual(gain)
@@ -163,7 +163,7 @@ def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -
 
 
 def _above_usual(gain: Gain) -> str:
-    """Return what is left of held-out samples beside the usual noise, nothing where no more is left."""
+    """Return the residual on held-out samples above the usual noise; empty where there is none."""
     if not gain.rms_after > ABOVE_NOISE * gain.noise_floor:
         return ""
     return (
@@ -180,19 +180,19 @@ def reservation(verdict: Verdict, evidence: Mapping[str, Sequence[Domain]]) -> s
     p, name, curve = least
     return (
         f"no effect of the library explains more than noise may, yet the residual is not steady noise: by {name}, "
-        f"{curve.where} ({chance(p)}); its size may follow what is played or change with time"
+        f"{curve.where} ({chance(p)}); its size may follow the excitation or change with time"
     )
 
 
 def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
-    """Return the domain in which the residual stands out least by chance, and where in it; nothing if nowhere."""
+    """Return the domain in which the residual is most significant, and where in it; nothing if nowhere."""
     least = least_by_chance(evidence)
     if least is None:
         return ""
     p, name, curve = least
     if not p < SIGNIFICANT:
         return "; see the remarks for the residual"
-    return f"; what it misses stands out most by {name}, {curve.where} ({chance(p)})"
+    return f"; its residual is most significant by {name}, {curve.where} ({chance(p)})"
 
 
 def surety(diagnosis: Diagnosis) -> Surety:
@@ -207,12 +207,12 @@ def surety(diagnosis: Diagnosis) -> Surety:
         )
     if diagnosis.gain is None:
         why_not.append("No segment was held out, so the gain could not be tested on data that no fit has seen.")
-    why_not += map(_begun_large, diagnosis.notes)
+    why_not += map(_capitalised, diagnosis.notes)
     how = [*_how(diagnosis), *([rival] if far else [])]
     return Surety(tuple(how), tuple(filter(None, why_not)))
 
 
-def _begun_large(note: str) -> str:
+def _capitalised(note: str) -> str:
     """Return a note with a capital at its beginning, unless that is the name of a file or the like."""
     first = note.split(maxsplit=1)[0] if note.split() else ""
     return note[0].upper() + note[1:] if first.isalpha() else note
@@ -231,10 +231,10 @@ def _how(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "consistent" and least is not None:
         p, name, curve = least
         if p >= SIGNIFICANT:
-            said.append(f"The residual stands out most by {name}, no more than by chance ({chance(p)}).")
+            said.append(f"The residual is most significant by {name}, no more than by chance ({chance(p)}).")
         else:
             said.append(
-                f"The residual stands out most by {name}: {curve.where} ({chance(p)}). No effect of the library "
+                f"The residual is most significant by {name}: {curve.where} ({chance(p)}). No effect of the library "
                 "explains more than noise may."
             )
     return said

@@ -19,9 +19,9 @@ from sim_backend.linear import Array
 class Scale:
     """How one effect parameter is written on a scale of order one, with its prior (`mean`, `sd`) on that scale.
 
-    Sizes are thought of as at most about natural, shapes as within their spread of where their effect looks for them.
+    Sizes have a prior of about their natural size, shapes one of the range in which their effect searches for them.
     A shape that `measures` its effect, which has no size and ends where the shape is zero, may be of any size as well.
-    Over one with a `cusp` the misfit is no parabola anywhere.
+    Over one with a `cusp` the misfit is nowhere close to a parabola.
     """
 
     effect: int
@@ -67,7 +67,7 @@ class Scale:
 
 
 _ANY = 10.0
-"""Spread of the logarithm of what may be of any size: a range of e^±10."""
+"""Standard deviation of the logarithm of what may be of any size: a range of e^±10."""
 
 _FAINT = 1e-3
 """Part of its middle at which a shape counts as next to nothing."""
@@ -121,7 +121,7 @@ def parameters_of(candidates: Sequence[Candidate], sizes: Array) -> tuple[list[S
 
 
 def _prior(candidate: Candidate, p: Parameter, unit: float, log: bool) -> tuple[float, float]:
-    """Return mean and standard deviation of a parameter on its scale, before the data speak."""
+    """Return mean and standard deviation of the prior of a parameter on its scale."""
     if p.size:
         return 0.0, 1.0
     centre = candidate.centres.get(p.name, candidate.shapes.get(p.name, unit))

@@ -1,13 +1,13 @@
 """Every physical candidate's first-order signature in the outputs, from the one compiled step that also simulates it.
 
 The step runs along the measured motion (the nominal simulation plus what of the residual is above the noise), and
-what it adds at its place is passed through the linear plant. So the signature is right to first order even where the
+what it adds at its location is passed through the linear plant. So the signature is right to first order even where the
 effect is large.
 
 Where the nominal model is good, simulated and measured motion hardly differ; where it is not (a rigid axis under
-unmodelled friction, say) the simulation alone would drift away. The residual is cleaned of noise by a Wiener filter. An
-error of a sensor is another matter: the residual is the error then, and none of the motion. If it were taken as motion,
-a sensor's gain, of which the nuisances can imitate everything but that residual, would explain whatever is there.
+unmodelled friction, say) the simulation alone would drift away. A Wiener filter removes noise from the residual. A
+sensor error is different: the residual is then the error and none of the motion. If it were taken as motion, a sensor's
+gain would explain any residual: the nuisances are collinear with everything else that a gain does.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class Scales:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect class at one place with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns.
+    """One effect class at one location with fixed shapes; `unit_sizes` are the sizes whose signatures are its columns.
 
-    `centres` are the middles of all starts of the shapes: what is known of them before the data speak; `choices` is
-    among how many shapes the starts were chosen by looking at the residual, `limits` within what the data can show
-    some shapes; `given` are fields that are no parameters. `told` are the standard deviations of shapes that the
-    readings themselves show, which no fit moves.
+    `centres` are the middles of all starts of the shapes: what is known of them before the data. `choices` is among
+    how many shapes the starts were chosen by means of the residual. `limits` are within what the data can show some
+    shapes; `given` are fields that are no parameters. `told` are the standard deviations of shapes that the readings
+    themselves show, which no fit changes.
     """
 
     effect: type[Effect]
@@ -110,7 +110,7 @@ def places_for(effect: type[Effect], places: Places) -> Iterable[str]:
 def enumerate_candidates(
     effects: Iterable[type[Effect]], places: Places, views: dict[str, RecordView], scales: Scales, *, workers: int = 1
 ) -> list[Candidate]:
-    """Return every effect at every place with every start of its shapes; random effects are not among them."""
+    """Return every effect at every location with every start of its shapes; random effects are not among them."""
 
     def tried(at: tuple[type[Effect], str]) -> list[Candidate]:
         effect, where = at
@@ -142,7 +142,7 @@ def _centres(effect: type[Effect], guesses: list[dict[str, float]]) -> dict[str,
 
 
 def unit_sizes(effect: type[Effect], where: str, places: Places, scales: Scales) -> dict[str, float]:
-    """Return the natural size of each size parameter at a place."""
+    """Return the natural size of each size parameter at a location."""
     target = where.rpartition("->")[2]
     j = places.inputs.index(target) if target in places.inputs else 0
     own = target in places.outputs
@@ -200,7 +200,7 @@ def force_along(effect: Effect, places: Places, motion: Motion, rate_hz: float) 
 
 
 def _added(effect: Effect, fx: layout.Effects, motion: Motion, rate_hz: float) -> Array:
-    """Return what an effect, alone in `fx`, adds at its place along a motion, (n,): its signature before the plant."""
+    """Return what an effect, alone in `fx`, adds at its location along a motion, (n,): signature before the plant."""
     reading = _site_of(fx) in (Site.READING, Site.HEAD)
     seen = motion.sensed if reading else motion.position
     signal = (seen if reading else motion.u)[:, int(fx.channel[0])]
@@ -257,8 +257,8 @@ def _of_model(
 
     columns = []
     for name, unit in candidate.unit_sizes.items():
-        # differences of second order, and small: what is left of a column that the nuisances can imitate may be 1e-9 of
-        # it
+        # differences of second order, and small: the part of a column that is not collinear with the nuisances may be
+        # 1e-9 of it
         step = 1e-5 * unit
         try:
             slope = (moved(name, step) - moved(name, -step)) / (2.0 * step)

@@ -17,9 +17,9 @@ def left_as_given(linear: ModalModel, record: Record, rate_hz: float) -> Array:
 
 
 def error_as_given(data: Dataset, linear: ModalModel, outputs: Sequence[str], moving: Collection[str]) -> float | None:
-    """Return the error of the model as given on held-out rows: rms over rms about the mean of the `moving` outputs.
+    """Return the error of the model as given on held-out samples: rms over rms about the mean of the `moving` outputs.
 
-    None where no row is held out, none of them moves, or the model runs away, as one without springs does from rest.
+    None where no sample is held out, none of them moves, or the model runs away, as one without springs does from rest.
     """
     counted = [o for o, name in enumerate(outputs) if name in moving]
     windows = [(i, w) for i, w in data.windows if w.held_out]

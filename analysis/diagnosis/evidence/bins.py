@@ -1,4 +1,4 @@
-"""Rows sorted into bins, and the tests of bins: larger than the noise, or of a mean that follows them."""
+"""Samples sorted into bins, and the tests of bins: larger than the noise, or of a mean that follows them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROWS_PER_BIN = 100
 
 @dataclass(frozen=True)
 class Binned:
-    """Rows by bin: `index` (n,) (-1: none), and per bin `count`, `mean_square` and `centre`; `edges` (bins + 1,)."""
+    """Samples by bin: `index` (n,) (-1: none), and per bin `count`, `mean_square` and `centre`; `edges` (bins + 1,)."""
 
     index: Indices
     count: Indices
@@ -29,13 +29,13 @@ class Binned:
 
 
 def binned(values: Array, w: Array, most: int) -> Binned:
-    """Return `w` (n,) in bins of about equal numbers of rows along `values` (n,), at most `most` bins."""
+    """Return `w` (n,) in bins of about equal numbers of samples along `values` (n,), at most `most` bins."""
     wanted = int(np.clip(values.size // ROWS_PER_BIN, 2, most))
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, wanted + 1)))
     inner = edges[1:-1]
     index = np.searchsorted(inner, values, side="right").astype(np.int64)
     count = np.bincount(index, minlength=inner.size + 1)
-    # a value that half of all rows share can leave a bin empty
+    # a value that half of all samples share can leave a bin empty
     full = count > 0
     index = (np.cumsum(full) - 1)[index]
     count = count[full]
@@ -46,9 +46,9 @@ def binned(values: Array, w: Array, most: int) -> Binned:
 
 
 def moving_rms(x: Array, length: int) -> Array:
-    """Return the rms of `x` (n,) about its mean over `length` rows up to each row, shape (n,).
+    """Return the rms of `x` (n,) about its mean over `length` samples up to each sample, shape (n,).
 
-    Rows to come answer this row's noise where there is a loop.
+    Samples to come answer this sample's noise where there is a loop.
     """
     length = min(length, x.size)
     squares = scipy.ndimage.uniform_filter1d((x - x.mean()) ** 2, length, mode="nearest", origin=(length - 1) // 2)
@@ -56,7 +56,7 @@ def moving_rms(x: Array, length: int) -> Array:
 
 
 def rate_of(x: Array, rate_hz: float) -> Array:
-    """Return the rate of `x` (n,) up to each row, shape (n,): in a loop the next row answers this row's noise."""
+    """Return the rate of `x` (n,) up to each sample, shape (n,): in a loop, later ones respond to a sample's noise."""
     return np.diff(x, prepend=2.0 * x[0] - x[min(1, x.size - 1)]) * rate_hz
 
 
@@ -96,7 +96,7 @@ def accumulate(taps, index, w, parts, n_bins):  # type: ignore[no-untyped-def]
 def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: int, *, free_mean: bool) -> float:
     """Return the p-value of "the mean is the same in all bins" (or zero, with `free_mean`) by an F test.
 
-    The noise's variance is 1, known from `noise_rows` rows; without any it is what the bins leave of `total`.
+    The noise's variance is 1, known from `noise_rows` samples; without any it is what the bins leave of `total`.
     """
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))

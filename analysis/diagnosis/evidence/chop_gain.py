@@ -1,7 +1,7 @@
-"""The gain in the user's own currency: settling and stability of a chop whose feed-forward knows what was found.
+"""The gain in the user's own terms: settling and stability of a chop whose feed-forward knows what was found.
 
 The same chop is played twice on the bench, with the feed-forward designed on the nominal and on the extended model. A
-feed-forward is linear, so it profits from the re-tuned modes and from effects on them (a shifted stiffness, a further
+feed-forward is linear, so it profits from the adjusted modes and from effects on them (a shifted stiffness, a further
 resonance), not from friction or hysteresis.
 """
 
@@ -51,8 +51,8 @@ def chop_gains(
 ) -> tuple[ChopGain, ...]:
     """Return the gain of every tip or tilt axis that `model` drives; `nominal` and `extended` name the design models.
 
-    `open_bench` gives a fresh bench for each chop, so that both start alike. Raises ConfigError where a model cannot
-    be designed on or the bench cannot be asked for the chop, HardwareError when the bench fails.
+    `open_bench` gives a new bench for each chop, so that both start alike. Raises ConfigError where no feed-forward
+    can be designed on a model or the bench cannot play the chop, HardwareError when the bench fails.
     """
     driven = {p.dof for p in model.inputs} & {p.dof for p in model.outputs}
     gains = []

@@ -1,8 +1,8 @@
-"""What was found beside something else has to be worth it on all rows, the held-out ones among them.
+"""An effect found beside another has to be significant on all samples, the held-out ones among them.
 
-A large right cause gains so much on held-out rows that a small wrong one beside it is not seen in the whole. Held
-against the fit without it, the wrong one is: it bent itself to slow noise, or to what a start had left, of the fitted
-rows. What it misses of the others is taken off the evidence that it has from these.
+A large right cause gains so much on held-out samples that a small wrong one beside it is not seen in the total. It is
+seen in comparison with the fit without it: it is overfitted to slow noise, or to the residual of a start, of the fitted
+samples. Its misfit on the others is subtracted from the evidence that it has from these.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from analysis.diagnosis.verdict.held_out import surely_misses
 
 
 def confirmed(found: Found, data: Dataset) -> Found:
-    """Return `found` without the effects that are not worth their price on all rows of `data`, the worst first.
+    """Return `found` without the effects that are not worth their price on all samples of `data`, the worst first.
 
-    The last one stays: whether it may be named is asked of the gain as a whole.
+    The last one stays: whether it may be named depends on the gain as a whole.
     """
     if found.setting.whitener.even or not any(w.held_out for _, w in data.windows):
         return found
@@ -38,7 +38,7 @@ def confirmed(found: Found, data: Dataset) -> Found:
 
 @dataclass(frozen=True)
 class _Worst:
-    """An effect that is not worth its price, by what and where, the fit without it, and what it is worth."""
+    """An effect that is not worth its price, by name and location, the fit without it, and its evidence."""
 
     candidate: tuple[str, str]
     rest: Fit
@@ -46,7 +46,7 @@ class _Worst:
 
 
 def _worst(found: Found, data: Dataset) -> _Worst | None:
-    """Return the effect that all rows speak against most; None where each is worth its price, and misses too little."""
+    """Return the effect that all samples contradict most; None where each is worth its price and fits well enough."""
     setting, best, known = found.setting, found.best, found.setting.whitener.repeats
     after = residuals_on(data, setting, best)
     noise = setting.whitener if known and not setting.added else whitener_from(data, list(after))
@@ -66,7 +66,7 @@ def _worst(found: Found, data: Dataset) -> _Worst | None:
 
 
 def _without(found: Found, i: int) -> Fit:
-    """Return the best fit without effect `i`, all else re-tuned."""
+    """Return the best fit without effect `i`, all other parameters adjusted."""
     setting, best, known = found.setting, found.best, found.setting.whitener.repeats
     keep = [k for k in range(len(best.candidates)) if k != i]
     wanted = sorted(best.candidates[k].key for k in keep)

@@ -1,11 +1,11 @@
-"""Where the residual stands above the noise: frequency, amplitude, position, direction, rate, time, temperature, axis.
+"""Where the residual is above the noise: frequency, amplitude, position, direction, rate, time, temperature, axis.
 
 All of it is judged on whitened residuals, which noise alone makes independent numbers of unit variance; slow noise that
 the filter is too short for is divided out (`slow_noise`). A curve shows the residual's rms in units of that noise, so 1
-is the floor in every domain. Of frequency see `spectra`; elsewhere two questions are asked: is the residual larger in
+is the noise floor in every domain. Of frequency see `spectra`. Elsewhere there are two tests: is the residual larger in
 some bin than noise makes it (F test of the largest ratio, corrected for the number of bins), and does its mean follow
 the bins, or that of a missing force (generalised least squares on indicators of the bins, as they are and passed
-through the plant, F tests)? Of two p-values the smaller counts, twice.
+through the plant, F tests)? Twice the smaller of the two p-values counts.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ WARMING_K = 0.02
 
 @dataclass(frozen=True)
 class Force:
-    """How a force on an output's own degree of freedom reaches it: the plant, the input and the output by number."""
+    """How a force on an output's own degree of freedom acts on it: the plant, the input and the output by number."""
 
     plant: DiscreteModel
     input: int
@@ -65,9 +65,9 @@ class Force:
 class _Series:
     """One output of one run, all its records joined: whitened residual `w` (n,) and what it may depend on.
 
-    `noise_rows` is the number of rows that told the noise's size; 0 when it was taken from the residual itself. Out of
-    `w` are divided the `levels` of each part's lowest rows, and out of `weighed` (n,) once more, for products with
-    columns that are whitened and no more.
+    `noise_rows` is the number of samples from which the noise's size is known; 0 when it was taken from the residual
+    itself. `w` is divided by the `levels` of each part's lowest cosine coefficients, and `weighed` (n,) by them once
+    more, for products with columns that are whitened only.
     """
 
     run: str
@@ -148,7 +148,7 @@ def _series(
     rate_hz: float,
     force: Force | None,
 ) -> _Series:
-    # the whitening filter starts from zeros, so its first rows are not white
+    # the whitening filter starts from zeros, so its first samples are not white
     cuts = [slice(first_of_fast(r.n, whitener.order), None) for r, _ in pairs]
     white = [
         whitener.apply(np.ascontiguousarray(e[:, o : o + 1]), o)[cut, 0]
@@ -187,12 +187,12 @@ def _series(
 
 
 def _repeats(records: Sequence[Record], missing: Sequence[int]) -> Iterator[Repeat]:
-    """Yield the repeated periods of the joined rows, of which so many are `missing` at the start of each record."""
+    """Yield the repeated periods of the joined samples, of which so many are `missing` at the start of each record."""
     at = 0
     for record, lost in zip(records, missing, strict=True):
         for w in record.windows:
             whole = (w.stop - w.start) // w.period if w.period else 0
-            # the first of several holds what is left of the transient, and perhaps the rows that are lost
+            # the first of several contains the end of the transient, and perhaps the samples that are lost
             first = 1 if whole >= 3 or w.start < lost else 0
             if whole - first >= 2:
                 yield Repeat(at + w.start - lost + first * w.period, w.period, whole - first)
@@ -200,7 +200,7 @@ def _repeats(records: Sequence[Record], missing: Sequence[int]) -> Iterator[Repe
 
 
 def _energy_test(mean_square: Array, dof: Array, noise_rows: int) -> float:
-    """Return the p-value of the largest bin: F against the noise's own rows, or against the other bins."""
+    """Return the p-value of the largest bin: F against the noise's own samples, or against the other bins."""
     total, all_dof = float(mean_square @ dof), float(dof.sum())
     if noise_rows:
         return largest_test(mean_square, dof, np.full(dof.size, float(noise_rows)))
@@ -223,9 +223,9 @@ def _along(
     slow: bool = False,
     free_mean: bool = False,
 ) -> Domain:
-    """Return the curve along a covariate (n,), in bins of equal numbers of rows.
+    """Return the curve along a covariate (n,), in bins of equal numbers of samples.
 
-    What is `slow` lies among the lowest rows, where the noise is known from a dozen numbers.
+    A `slow` covariate lies in the lowest cosine coefficients, where the noise is known from a dozen numbers.
     """
     found = binned(values, s.w, most)
     energy = _energy_test(found.mean_square, found.count.astype(float), s.noise_rows)
@@ -240,7 +240,7 @@ def _along(
 def _mean_p(s: _Series, values: Array, found: Binned, noise_rows: int, *, free_mean: bool = False) -> float:
     """Return the p-value of "no mean follows the bins": neither of the reading itself nor of a force on the structure.
 
-    An error of the sensor is a curve of the reading; a missing force is a curve too, but of the force, and reaches the
+    An error of the sensor is a curve of the reading; a missing force is a curve too, but of the force, and acts on the
     reading through the plant. The noise is known from `noise_rows`.
     """
     parts = np.concatenate([[0], np.cumsum(s.parts)])
@@ -281,7 +281,7 @@ def _direction(s: _Series) -> Domain:
     count = np.array([np.sum(index == 0), np.sum(index == 1)])
     if count.min() == 0:
         return _domain(
-            s, np.array([-1.0, 1.0]), "sign of the rate", np.ones(2), 1.0, f"{s.port.dof} moves one way only"
+            s, np.array([-1.0, 1.0]), "sign of the rate", np.ones(2), 1.0, f"{s.port.dof} moves in one direction only"
         )
     square = np.array([np.mean(s.w[index == k] ** 2) for k in (0, 1)])
     means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])
@@ -310,7 +310,7 @@ def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:
     """
     s = joined[o]
     others = [k for k in range(len(joined)) if k != o]
-    # what the output's own motion explains is told elsewhere
+    # what the output's own motion explains is reported elsewhere
     own, _ = np.linalg.qr(_motion_columns(s))
     left = s.w - own @ (own.T @ s.w)
     explained, p_values = np.zeros(len(others)), np.ones(len(others))

@@ -1,7 +1,7 @@
-"""What an extended model gains on rows that no fit has seen: rms before and after against the noise, with an interval.
+"""What an extended model gains on samples that no fit has seen: rms before and after against noise, with an interval.
 
-The interval is a moving-block bootstrap (Künsch 1989): blocks of rows, longer than the residual remembers, are drawn
-anew from every held-out window, with before and after always drawn together.
+The interval is a moving-block bootstrap (Künsch 1989): blocks of samples, longer than the residual's correlation time,
+are resampled from every held-out window, with before and after always drawn together.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from sim_backend.linear import Array, ModalModel, discretise
 DRAWS = 2000
 
 _BELOW = 32
-"""Frequencies by which the noise below half a line of the spectrum of some rows is summed up."""
+"""Frequencies over which the noise below half a frequency bin of some samples is summed."""
 
 LEAST_BLOCKS = 8
 """Blocks that a window should give at least; with fewer the interval would rest on too few draws."""
 
 LEAST_ROWS = 8
-"""Readings for every state, at least, of a window that is begun anew: from fewer a start would take more than an eighth
-of what is left, and with it what a wrong damping or stiffness does in so short a time."""
+"""Fewest readings per state of a window that starts in a new unknown state: with fewer, fitting the start would absorb
+more than an eighth of the residual, and with it the effect of a wrong damping or stiffness in so short a time."""
 
 
 def gain_of(
@@ -45,8 +45,8 @@ def gain_of(
 ) -> Gain | None:
     """Return the gain on all held-out windows, and by the `outputs` of these names; None when nothing moves there.
 
-    `before` and `after` are each record's residuals (n, n_y). All values are rms over rows and outputs, each output
-    relative to its own rms about its mean on those rows. Outputs that are not simulated to move by more than their
+    `before` and `after` are each record's residuals (n, n_y). All values are rms over samples and outputs, each output
+    relative to its own rms about its mean on those samples. Outputs that are not simulated to move by more than their
     noise, as those of axes that nothing drives, are left out: all of them is error, whatever the model. What the state
     in which a window begins can add under `first` and `extended`, the linear models that left `before` and `after`, is
     taken out of it. `errors` are those of `tuning_errors`, none without.
@@ -54,8 +54,8 @@ def gain_of(
     windows = [(i, w) for i, w in data.windows if w.held_out]
     if not windows:
         return None
-    # what a start adds dies away, and would pass for noise that differs between periods; so would motion that the
-    # model gets wrong after a change of what is played, which the better of both models leaves less of
+    # the free response of a start decays, and would be taken for noise that differs between periods; so would motion
+    # that the model gets wrong after a change of the excitation, of which the better of both models leaves less
     left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)
     noise = np.minimum(*(_noise_rms(clean, data.n_outputs, whitener, windows) for clean in left))
     moved = np.maximum(_simulated_size(data, before, windows), _simulated_size(data, after, windows)) > noise
@@ -68,7 +68,7 @@ def gain_of(
     names = tuple(f"{data.records[i].name}#{w.label}" for i, w in windows)
     own = [np.where(counted, _output_size(data, [one]), np.inf) for one in windows]
     each = [[_rms(_squares(clean, [w], mine)) for w, mine in zip(windows, own, strict=True)] for clean in left]
-    # noise that is known from other rows may seem larger than the error that it is part of
+    # noise that is known from other samples may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean((noise[counted] / size[counted]) ** 2))), rms_before, rms_after)
     wrong = _cleaned(data, errors, extended, windows) if errors else {}
     white = [_in_noise(c, data, windows, whitener, counted) for c in (*left, wrong)]
@@ -97,7 +97,7 @@ def _by_output(
     size: Array,
     names: Sequence[str],
 ) -> tuple[OutputGain, ...]:
-    """Return the gain on each output that moves: what is left before and after, and the noise, of its own size."""
+    """Return the gain on each output that moves: residual before and after, and the noise, relative to its own size."""
 
     def alone(clean: Mapping[int, Array], o: int) -> float:
         return _rms(_squares(clean, windows, np.where(np.arange(size.size) == o, size, np.inf)))
@@ -116,7 +116,7 @@ def size_on_held_out(
     extended: ModalModel,
     errors: Array,
 ) -> tuple[float, float]:
-    """Return how many times as large, for held-out rows, what was added should be, and the standard deviation of that.
+    """Return the factor by which held-out samples would scale what was added, and the standard deviation of that.
 
     Arguments as of `gain_of`, `errors` as `errors_in_noise` gives them; every output counts in units of its noise.
     """
@@ -128,7 +128,7 @@ def size_on_held_out(
 
 
 def errors_in_noise(data: Dataset, errors: Mapping[int, Array], whitener: Whitener, extended: ModalModel) -> Array:
-    """Return the `errors` of `tuning_errors` on held-out rows as `size_on_held_out` compares them, (rows, k)."""
+    """Return the `errors` of `tuning_errors` on held-out samples as `size_on_held_out` compares them, (rows, k)."""
     windows = [(i, w) for i, w in data.windows if w.held_out]
     wrong = _cleaned(data, errors, extended, windows) if errors else {}
     return _in_noise(wrong, data, windows, whitener, np.ones(data.n_outputs, dtype=bool))
@@ -141,7 +141,7 @@ def _output_size(data: Dataset, windows: Sequence[tuple[int, Window]]) -> Array:
 
 
 def _simulated_size(data: Dataset, residuals: Sequence[Array], windows: Sequence[tuple[int, Window]]) -> Array:
-    """Return the rms about its mean of each simulated output on the held-out rows, (n_y,)."""
+    """Return the rms about its mean of each simulated output on the held-out samples, (n_y,)."""
     rows = [(data.records[i].y - residuals[i])[w.start : w.stop] for i, w in windows]
     return np.asarray(np.std(np.concatenate(rows), axis=0), dtype=float)
 
@@ -154,7 +154,7 @@ def _cleaned(
 ) -> dict[int, Array]:
     """Return residuals (n, n_y, …) of the records of `windows`, by number, without what the start of each window adds.
 
-    So an identification has it that never saw them: what a model swings on with from the rows before is an error there.
+    An identification that never saw them is treated the same: free motion from earlier samples is an error there.
     """
     cleaned = {i: residuals[i].copy() for i in {i for i, _ in windows}}
     for i, w in windows:
@@ -164,7 +164,7 @@ def _cleaned(
 
 
 def _squares(cleaned: Mapping[int, Array], windows: Sequence[tuple[int, Window]], size: Array) -> list[Array]:
-    """Return, per window, each row's squared relative residual, mean over the outputs, shape (rows,)."""
+    """Return, per window, each sample's squared relative residual, mean over the outputs, shape (rows,)."""
     moving = np.isfinite(size)
     if not moving.any():
         return [np.full(w.stop - w.start, np.nan) for _, w in windows]
@@ -178,7 +178,7 @@ def _in_noise(
     whitener: Whitener,
     counted: NDArray[np.bool_],
 ) -> Array:
-    """Return columns (n, n_y, k) of the `counted` outputs on held-out rows, whitened and joined, (rows, k).
+    """Return columns (n, n_y, k) of the `counted` outputs on held-out samples, whitened and joined, (rows, k).
 
     Residuals (n, n_y) are one column.
     """
@@ -192,12 +192,12 @@ def _in_noise(
 
 
 def _times(before: Array, after: Array, errors: Array) -> tuple[float, float]:
-    """Return how many times its size the change of whitened rows should have, and the standard deviation of that.
+    """Return the factor by which the change of whitened samples should be scaled, and the standard deviation of that.
 
-    The change that an extension makes of them, d, is fitted to what there was before, b, as generalised least squares
-    has it: d'V⁻¹b / d'V⁻¹d times d leaves least. V is the covariance of unit noise and of what `errors` of unit size
-    (rows, k) add. On these rows both may be larger than they were thought: as much as what is left `after` (rows, 1)
-    tells, like `before`.
+    The change d that an extension makes of them is fitted to the residual before, b, by generalised least squares:
+    d'V⁻¹b / d'V⁻¹d times d leaves least. V is the covariance of unit noise and of what `errors` of unit size
+    (rows, k) add. On these samples both may be larger than assumed, by as much as the residual `after` (rows, 1)
+    shows, like `before`.
     """
     before, after = before[:, 0], after[:, 0]
     change = before - after
@@ -223,11 +223,11 @@ def _most_noise(
     errors: Mapping[int, Array],
     windows: Sequence[tuple[int, Window]],
 ) -> float:
-    """Return what noise of this rms (n_y,), and `errors` of unit size (n, n_y, k), hardly make more of on these rows.
+    """Return an upper limit, on these samples, of noise of this rms (n_y,) and of `errors` of unit size (n, n_y, k).
 
-    Relative to the outputs' `size` (n_y,). Slow noise is a handful of numbers on any rows, and so are the errors: the
-    sum of squares of normal numbers of several sizes is as that of equal ones with the same mean and variance
-    (Satterthwaite, Biometrics Bulletin 2, 1946).
+    It is relative to the outputs' `size` (n_y,). Slow noise has few degrees of freedom on any samples, and so have the
+    errors: the sum of squares of normal numbers of several sizes is as that of equal ones with the same mean and
+    variance (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     moving, rows = np.isfinite(size), sum(w.stop - w.start for _, w in windows)
     longest = max(w.stop - w.start for _, w in windows)
@@ -250,8 +250,8 @@ def _rms(squares: Sequence[Array]) -> float:
 def _without_start(residual: Array, linear: ModalModel, rate_hz: float) -> Array:
     """Return residuals (n, n_y, …) without what an unknown first state adds, one number for each state of `linear`.
 
-    These numbers were fitted, so that what is left counts as left of so many fewer: noise stays as large as it is. In
-    a window too short to tell them from its noise nothing is taken out.
+    These numbers were fitted, so the residual has so many fewer degrees of freedom: noise keeps its size. In a window
+    too short to distinguish them from its noise nothing is removed.
     """
     rows = residual.shape[0] * residual.shape[1]
     free = free_responses(discretise(linear, rate_hz), residual.shape[0]).reshape(rows, -1)
@@ -265,7 +265,7 @@ def _without_start(residual: Array, linear: ModalModel, rate_hz: float) -> Array
 
 
 def _block(data: Dataset, linear: ModalModel) -> int:
-    """Return the bootstrap's block in rows: two periods of the slowest mode, in which a residual forgets itself."""
+    """Return the bootstrap's block in samples: two periods of the slowest mode, in which a residual forgets itself."""
     swinging = linear.omega_rad_s[linear.omega_rad_s > 0.0]
     slowest = float(swinging.min()) if swinging.size else 0.0
     return max(int(2.0 * 2.0 * np.pi / slowest * data.rate_hz), 8) if slowest > 0.0 else 64
@@ -293,7 +293,7 @@ def _bootstrap(
 def _noise_rms(
     residuals: Mapping[int, Array], n_outputs: int, whitener: Whitener, windows: Sequence[tuple[int, Window]]
 ) -> Array:
-    """Return the noise's rms per output, (n_y,): from repeated periods of the held-out rows, else from its model."""
+    """Return the noise's rms per output, (n_y,): from repeated periods of the held-out samples, else from its model."""
     square, rows = np.zeros(n_outputs), 0
     for i, w in windows:
         begin, count = w.repeated
@@ -313,14 +313,14 @@ def model_rms(whitener: Whitener, rows: int) -> Array:
 
 
 def _mean_square(whitener: Whitener, rows: int) -> Array:
-    """Return the variance (n_y,) of the mean over `rows` of that noise: what its spectrum has below half a line."""
+    """Return the variance (n_y,) of the mean over `rows` of that noise: its spectrum below half a frequency bin."""
     frequency = np.asarray((np.arange(_BELOW) + 0.5) * (0.5 / (_BELOW * rows)), dtype=np.float64)
     response = whitener.taps @ np.exp(-2j * np.pi * np.outer(np.arange(whitener.taps.shape[1]), frequency))
     return np.asarray(_power(whitener, frequency, response).mean(axis=1) / rows)
 
 
 def _spectrum(whitener: Whitener, rows: int) -> Array:
-    """Return the squares of the noise that `whitener` whitens by lines of the spectrum of so many `rows`, (n_y, k)."""
+    """Return the squares of the noise that `whitener` whitens in the frequency bins of so many `rows`, (n_y, k)."""
     lines = max(rows, 4 * whitener.taps.shape[1])
     response = np.fft.rfft(whitener.taps, lines, axis=1)[:, 1:]
     frequency = np.arange(1, response.shape[1] + 1) / lines

@@ -1,8 +1,9 @@
 """Noise that a short filter leaves stronger at low frequencies, in tests of bins and of means.
 
-In the cosine basis the level of a band is a plain factor, so that noise of any colour becomes white: with the rows of
-the basis C, levels f and L = C^T f^(-1/2) C, whitened columns A and residual w give the normal equations A^T L^2 A and
-A^T L^2 w. L differs from one in the lowest rows only, and A^T L^2 A = A^T A - (C A)^T (1 - 1/f) (C A) over these.
+In the cosine basis the level of a band is a plain factor, so that noise of any colour becomes white: with the cosine
+transform C, levels f and L = C^T f^(-1/2) C, whitened columns A and residual w give the normal equations A^T L^2 A and
+A^T L^2 w. L differs from one in the lowest coefficients only, and A^T L^2 A = A^T A - (C A)^T (1 - 1/f) (C A) over
+these.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ _TOGETHER = 8
 
 
 def first_of_fast(n: int, least: int) -> int:
-    """Return how many of `n` rows to leave out, at least `least`, so that the rest has a fast transform length.
+    """Return how many of `n` samples to leave out, at least `least`, so that the others have a fast transform length.
 
     That is up to 2 % more than `least` at n = 2000, and less of longer records; a length with a large prime factor
     takes ten times as long.
@@ -33,14 +34,14 @@ def first_of_fast(n: int, least: int) -> int:
 
 
 def low_levels(whitener: Whitener, n: int, output: int) -> Array:
-    """Return the levels (k,) of the lowest rows of a cosine basis of `n`, up to the last that is louder than white."""
+    """Return the levels (k,) of the lowest of `n` cosine coefficients, up to the last that is louder than white."""
     levels = whitener.band_levels(n, output) if whitener.levels.size else np.zeros(0)
     loud = np.flatnonzero(levels > _LOUDER)
     return levels[: int(loud[-1]) + 1] if loud.size else levels[:0]
 
 
 def levelled(values: Array, levels: Array) -> Array:
-    """Return `values` (n,) or (n, k), whitened but for the `levels` of their lowest rows, with these divided out."""
+    """Return `values` (n,) or (n, k), whitened but for the `levels` of their lowest coefficients, divided by these."""
     if not levels.size:
         return values
     rows = cosine_rows(np.ascontiguousarray(values.T), levels)
@@ -58,9 +59,9 @@ def cosine_rows(series: Array, levels: Array) -> Array:
 
 
 def excess_of_indicators(taps: Array, index: Indices, count: int, levels: Array) -> Array:
-    """Return by how much the normal matrix (count, count) of whitened indicators shrinks when rows are levelled.
+    """Return by how much dividing by the levels reduces the normal matrix (count, count) of whitened indicators.
 
-    `index` (n,) numbers the bin of every row, -1 for none.
+    `index` (n,) numbers the bin of every sample, -1 for none.
     """
     low = np.empty((count, levels.size))
     for some in range(0, count, _TOGETHER):

@@ -1,8 +1,8 @@
 """Spectra of whitened residuals in bands, and two tests that need no model of the noise's colour.
 
-An autoregression, however it is chosen, misses the noise's spectrum by a little everywhere, and a long record would
-take that for an error of the model. So significance comes from comparing inside each band: what repeats from period to
-period against what does not, or, without periods, what follows the inputs against what does not.
+An autoregression, however it is chosen, misses the noise's spectrum by a little everywhere, and in a long record that
+would look like an error of the model. So significance comes from comparing inside each band: what repeats from period
+to period against what does not, or, without periods, what follows the inputs against what does not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Bands:
 
 @dataclass(frozen=True)
 class Repeat:
-    """`count` periods of `period` rows that follow one another from row `start`."""
+    """`count` periods of `period` samples that follow one another from sample `start`."""
 
     start: int
     period: int
@@ -65,7 +65,7 @@ def _edges(longest: int, rate_hz: float) -> Array:
 
 
 def _lines(n: int, rate_hz: float, edges: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the lines of a stretch of `n` rows (0 Hz and half the rate left out) and the band of each."""
+    """Return the frequency bins of `n` samples (without 0 Hz and half the rate) and the band of each."""
     lines = np.arange(1, (n + 1) // 2)
     return lines, np.clip(np.searchsorted(edges, lines * rate_hz / n, side="right") - 1, 0, edges.size - 2)
 
@@ -83,7 +83,7 @@ def repeat_test(w: Array, repeats: Sequence[Repeat], rate_hz: float) -> float:
             (same, same_dof, r.count * np.abs(mean) ** 2, 2.0),
             (other, other_dof, np.sum(np.abs(spectra - mean) ** 2, axis=0), 2.0 * (r.count - 1)),
         ):
-            # of a period of n rows every ordinate is worth n, whatever the period of another stretch
+            # of a period of n samples every ordinate is worth n, whatever the period of another stretch
             total += np.bincount(band, weights=power / r.period, minlength=total.size)
             dof += per_line * np.bincount(band, minlength=dof.size)
     full = same_dof > 0.0
@@ -102,8 +102,8 @@ def _over_bands(ratio: Array, dof: Array, other_dof: Array) -> float:
 def coherence_test(w: Array, u: Array, parts: Sequence[int], rate_hz: float) -> float:
     """Return the p-value of "nothing of `w` (n,) follows the inputs `u` (n, n_u)": one gain per band and input, F test.
 
-    A gain that changes within a band only costs power. Bands with too few lines for a comparison are left out. Where a
-    loop answers what it reads, the inputs follow the noise; there only what was new in them before counts.
+    A gain that changes within a band only costs power. Bands with too few bins for a comparison are left out. Where a
+    closed loop responds to what it measures, the inputs follow the noise; there only their earlier innovations count.
     """
     cuts = np.cumsum(parts)[:-1]
     echo = echo_of(np.split(w, cuts), np.split(u, cuts))

@@ -1,7 +1,7 @@
-"""What the errors of the tuned numbers add to held-out rows, where something else may be played than what tuned them.
+"""What the errors of the adjusted parameters add to held-out samples, whose excitation may differ from the fitted one.
 
-Lines at a few frequencies leave a mode's numbers nearly as the nominal model has them, a few per cent wrong. Rows that
-shake it elsewhere then show that error, and a cause that is right seems to be of another size there.
+Excitation at a few frequencies leaves the parameters of a mode nearly at their nominal values, a few per cent wrong.
+Samples that excite it elsewhere then show that error, and a right cause seems to be of another size there.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from sim_backend.linear import Array
 
 
 def tuning_errors(data: Dataset, setting: Setting, fit: Fit) -> Mapping[int, Array]:
-    """Return what uncorrelated errors of one standard deviation add to each record with held-out rows, by its number.
+    """Return what uncorrelated errors of one standard deviation add to each record with held-out samples, by number.
 
-    Shape (n, n_y, k) for k tuned numbers. Their covariance is that of the fitted rows and of the prior, to first order
-    along the linear model, in noise as large as the fit leaves it.
+    Shape (n, n_y, k) for k adjusted parameters. Their covariance is that of the fitted samples and of the prior, to
+    first order along the linear model, with noise as large as the residual of the fit.
     """
     linear, count = linear_of(setting, fit), len(setting.nuisances)
     if not count:
         return {}
     turn = turning(linear, setting.nuisances, data.rate_hz)
     rest, noise = np.zeros((linear.n_blocks, 2)), np.sqrt(max(1.0, fit.misfit / max(fit.rows, 1)))
-    # a record may be fitted in some rows and held out in others: it is simulated once
+    # a record may be fitted in some samples and held out in others: it is simulated once
     held_out = {id(record.y): i for i, record in enumerate(data.records) if record.held_out().any()}
     columns: dict[int, Array] = {}
-    # R with R'R = the information of prior and rows: products of columns would lose what the prior alone tells
+    # R with R'R = the information of prior and samples: products of columns would lose what the prior alone tells
     root = root_of(setting.nuisances)
     for record, start in zip(setting.data.records, setting.starts, strict=True):
         own = turn.columns(record.u, rest)

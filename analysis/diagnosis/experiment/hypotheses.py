@@ -22,7 +22,7 @@ number, and none of those of an unknown verdict is adequate."""
 
 
 SUSPECT = 0.7
-"""A candidate whose screened evidence reaches this part of the threshold is suspected although the model passes as
+"""A candidate whose screened evidence exceeds this part of the threshold is suspected although the model passes as
 consistent: by chance in one or two of a hundred data sets (evidence of 15 among some 150 candidates)."""
 
 
@@ -45,7 +45,7 @@ class Hypothesis:
     def model(self, model: Model, setting: Setting) -> Model:
         """Return `model` as this hypothesis has it, at the data's sample rate and without noise: a bench to play on.
 
-        Its linear part is the re-tuned one with all effects on it, so that only effects on signals stay effects.
+        Its linear part is the adjusted one with all effects on it, so that only effects on signals remain effects.
         """
         effects = self.effects(setting)
         own = [e for e in effects if e in self.fit.effects]
@@ -101,7 +101,7 @@ def tied_hypotheses(found: Found, judgement: Judgement) -> list[Hypothesis]:
 
 
 def _suspect(found: Found) -> Hypothesis | None:
-    """Return the candidate that came closest to its threshold without reaching it, if it came close."""
+    """Return the candidate that came closest to its threshold without exceeding it, if it came close."""
     screen = found.first
     for i in screen.best_per_key()[:1]:
         if screen.gains[i] >= SUSPECT * screen.threshold[i]:

@@ -34,17 +34,17 @@ from sim_backend.linear import Array
 from sim_backend.model import Model
 
 TRIED = 2
-"""Amplitudes of each form of a plan that are compared: the largest that keep the limits."""
+"""Amplitudes of each variant of a plan that are compared: the largest within the limits."""
 
 COARSER = 8
 """Plans are compared with steps so many times longer than fits take, but none longer than a sample."""
 
 LEAST = 3.0
-"""A separation below this (in sigma) separates nothing: to name with 99 %, d²/2 has to reach 4.6."""
+"""A separation below this (in sigma) separates nothing: to name with 99 %, d²/2 has to be 4.6."""
 
 ENOUGH = 7.0
 """With this the name is as good as certain: d²/2 = 24.5 scatters by d, and 24.5 - 2 · 7 is still above 4.6 and the
-penalty for a parameter more (half the logarithm of 10⁵ rows, 5.8)."""
+penalty for a parameter more (half the logarithm of 10⁵ samples, 5.8)."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class Offer:
 def choose(
     found: Found, judgement: Judgement, model: Model, bench: Bench | None = None, done: Sequence[Plan] = ()
 ) -> Choice | None:
-    """Return the experiment that should be done next; None when the verdict asks for none.
+    """Return the experiment that should be done next; None when the verdict needs none.
 
-    It is one for `bench`, which is asked for its public description alone, or for the bench of `model`, and none of
+    It is one for `bench`, of which only the public description is read, or for the bench of `model`, and none of
     those `done` already. Where it cannot be chosen the reason says why.
     """
     try:
@@ -136,7 +136,7 @@ class Comparison:
     def of(cls, hypotheses: Sequence[Hypothesis], model: Model, setting: Setting, bench: Bench) -> Self:
         """Return the comparison of hypotheses after the data of `setting`, for the limits of `bench`."""
         known = [information(setting, h) for h in hypotheses]
-        # fits on the way of a search do not know their standard deviations well
+        # the intermediate fits of a search do not know their standard deviations well
         spread = [with_spread(setting, h, each) for h, each in zip(hypotheses, known, strict=True)]
         return cls(spread, known, model, setting, bench, headroom_of(bench, setting))
 
@@ -174,7 +174,7 @@ class Comparison:
 
 
 def _offers(comparison: Comparison, done: Sequence[Plan]) -> Iterator[Offer]:
-    """Yield the forms of every plan at the largest amplitudes that keep the limits under every hypothesis."""
+    """Yield the variants of every plan at the largest amplitudes within the limits under every hypothesis."""
     bench, setting = comparison.bench, comparison.setting
     axes = _axes(comparison.hypotheses, bench, setting)
     largest = np.max([np.max(np.abs(r.u), axis=0) for r in setting.data.records], axis=0)

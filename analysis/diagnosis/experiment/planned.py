@@ -1,6 +1,6 @@
-"""A plan played on paper: what a bench that behaves like a hypothesis would record, and whether it keeps its limits.
+"""A plan in simulation: what a bench that behaves like a hypothesis would record, and whether it keeps its limits.
 
-Nothing moves: a bench is asked for its public description alone. An investigation starts with as much motion as that
+Nothing moves: only the public description of a bench is read. An investigation starts with as much motion as that
 allows, and periods that repeat.
 """
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # they bring the whole search, for which a first experiment d
 
 
 LEVELS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
-"""Amplitudes at which plans are offered, as parts of what the bench can be asked; where a plan excites a resonance
+"""Amplitudes at which plans are offered, as parts of what the bench can play; where a plan excites a resonance
 only small ones keep the limits."""
 
 MARGIN = 0.9
@@ -83,7 +83,7 @@ def play_as(
 ) -> Played | None:
     """Return what `plan` gives under `hypothesis`, None when that leaves the limits or cannot be simulated.
 
-    `bench` is asked for its public description alone: nothing moves.
+    Only the public description of `bench` is read: nothing moves.
     """
     warm = setting.data.records[0].temperature_k is not None
     paper = hypothesis.model(model, setting)
@@ -191,9 +191,9 @@ class BenchDescription:
 
 
 def first_plan(bench: Bench, model: Model) -> Plan:
-    """Return a multisine on all axes that bench and `model` share: its repeated periods tell noise from motion.
+    """Return a multisine on all axes that bench and `model` share: its repeated periods separate noise from motion.
 
-    It has the largest amplitude that keeps the limits by `model`; on a bench that states none, the plan's own. Raises
+    It has the largest amplitude within the limits by `model`; on a bench that states none, the plan's own. Raises
     ConfigError when bench and model share no axis.
     """
     places = places_of(model)
@@ -216,6 +216,6 @@ def first_plan(bench: Bench, model: Model) -> Plan:
         if play_on_paper(plan, bench, quiet, headroom) is not None:
             return plan
     raise ConfigError(
-        f"by model '{model.name}' no multisine keeps the bench's limits, not at {LEVELS[-1]:g} of its reach at rest; "
+        f"by model '{model.name}' no multisine keeps the bench's limits, even at {LEVELS[-1]:g} of its stroke at rest; "
         "choose the first plan with --first and --set"
     )

@@ -115,7 +115,7 @@ class ReferenceSensor:
         return float(np.sqrt(total))
 
     def _slopes(self, error: Array, hypothesis: Hypothesis, free: Ints, moved: Array, here: Array) -> Array:
-        """Return by how much what is left shrinks per unit of each free parameter, whitened, (rows, k)."""
+        """Return by how much the residual shrinks per unit of each free parameter, whitened, (rows, k)."""
         columns = np.zeros((here.size, free.size))
         for k, i in enumerate(free):
             step = _STEP * (abs(float(hypothesis.fit.values[i])) or float(hypothesis.fit.std[i]))
@@ -125,7 +125,7 @@ class ReferenceSensor:
         return columns
 
     def _at(self, error: Array, hypothesis: Hypothesis, free: Ints, moved: Array) -> Array | None:
-        """Return what is left of `error` with the parameters moved, whitened; None when that cannot be played."""
+        """Return the residual of `error` with the parameters moved, whitened; None when that cannot be played."""
         try:
             changed = _changed(hypothesis, free, moved)
         except ConfigError:

@@ -113,7 +113,7 @@ def separation(setting: Setting, record: Record, expected: Prediction, known: Ar
     difference = record.y - expected.reading
     if not np.isfinite(difference).all():
         return float("inf")
-    # a parameter that cannot be moved either way is one that cannot adapt
+    # a parameter that cannot be moved in either direction cannot adapt
     columns = np.where(np.isfinite(expected.columns).all(axis=(0, 1)), expected.columns, 0.0)
     columns = np.concatenate([difference[:, :, None], columns], axis=2)
     white = expected.start.project(stack_white(setting.whitener, record, columns))

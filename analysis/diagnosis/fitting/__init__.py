@@ -1,1 +1,1 @@
-"""A hypothesis fitted in full simulation: descent, unknown starts, and what a form may be wrong by."""
+"""A hypothesis fitted in full simulation: descent, unknown starts, and the model discrepancy of an effect."""

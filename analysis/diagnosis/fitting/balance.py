@@ -1,4 +1,4 @@
-"""Iterated generalised least squares: the noise follows what a fit leaves, and the fit follows the noise."""
+"""Iterated generalised least squares: the noise is estimated from the residual, and the fit is weighed by the noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ less than this, in units of twice the evidence."""
 _PASSES = 4
 
 _SWEEPS = 2
-"""How often each light mode is placed beside the others, where a descent from the nominal numbers has bent them."""
+"""How often each light mode is placed beside the others, where a descent from the nominal numbers distorted them."""
 
 
 def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting:
@@ -38,7 +38,7 @@ def reestimated(setting: Setting, fit: Fit, order: int | None = None) -> Setting
 def reestimated_by(
     setting: Setting, linear: ModalModel, residuals: Sequence[Array], order: int | None = None
 ) -> Setting:
-    """Return the setting brought up to date with a linear model and what it leaves, (n, n_y) per record."""
+    """Return the setting updated with a linear model and its residual, (n, n_y) per record."""
     even = setting.whitener.even
     if even:
         whitener = even_weights(setting.data, residuals, even)
@@ -57,17 +57,17 @@ def in_noise(setting: Setting, whitener: Whitener, fit: Fit) -> Setting:
 
 
 def tune(setting: Setting) -> tuple[Setting, Fit]:
-    """Return setting and fit of the nominal model re-tuned, with the noise and the starts that go with it.
+    """Return setting and fit of the adjusted nominal model, with the noise and the starts that go with it.
 
-    Light modes that the data have elsewhere are moved there, one by one, where that is better; two that have changed
-    places are exchanged.
+    Lightly damped modes that the data have elsewhere are moved there, one by one, where that is better; two that have
+    changed places are exchanged.
     """
     best = _tuned(setting, np.zeros(len(setting.nuisances)))
     if is_bent(setting, best[1].change):
-        best = min(best, _tuned(*_afresh(setting, _placed(setting, best[1]))), key=lambda pair: _cost(*pair))
+        best = min(best, _tuned(*_in_white_noise(setting, _placed(setting, best[1]))), key=lambda pair: _cost(*pair))
     for m in narrow_modes(setting):
         for change in moved_mode(*best, m):
-            best = min(best, _tuned(*_afresh(best[0], change)), key=lambda pair: _cost(*pair))
+            best = min(best, _tuned(*_in_white_noise(best[0], change)), key=lambda pair: _cost(*pair))
     change = numbered(setting.nominal, setting.nuisances, best[1].change)
     if change is not best[1].change:
         best = min(best, _tuned(best[0], change), key=lambda pair: _cost(*pair))
@@ -77,10 +77,9 @@ def tune(setting: Setting) -> tuple[Setting, Fit]:
 
 
 def from_white_noise(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
-    """Return setting and fit where noise and fit come to rest from white noise.
+    """Return setting and fit after iterated generalised least squares that starts from white noise.
 
-    A coloured noise can make its peace with a poor fit: it takes the slow part of what is wrong for its own. White
-    noise cannot.
+    Coloured noise can be consistent with a poor fit: it absorbs the slow part of the error. White noise cannot.
     """
     plain = reestimated(setting, fit, order=0)
     return iterated_gls(plain, again(plain, fit, steps=LONG))
@@ -89,9 +88,9 @@ def from_white_noise(setting: Setting, fit: Fit) -> tuple[Setting, Fit]:
 def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit] | None:
     """Return setting and fit of the nominal model tuned from the numbers of `best`, None where that is no better.
 
-    Where nothing repeats, the noise follows what a fit leaves, and a descent may end where both have made their peace.
-    An effect moves the numbers on from there; what these gain by themselves is no merit of the effect, which may have
-    been dropped for that.
+    Where nothing repeats, the noise is estimated from the residual, and the iteration may end in a wrong fixed point of
+    both. An effect moves the parameters out of it; what these gain by themselves is no merit of the effect, which may
+    have been dropped for that.
     """
     if setting.whitener.repeats or setting.whitener.even or np.array_equal(best.change, tuned.change):
         return None
@@ -102,7 +101,7 @@ def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit]
 def _placed(setting: Setting, bent: Fit) -> Array:
     """Return the change of the nuisances (n_nuisances,) with light modes where the data have them, all else nominal.
 
-    Two light modes in the wrong places bend each other in a descent, and neither is then better anywhere else by
+    Two light modes at wrong frequencies distort each other in a descent, and neither is then better anywhere else by
     itself. `bent` is the fit that such a descent ended in.
     """
     change = np.zeros(len(setting.nuisances))
@@ -113,10 +112,10 @@ def _placed(setting: Setting, bent: Fit) -> Array:
     return change
 
 
-def _afresh(setting: Setting, change: Array) -> tuple[Setting, Array]:
+def _in_white_noise(setting: Setting, change: Array) -> tuple[Setting, Array]:
     """Return the setting and the change of the nuisances (n_nuisances,) after a descent from there in white noise.
 
-    A coloured one has taken the mode's peak for its own, and would not see it move.
+    Coloured noise has absorbed the mode's peak, so that moving the mode would gain nothing.
     """
     none = np.zeros(0)
     setting = replace(setting, begin=change)
@@ -142,18 +141,18 @@ def _cost(setting: Setting, fit: Fit) -> float:
 
 
 def plainly_better(setting: Setting, tuned: Fit) -> Fit:
-    """Return `tuned`, or the nominal model untuned where that simulates the fitted rows better, each begun at its best.
+    """Return `tuned`, or the nominal model where that simulates the fitted samples better, each from its best start.
 
-    Both were fitted to the same rows: the given numbers to what is read, the tuned ones to what a noise of the colour
-    of the residual leaves unexplained. Where the model is short of something at a resonance, that noise rings there,
-    and a fit that takes ringing for noise need not simulate the resonance.
+    Both were fitted to the same samples: the given parameters to the readings, the adjusted ones to the readings
+    whitened by noise of the residual's colour. Where the model lacks something at a resonance, that noise is resonant
+    as well, and a fit that takes ringing for noise need not simulate the resonance.
     """
     change = np.zeros_like(tuned.change)
-    given = _begun_plainly(setting, replace(tuned, change=change, change_std=np.zeros_like(tuned.change_std)))
-    return given if _relative(setting, given) < _relative(setting, _begun_plainly(setting, tuned)) else tuned
+    given = _with_best_starts(setting, replace(tuned, change=change, change_std=np.zeros_like(tuned.change_std)))
+    return given if _relative(setting, given) < _relative(setting, _with_best_starts(setting, tuned)) else tuned
 
 
-def _begun_plainly(setting: Setting, fit: Fit) -> Fit:
+def _with_best_starts(setting: Setting, fit: Fit) -> Fit:
     """Return a fit without effects with the start states that leave the least of the readings."""
     linear = turned(setting.nominal, setting.nuisances, fit.change)
     setting = reestimated_by(setting, linear, left_by(setting, linear, ()), order=0)
@@ -161,7 +160,7 @@ def _begun_plainly(setting: Setting, fit: Fit) -> Fit:
 
 
 def _relative(setting: Setting, fit: Fit) -> float:
-    """Return the mean square of the fitted residuals, each output in units of its own on those rows."""
+    """Return the mean square of the fitted residuals, each output in units of its own on those samples."""
     rows = [record.fitted() for record in setting.data.records]
     y, left = (
         np.concatenate([values[used] for values, used in zip(whole, rows, strict=True)])
@@ -191,10 +190,10 @@ def gained(before: Fit, after: Fit, known_noise: bool) -> float:
 
 
 def iterated_gls(setting: Setting, fit: Fit, rival: float = np.inf) -> tuple[Setting, Fit]:
-    """Return the setting and the fit in which the noise is what the fit leaves.
+    """Return the setting and the fit in which the noise is the residual of the fit.
 
-    One that trails a `rival`'s score by more than the rounds that are left could gain ends there, once its numbers have
-    come to rest: a descent that is under way gains most in its last rounds.
+    The iteration of a fit that trails a `rival`'s score by more than the remaining rounds could gain ends early, once
+    its parameters no longer change: a descent that still moves gains most in its last rounds.
     """
     best, left = (reestimated(setting, fit), fit), _ROUNDS
     for _ in range(_MOST):
@@ -242,7 +241,7 @@ def stepped(fit: Fit) -> bool:
 
 
 def guessed_squares(setting: Setting, residuals: Sequence[Array]) -> tuple[Array, Array]:
-    """Return rows and sum of squares of residuals, (n, n_y) per record, in every output's every band of guessed noise.
+    """Return samples and sum of squares of residuals, (n, n_y) per record, in each output's each band of guessed noise.
 
     Both have the shape (n_y, guessed).
     """
@@ -267,16 +266,17 @@ def squares_of(setting: Setting, residuals: Sequence[Array]) -> Array:
 
 
 def _white_rows(setting: Setting, record: Record, values: Array, start: Start) -> Array:
-    """Return the fitted rows of `values` (n, n_y), whitened, the unknown start projected out: (n_y, rows)."""
+    """Return the fitted samples of `values` (n, n_y), whitened, the unknown start projected out: (n_y, rows)."""
     white = start.project(stack_white(setting.whitener, record, values[:, :, None])[:, 0])
     return np.asarray(white.reshape(values.shape[1], -1))
 
 
 def left_however_tuned(data: Dataset, setting: Setting, fit: Fit, noise: Whitener) -> Sequence[Array]:
-    """Return what a model leaves (n, n_y) of every record of `data` in that noise, `fit` told all held-out rows.
+    """Return the residual (n, n_y) of every record of `data` in that noise, after `fit` saw all held-out samples.
 
-    Numbers are known to what the fitted rows told of them. On rows of another motion that may be an error of many
-    noises which follows the motion; it is none of the model as long as numbers that suit all rows leave none.
+    Parameters are known as well as the fitted samples determine them. On samples of another motion, their error may be
+    many times the noise and follow the motion; it is no error of the model as long as parameters exist that fit all
+    samples.
     """
     told = tuple(replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in data.records)
     known = {id(r.y): state for r, state in zip(setting.data.records, setting.states, strict=True)}

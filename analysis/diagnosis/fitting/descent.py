@@ -32,7 +32,7 @@ _SHORTER, _LONGER, _FAILURES = 0.25, 4.0, 12
 often one fails until nothing moves."""
 
 _TRIES = 2
-"""Failures at one place from which on it is rather the slopes that fail than the steps that are too long."""
+"""Failures at one point from which on the slopes are likely wrong, rather than the steps too long."""
 
 _ROUNDING = 1e-15
 """Eigenvalues of a matrix of ones on its diagonal are known no better."""
@@ -46,7 +46,7 @@ _DISTANCES, _FINEST = 48, 2.0**-24
 _PASSES = 20
 
 _FLAT = 6.0
-"""Rise of the objective at the widest distance that ends a likelihood: a twentieth is left."""
+"""Rise of the objective at the widest distance that ends a likelihood: it has fallen to a twentieth."""
 
 _SPARSE = 3
 """One in so many distances is tried first: while those still gain, the ones between are not needed."""
@@ -73,10 +73,10 @@ class Slopes(Protocol[At]):
         """Return the normal equations (H, -gradient/2) at `x`."""
 
     def fresh(self) -> bool:
-        """Tell whether the last ones were of the place itself; if not, they will be when they are asked for again."""
+        """Tell whether the last slopes were those of the point itself; if not, the next ones will be."""
 
     def truer(self) -> bool:
-        """Tell whether there are truer ones, which is what is asked for from then on."""
+        """Tell whether there are more exact slopes, which are used from then on."""
 
     def failed(self) -> bool:
         """Tell the same of slopes that have led astray."""
@@ -86,8 +86,8 @@ class Descent(Generic[Point]):
     """A least-squares problem: what to evaluate, its slopes, its bounds.
 
     `low` and `high` bound the parameters; `cap` (n,) is how far each may move in one step. `rows` is how many numbers
-    of unit variance the sum of squares is of; without it the variance is taken for one. An `exact` descent ends only
-    where the truest slopes there are, those of the place itself, promise nothing more.
+    of unit variance the sum of squares has; without it the variance is taken as one. An `exact` descent ends only
+    where the most exact slopes there are, those of the point itself, promise no further gain.
     """
 
     def __init__(
@@ -122,11 +122,11 @@ class Descent(Generic[Point]):
         return x, here
 
     def _level(self, at: Point) -> float:
-        """Return the unit of a change: where far more than noise is left, so much more is a standard deviation."""
+        """Return the unit of a change: a residual far above the noise enlarges a standard deviation by as much."""
         return max(1.0, at.objective / self._rows) if self._rows else 1.0
 
     def _improved(self, *, sure: bool) -> bool:
-        """Tell whether better slopes are worth asking for where these promise no more; `sure` of one that is free."""
+        """Tell whether more exact slopes pay where these promise no gain; `sure` of one that is free."""
         if sure and not self._exact:
             return False
         return not self._slopes.fresh() or self._slopes.truer()
@@ -177,7 +177,7 @@ class Descent(Generic[Point]):
         return 2.0 * _SHORTER * length
 
     def _misled(self, failures: int) -> bool:
-        """Tell whether rather the slopes fail than a step is too long; others are asked for then."""
+        """Tell whether the slopes are wrong, rather than a step too long; others are used then."""
         return not self._slopes.fresh() or (failures >= _TRIES and self._slopes.failed())
 
     def _way(self, x: Array, here: Point) -> _Way:
@@ -202,7 +202,7 @@ class Descent(Generic[Point]):
 
 
 class _Way:
-    """What normal equations (H, -gradient/2) say of the steps from a place, along the parameters that are `free`.
+    """What normal equations (H, -gradient/2) say of the steps from a point, along the parameters that are `free`.
 
     Lengths are in units of each parameter's own curvature.
     """
@@ -260,8 +260,8 @@ def inverse_of(precision: Array) -> Array:
 def sharpened(objective: Callable[[float], float], at: float, reach: float, close: float) -> tuple[float, float]:
     """Return where `objective`, twice a negative log-likelihood, is least within `reach` of `at`, and the deviation.
 
-    A step that gains less than `close` is none. The standard deviation is that of the likelihood itself, all else being
-    held; infinite where it does not end.
+    A step that gains less than `close` is not taken. The standard deviation is that of the likelihood itself, with all
+    else fixed; infinite where the likelihood does not fall off.
     """
     distances = _distances(reach)
     for _ in range(_PASSES):
@@ -307,8 +307,8 @@ def _around(objective: Callable[[float], float], at: float, distances: Array, cl
 def _deviation(distances: Array, higher: Array) -> float:
     """Return the root of the mean squared distance under the likelihood, `higher` (2, n) at `distances` both ways.
 
-    Infinite where the likelihood does not end there: the data say nothing then. Never less than the finest distance:
-    within that nothing was asked.
+    Infinite where the likelihood does not fall off: the data do not determine it. Never less than the smallest
+    distance, within which nothing was evaluated.
     """
     if float(np.min(higher[:, 0])) < _FLAT:
         return np.inf

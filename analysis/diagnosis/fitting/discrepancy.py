@@ -1,9 +1,9 @@
-"""How much of what its effects explain a fit may get wrong because nature's form of them is another.
+"""How much of what its effects explain a fit may get wrong by model discrepancy: the real effect has another law.
 
-A lag, or a creep, of a form that nature does not share leaves an error H(f) times what the linear model answers to
+A lag, or a creep, whose law differs from the real one leaves an error H(f) times what the linear model answers to
 each input, whatever H is, as long as it is smooth and the same at every level. A spring that stiffens, or free play,
-answers with harmonics, with what two lines make together, and otherwise at another level: that is no H. So the part
-of a difference that follows the drive by some linear law bounds what a wrong linear form can explain.
+answers with harmonics, with intermodulation, and differently at another level: that is no H. So the part of a
+difference that follows the drive by some linear law bounds what a wrong linear law can explain.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from sim_backend.linear import Array, DiscreteModel, ModalModel
 Spectrum = NDArray[np.complex128]
 
 _LAW, _EXACT, _STEADY = 3e-3, 1e-4, 1e-6
-"""Parts of what an effect explains that may be the difference between our form of it and nature's, or what a simulation
-in steps cannot do better: what explains less than that beside it is not looked for. A gain or a delay has no other form
-(`exact`), but holds to 1 % only. What is linear in any form (`linear_form`) is wrong by what follows the drive by a
-linear law: its distortion is that of an amplifier or of a spring, a thousandth."""
+"""Parts of what an effect explains that may be model discrepancy, or beyond the accuracy of a simulation in steps:
+what explains less than that beside it is not searched for. A gain or a delay has only one law (`exact`), but holds to
+1 % only. What is linear whatever its law (`linear_form`) is wrong by what follows the drive by a linear law: its
+distortion is that of an amplifier or of a spring, a thousandth."""
 
 _STRIPES = 240
 """Stripes of equal ratio that the frequencies are sorted into; bands are made of them."""
 
 _LINES_PER_NUMBER = 20.0
-"""Lines of equal power that a band has at least for each number of H in it: of what follows nothing, one part in so
-many seems to follow."""
+"""Bins of equal power that a band has at least for each number of H in it: of a signal unrelated to the drive, one part
+in so many seems to follow it."""
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What may be wrong, as a sum of squares in units of the noise, in each of the readings at `outputs`.
+    """Model discrepancy as a sum of squares in units of the noise, in each of the readings at `outputs`.
 
-    What an effect explains in one reading says nothing of how well another is understood. So much of `parts` as
-    `linear` says is a wrong form of linear effects.
+    What an effect explains in one reading says nothing of how well another is understood. The part `linear` of `parts`
+    is the discrepancy of linear effects.
     """
 
     outputs: tuple[str, ...]
@@ -60,7 +60,7 @@ class Discrepancy:
     def of(self, shares: Sequence[float] | Array) -> float:
         """Return it for what shows in the readings by these `shares` of its energy; in total for what has none.
 
-        No more than that of a wrong form lies along a signature: in each reading the part that the signature has there.
+        The discrepancy along a signature is limited in each reading to the part that the signature has there.
         """
         if len(shares) != len(self.parts) or not np.sum(shares) > 0.0:
             return self.total
@@ -74,7 +74,7 @@ class Discrepancy:
         return Discrepancy(self.outputs, tuple(rest.tolist()))
 
     def at(self, where: str) -> float:
-        """Return it in the reading of a place, in all of them where the place has none of its own."""
+        """Return it in the reading of a location, in all of them where the location has none of its own."""
         target = target_of(where)
         return self.parts[self.outputs.index(target)] if target in self.outputs else self.total
 
@@ -85,9 +85,9 @@ def target_of(where: str) -> str:
 
 
 def form_error(effect: Effect, following: float = 1.0) -> float:
-    """Return the part of what an effect explains that its form may be wrong by.
+    """Return the model discrepancy as part of what an effect explains.
 
-    Along what follows the drive by a linear law in so large a part of its energy.
+    `following` is the part of its energy that follows the drive by a linear law.
     """
     own = _EXACT if effect.exact else _LAW
     return _STEADY + (own - _STEADY) * following if effect.linear_form else own
@@ -101,9 +101,9 @@ def explained_by(setting: Setting, tuned: Fit, best: Fit) -> float:
 
 
 def beyond_form(setting: Setting, before: Fit, after: Fit, least: Discrepancy) -> bool:
-    """Tell whether `after` explains more beside `before` than `least` allows the form of the effects there.
+    """Tell whether `after` explains more beside `before` than `least`, the model discrepancy there, allows.
 
-    Where these are linear, by what of the difference follows the drive by a linear law.
+    Where these are linear, the discrepancy is the part of the difference that follows the drive by a linear law.
     """
     change = _change(before, after)
     parts = following_of(setting, linear_of(setting, before), change)
@@ -113,9 +113,9 @@ def beyond_form(setting: Setting, before: Fit, after: Fit, least: Discrepancy) -
 
 
 def following(setting: Setting, before: Fit, after: Fit, place: str) -> float:
-    """Return the part of what `after` changes in the reading of a place that follows the drive by a linear law.
+    """Return the part of what `after` changes in the reading of a location that follows the drive by a linear law.
 
-    The largest in any reading where the place has none of its own.
+    The largest in any reading where the location has none of its own.
     """
     parts = following_of(setting, linear_of(setting, before), _change(before, after))
     outputs = setting.places.outputs
@@ -127,7 +127,7 @@ def _change(before: Fit, after: Fit) -> list[Array]:
 
 
 def discrepancy_of(setting: Setting, tuned: Fit, best: Fit) -> Discrepancy:
-    """Return how much of what `best` explains its effects' forms may be wrong by."""
+    """Return how much of what `best` explains may be model discrepancy of its effects."""
     outputs = setting.places.outputs
     if not best.candidates:
         return Discrepancy(tuple(outputs), (0.0,) * len(outputs))
@@ -143,12 +143,12 @@ def discrepancy_of(setting: Setting, tuned: Fit, best: Fit) -> Discrepancy:
         return np.clip(squares_of(setting, moved) - left, 0.0, explained)
 
     by_law = beside(tuple(e for e in best.effects if e.exact))
-    bent = beside(tuple(e for e in best.effects if e.linear_form))
+    nonlinear = beside(tuple(e for e in best.effects if e.linear_form))
     neither = beside(tuple(e for e in best.effects if e.exact or e.linear_form))
-    by_bent_law = np.minimum(neither, np.minimum(by_law, bent))
+    by_nonlinear_law = np.minimum(neither, np.minimum(by_law, nonlinear))
     parts = _LAW * by_law + _EXACT * (explained - by_law)
     # what is linear, by a law and exactly
-    lawful, exactly = by_law - by_bent_law, np.maximum((explained - by_law) - (bent - by_bent_law), 0.0)
+    lawful, exactly = by_law - by_nonlinear_law, np.maximum((explained - by_law) - (nonlinear - by_nonlinear_law), 0.0)
     linear = (_LAW - _STEADY) * lawful + (_EXACT - _STEADY) * exactly
     return Discrepancy(tuple(outputs), tuple(parts.tolist()), tuple(linear.tolist()))
 
@@ -171,7 +171,7 @@ def following_of(setting: Setting, linear: ModalModel, change: Sequence[Array]) 
 
 
 def _lines(whitener: Whitener, model: DiscreteModel, record: Record, change: Array) -> tuple[Array, Spectrum]:
-    """Return the frequencies (m,) of a record's lines, in cycles per sample, and (m, n_y, 1 + n_u) of its spectra.
+    """Return the frequencies (m,) of a record's bins, in cycles per sample, and (m, n_y, 1 + n_u) of its spectra.
 
     The first are those of the change, then those of the answers to each input, all in units of the noise.
     """
@@ -211,9 +211,9 @@ def _part(frequency: Array, lines: Spectrum, numbers: int) -> float:
 
 
 def _bands(frequency: Array, powers: Array, lines: float) -> list[tuple[int, int]]:
-    """Return bands of lines (first, last), each with as many as `lines` of equal power would make, or all there are.
+    """Return bands of bins (first, last), each with the equivalent of `lines` bins of equal power, or all there are.
 
-    Power is compared within a stripe only: it falls by orders of magnitude beyond a resonance, where lines count too.
+    Power is compared within a band only: it falls by orders of magnitude beyond a resonance, where bins count too.
     """
     edges = np.geomspace(frequency[0], frequency[-1] * (1.0 + 1e-9), _STRIPES + 1)
     stops = np.unique(np.searchsorted(frequency, edges[1:]))
@@ -226,6 +226,6 @@ def _bands(frequency: Array, powers: Array, lines: float) -> list[tuple[int, int
             bands.append((first, stop))
             first, found = stop, 0.0
     if first < frequency.size:
-        # too few lines are left for a band of their own
+        # too few bins remain for a band of their own
         bands = [*bands[:-1], (bands[-1][0] if bands else 0, frequency.size)]
     return bands

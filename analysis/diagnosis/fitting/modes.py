@@ -1,13 +1,13 @@
-"""Modes where the data have them, and numbered as the nominal model numbers them.
+"""Modes at the frequencies that the data have, and numbered as the nominal model numbers them.
 
-A descent moves a mode to its place only from within about its width. A light mode is narrower than its frequency is
-known: five per cent of the frequency are fourteen widths of a mode of a damping ratio of 0.0035. From outside, what
-the data show at the right place and the model at the wrong one have nothing to do with each other, and a search would
-put a resonance here and take one away there. So such frequencies are tried one by one over all that is plausible.
+A descent moves a mode to its frequency only from within about its width. A lightly damped mode is narrower than its
+frequency is known: five per cent of the frequency are fourteen widths of a mode of a damping ratio of 0.0035. From
+outside, the peak in the data and the peak of the model do not overlap, and a search would add a resonance at one
+frequency and cancel one at the other. So such frequencies are tried one by one over all that is plausible.
 
-A model is the same whichever of its modes is called the first. Two that lie closer together than their frequencies are
-known may each be tuned to the other's place: the data fit as well, but every number is then held to what is known of
-another mode, and no fit is free of it.
+A model is the same whichever of its modes is called the first. Two modes that are closer together than their
+frequencies are known may each be tuned to the other's frequency. The data fit as well, but every number then has the
+prior of another mode, which biases every fit.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Nuisance, change_to
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _REACH = 3.0
-"""Standard deviations of a frequency within which it is looked for: one in 400 lies outside."""
+"""Standard deviations of a frequency within which it is searched for: one in 400 lies outside."""
 
 _SKIRT = 5.0
-"""Half-widths of a resonance that are looked at beyond its outermost places."""
+"""Half-widths of a resonance that are searched beyond its outermost frequencies."""
 
 _MOST = 400
-"""Places at which one mode is tried at most."""
+"""Frequencies at which one mode is tried at most."""
 
 _AROUND = 64
-"""Parts of a spectrum over which the usual level of its lines is told."""
+"""Parts of a spectrum over each of which the usual level of its bins is estimated."""
 
 _WORTH = 20.0
-"""Squares, in units of what is usual around, by which a mode elsewhere has to leave less. Of hundreds of places chance
-finds one a few times in a hundred; it costs a fit, which decides."""
+"""Squares, in units of the usual level around, by which a mode elsewhere must reduce the residual. Of hundreds of
+frequencies, chance finds one a few times in a hundred; it costs a fit, which decides."""
 
 _TRIED = 3
-"""Places of one mode that are fitted at most: where few lines show it, chance may make a wrong one the best."""
+"""Frequencies of one mode that are fitted at most: where few bins show it, chance may make a wrong one the best."""
 
 _SAME = 1e-9
 """Numbers that differ by less, relatively, are the same."""
@@ -53,47 +53,47 @@ def narrow_modes(setting: Setting) -> list[int]:
 
 def is_bent(setting: Setting, change: Array) -> bool:
     """Tell whether any number of a light mode is farther off than it may be."""
-    return _bent(setting, change, narrow_modes(setting))
+    return _distorted(setting, change, narrow_modes(setting))
 
 
-def _bent(setting: Setting, change: Array, modes: Sequence[int]) -> bool:
+def _distorted(setting: Setting, change: Array, modes: Sequence[int]) -> bool:
     own = (pair for pair in zip(change, setting.nuisances, strict=True) if pair[1].mode in modes)
     return any(abs(moved) > _REACH * nuisance.sd for moved, nuisance in own)
 
 
 def moved_mode(setting: Setting, fit: Fit, m: int) -> list[Array]:
-    """Return the changes (n_nuisances,) of a fit with mode `m` where it leaves least, none where it is there unbent.
+    """Return the changes (n_nuisances,) of a fit with mode `m` where the residual is least; none if it is undistorted.
 
-    The mode's own numbers are the nominal ones again but for its frequency, as a mode in the wrong place is bent; all
-    others are as they are. One that is bent by more than its numbers may be off may have come to the right place, and
-    stayed as it was bent on the way. A line of a record's spectrum counts in units of what is usual around it: a weak
-    mode is sought in the noise at its own frequency, whatever is strong elsewhere.
+    The mode's own numbers are the nominal ones again but for its frequency, as a mode at the wrong frequency is
+    distorted; all others are unchanged. One that is distorted beyond its tolerance may have come to the right
+    frequency, and kept the distortion from the path there. A bin of a record's spectrum counts in units of the usual
+    level around it: a weak mode is searched for in the noise at its own frequency, whatever is strong elsewhere.
     """
     weights = [_weights(_spectrum(e[r.fitted()])) for e, r in zip(fit.residuals, setting.data.records, strict=True)]
     numbers = np.array([nuisance.mode for nuisance in setting.nuisances])
     (i,) = (k for k, nuisance in enumerate(setting.nuisances) if nuisance.mode == m and nuisance.field == "omega_rad_s")
     change = np.where(numbers == m, 0.0, fit.change)
     places = _places(setting, fit, i, change, weights)
-    if not places and _bent(setting, fit.change, [m]):
+    if not places and _distorted(setting, fit.change, [m]):
         places = [float(fit.change[i])]
     return [np.where(np.arange(change.size) == i, place, change) for place in places]
 
 
 def _spectrum(left: Array) -> Array:
-    """Return the power of every line of residuals (n, n_y), (lines, n_y)."""
+    """Return the power in every frequency bin of residuals (n, n_y), (bins, n_y)."""
     return np.asarray(np.abs(_lines(left)) ** 2)
 
 
 def _lines(left: Array) -> NDArray[np.complex128]:
-    """Return the lines of `left` (n, …) along its first axis; a drift does not leak into all of them."""
+    """Return the spectrum of `left` (n, …) along its first axis; a drift does not leak into all bins."""
     taper = np.hanning(left.shape[0]).reshape(-1, *[1] * (left.ndim - 1))
     return np.asarray(np.fft.rfft(left * taper, axis=0))
 
 
 def _beside(left: NDArray[np.complex128], swing: NDArray[np.complex128]) -> float:
-    """Return the squares of lines `left` (k, n_y) beside what two numbers make of the `swing` (k, n_y, 2) from a start.
+    """Return the squares of bins `left` (k, n_y) without the best fit of a start's free response `swing` (k, n_y, 2).
 
-    A light mode swings on for long from what was before a record: at the wrong place no start explains that.
+    A light mode still rings from before a record: at the wrong frequency no start explains that.
     """
     target = np.concatenate([left.real.ravel(), left.imag.ravel()])
     columns = np.concatenate([swing.real.reshape(-1, 2), swing.imag.reshape(-1, 2)])
@@ -106,7 +106,7 @@ def _beside(left: NDArray[np.complex128], swing: NDArray[np.complex128]) -> floa
 
 
 def _weights(power: Array) -> Array:
-    """Return one over the usual power around every line, of spectra (lines, n_y)."""
+    """Return one over the usual power around every bin, of spectra (bins, n_y)."""
     width = max(power.shape[0] // _AROUND, 8)
     starts = range(0, power.shape[0], width)
     usual = np.stack([np.median(power[max(0, i - width) : i + 2 * width], axis=0) for i in starts])
@@ -128,10 +128,10 @@ def _damping(linear: ModalModel, m: int) -> float:
 
 
 def _places(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Array]) -> list[float]:
-    """Return the changes of the frequency of nuisance `i` beside `change` that leave least, best first.
+    """Return the changes of the frequency of nuisance `i` beside `change` that leave the least residual, best first.
 
-    None where it is there. A place within half a width of where the mode is, is where it is, and one beside the skirt
-    of a better one is part of it. How far off a place is counts as it does in a fit.
+    None where the mode is right. A frequency within half a width of the mode is that of the mode, and one beside the
+    skirt of a better one is part of it. The prior counts as it does in a fit.
     """
     nuisance = setting.nuisances[i]
     reach, whole = _REACH * nuisance.sd, played(setting.nominal, setting.data.rate_hz)
@@ -165,15 +165,15 @@ def _places(setting: Setting, fit: Fit, i: int, change: Array, weights: list[Arr
         return total
 
     def unlikely(place: float | Array) -> float | Array:
-        """Return the squared distance in deviations, in units of the squares of lines.
+        """Return the squared distance in deviations, in units of the squares of bins.
 
-        The squares of lines of noise, in units of their median, count ln 2 in the logarithm of the likelihood.
+        The squares of bins of noise, in units of their median, count ln 2 in the logarithm of the likelihood.
         """
         return 0.5 / np.log(2.0) * (place / nuisance.sd) ** 2
 
     left = np.array([squares(at(place)) for place in places]) + unlikely(places)
     enough = squares(now) + unlikely(fit.change[i]) - _WORTH
-    # a resonance is seen as wide as it is, or as a record of that length shows any line
+    # a resonance appears as wide as it is, or as the frequency resolution of a record of that length
     apart = _SKIRT * max(width, min(1.0 / (middle * max(int(used.sum()), 1)) for used in rows))
     found: list[float] = []
     for k in np.argsort(left):
@@ -229,7 +229,7 @@ def _exchanged(nominal: ModalModel, nuisances: list[Nuisance], change: Array, pa
 
 
 def _held(nominal: ModalModel, nuisances: Sequence[Nuisance]) -> NDArray[np.intp]:
-    """Return which participation of every mode no nuisance turns (m,): its row in the outputs' above the rates'."""
+    """Return which participation of every mode no nuisance adjusts (m,): its row in the outputs' above the rates'."""
     n_y = nominal.n_outputs
     free = np.vstack([nominal.c, nominal.c_rate]) != 0.0
     for nuisance in nuisances:

@@ -1,4 +1,4 @@
-"""Axes that have nothing to do with each other: each is a fit of its own, smaller in rows, modes and nuisances.
+"""Axes that have nothing to do with each other: each is a fit of its own, smaller in samples, modes and nuisances.
 
 Which inputs, modes and readings are joined follows from the numbers that are zero in the model, and from the channels
 that effects read and act on. Noise is independent from reading to reading and so are all priors, so the whole misfit
@@ -110,7 +110,7 @@ def _joined_by(setting: Setting) -> Mask:
 def _wired(setting: Setting, acting: Sequence[str]) -> Ints | None:
     """Return which readings and inputs, (n_y + n_u) of them, are joined; nothing where an effect acts in between.
 
-    Effects on a single actuator or sensor head reach every axis.
+    Effects on a single actuator or sensor head act on every axis.
     """
     places, linear = setting.places, setting.nominal
     n_y = linear.n_outputs

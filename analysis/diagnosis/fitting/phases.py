@@ -1,7 +1,7 @@
-"""In which phase an unseen record finds what goes on by itself: a vibration does not wait for a run to begin.
+"""The phase of a free-running disturbance in an unseen record: a vibration is not synchronised with the run.
 
-Like the state in which such a record begins, the phase is sought on the record itself. Its size and its frequency stay
-those of the fit, so that one that is not there still makes the record worse.
+Like the state in which such a record begins, the phase is fitted to the record itself. Its size and its frequency stay
+those of the fit, so that a vibration that is not there still makes the record worse.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ def in_phase(
     weight: Array,
     rate_hz: float,
 ) -> list[Effect]:
-    """Return `effects` with those that go on by themselves in the phase in which a record shows them.
+    """Return `effects` with the free-running ones in the phase in which a record shows them.
 
-    `left` gives what other effects leave of the record, `added` what one adds in the phase that it has, (n, n_y) both;
-    rows and outputs count by their `weight` (n, n_y). Hann windows keep out what a start adds, what is slow, and other
-    lines that are two periods of a stretch away or more.
+    `left` is the record without the other effects, `added` what one adds in the phase that it has, (n, n_y) both;
+    samples and outputs count by their `weight` (n, n_y). Hann windows suppress what a start adds, what is slow, and
+    other vibration lines that are at least two frequency bins of a stretch away.
     """
     steady = [e for e in effects if not e.own_frequency_hz()]
     if len(steady) == len(effects):
@@ -44,7 +44,7 @@ def in_phase(
 
 
 def _hann_of_each(used: Mask) -> Array:
-    """Return a Hann window (n,) over each stretch of rows that are `used` (n,)."""
+    """Return a Hann window (n,) over each stretch of samples that are `used` (n,)."""
     window = np.zeros(used.size)
     for first, last in runs_of(used):
         window[first:last] = np.hanning(last - first)

@@ -24,16 +24,16 @@ from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _NEGLIGIBLE = 1e-9
-"""A direction this much weaker than the strongest cannot be told from rounding and is left alone."""
+"""A direction this much weaker than the strongest cannot be distinguished from rounding and is not adjusted."""
 
 _FORGOTTEN = 1e-6
-"""A start of which less is left when the fitted rows begin is not found from them: it would have to be enormous."""
+"""A start that has decayed below this when the fitted samples begin is not fitted: it would have to be enormous."""
 
 _STEPS, _WORTH_A_STEP = 24, 0.99
 """Steps in which a start is fitted, while each leaves less than this part of the squares."""
 
 _FIRST, _STEPS_EACH = 4, 6
-"""First rows that a start is sought on, for each of its numbers, and steps there and on each twice as many."""
+"""First samples that a start is sought on, for each of its numbers, and steps there and on each twice as many."""
 
 _NUDGE = 1e-4
 """By what part of its size an output is moved at most to see its slope: far above rounding, far below any effect."""
@@ -46,7 +46,7 @@ _DAMPED, _DAMPINGS = 1e-6, 8
 class Start:
     """What a record's start can add: an orthonormal basis `q` (rows, k), whitened.
 
-    `back` (2 m, k) gives the states, `before` (b, k) the commands that are still on their way, then unknown zeros.
+    `back` (2 m, k) gives the states, `before` (b, k) the commands still within a delay, then unknown zeros.
     """
 
     q: Array
@@ -63,7 +63,7 @@ class Start:
 
 
 def stack_white(whitener: Whitener, record: Record, values: Array) -> Array:
-    """Return the fitted rows of `values` (n, n_y, k), whitened, outputs one below the other: (n_y · rows, k)."""
+    """Return the fitted samples of `values` (n, n_y, k), whitened, outputs stacked: (n_y · rows, k)."""
     mask = record.fitted()
     return record.weight * np.concatenate([whitener.rows(values[:, o], mask, o) for o in range(values.shape[1])])
 
@@ -76,7 +76,7 @@ def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: fl
     seen, whole = (np.linalg.norm(part, axis=(0, 1)) for part in (free[record.fitted()], free))
     white[:, seen < _FORGOTTEN * whole] = 0.0
     states, back = _basis(white, np.linalg.norm(white, axis=0))
-    # the first rows alone tell what is on its way from what swings already: the states are what explains most by itself
+    # only the first samples distinguish commands within a delay from free motion: the states explain most by themselves
     white = stack_white(whitener, record, late)
     commands, before = _basis(white - states @ (states.T @ white), np.linalg.norm(white, axis=0))
     back, before = np.pad(back, ((0, 0), (0, commands.shape[1]))), np.pad(before, ((0, 0), (states.shape[1], 0)))
@@ -84,7 +84,7 @@ def start_of(record: Record, linear: ModalModel, whitener: Whitener, rate_hz: fl
 
 
 def beside_states(model: DiscreteModel, record: Record) -> Array:
-    """Return what a record may begin with beside the states of the modes, (n, n_y, k): commands on their way, zeros."""
+    """Return what a record may begin with beside the modal states, (n, n_y, k): commands within a delay, zeros."""
     return np.concatenate([answers_to_before(model, record.n), record.zeros()], axis=2)
 
 
@@ -115,9 +115,9 @@ def without_starts(
 def zeros_left(
     data: Dataset, starts: Sequence[Start], whitener: Whitener, residuals: Sequence[Array]
 ) -> dict[int, tuple[float, float]]:
-    """Return what `residuals`, (n, n_y) per record, tell of each free zero of `data`, by output: value and deviation.
+    """Return the estimate of each free zero of `data` from `residuals`, (n, n_y) per record: value and deviation.
 
-    Records count by how well they tell it; a zero that none tells is left out.
+    Records count by how well they determine it; a zero that none determines is left out.
     """
     weighted, weights = defaultdict[int, float](float), defaultdict[int, float](float)
     for record, start, residual in zip(data.records, starts, residuals, strict=True):
@@ -144,15 +144,15 @@ def left_by_best_start(
     *,
     exact: bool,
 ) -> Array:
-    """Return what a simulation leaves, (n, n_y), from the start (k,) from which its rows of some `weight` leave least.
+    """Return the residual of a simulation, (n, n_y), from the start (k,) that minimises it over weighted samples.
 
     `spread` (k,) is how large each number of the start is likely to be: zero where it is known to be none, without
-    bound where nothing is known of it.
-    `left` gives what is left from any start and so many first rows, `bare` without what acts on the motion, `columns`
-    (n, n_y, k) what starts add then; where nothing acts, that is `exact`. A torque that hangs on the motion makes
-    another motion of a start, and beside a stop or in slack steps along `columns` lead away from it; so slopes are
-    those of the simulation where it is, and the start is also sought on the first rows, then on ever more of them: what
-    a start does at once hangs least on what acts later.
+    bound where nothing is known of it. `left` gives the residual from any start over so many first samples, `bare` the
+    one without what acts on the motion, `columns` (n, n_y, k) what starts add then; where nothing acts, that is
+    `exact`. A torque that depends on the motion changes the motion from a start, and beside a stop or in slack, steps
+    along `columns` lead away from it. So the slopes are those of the simulation at the start itself, which is also
+    fitted to the first samples, then to ever more of them: the immediate effect of a start depends least on what acts
+    later.
     """
     fit = _StartFit(left, columns, weight, spread)
     rest = np.zeros(columns.shape[2])
@@ -167,7 +167,7 @@ def left_by_best_start(
 
 @dataclass(frozen=True)
 class _StartFit:
-    """A start (k,) that is fitted to the rows of some `weight` (n, n_y); see `left_by_best_start`."""
+    """A start (k,) that is fitted to the samples of some `weight` (n, n_y); see `left_by_best_start`."""
 
     left: Callable[[Array, int], Array]
     columns: Array
@@ -176,7 +176,7 @@ class _StartFit:
 
     @property
     def rows(self) -> int:
-        """Number of all rows."""
+        """Number of all samples."""
         return int(self.weight.shape[0])
 
     @cached_property
@@ -192,15 +192,15 @@ class _StartFit:
         return np.divide(_NUDGE, peak, out=np.zeros_like(peak), where=peak > 0.0)
 
     def weighed(self, values: Array) -> Array:
-        """Return first rows of readings (m, n_y) or of columns (m, n_y, k) in their weight, as (m n_y,) or (…, k)."""
+        """Return first samples of readings (m, n_y) or of columns (m, n_y, k), weighted, as (m n_y,) or (…, k)."""
         weight = self.weight[: values.shape[0]]
         return np.asarray((values * weight[(...,) + (None,) * (values.ndim - 2)]).reshape(-1, *values.shape[2:]))
 
     def linear(self, residual: Array) -> Array:
         """Return the likeliest start (k,) beside a `residual` (n, n_y) where nothing acts.
 
-        Commands that are on their way nearly take each other away: what leaves least of the noise in the first rows may
-        be hundreds of times what was ever played, and no simulation in steps follows that.
+        Successive commands within a delay nearly cancel: those that minimise the noise in the first samples may be
+        hundreds of times what was ever played, and no simulation in steps follows that.
         """
         known = np.isfinite(self.spread)
         # in units of what is likely, so that what is known to be nothing has no column instead of a boundless weight
@@ -214,7 +214,7 @@ class _StartFit:
         return np.asarray(unit * start)
 
     def grown(self, start: Array) -> Array:
-        """Return a start that was fitted to the first rows, then to twice as many, up to half of them."""
+        """Return a start that was fitted to the first samples, then to twice as many, up to half of them."""
         used = np.cumsum(np.any(self.weight > 0.0, axis=1))
         count = _FIRST * start.size
         while 2 * count < used[-1]:
@@ -224,7 +224,7 @@ class _StartFit:
         return start
 
     def refined(self, start: Array, residual: Array, steps: int) -> tuple[Array, Array]:
-        """Return a start that leaves less than `residual` (m, n_y) of the first rows, and what, after so many steps."""
+        """Return a start that reduces `residual` (m, n_y) of the first samples, and the new residual, in `steps`."""
         weighed, damping = self.weighed(residual), _DAMPED
         for _ in range(steps):
             slopes = self._slopes(start, residual)
@@ -258,7 +258,7 @@ def _squares(values: Array) -> float:
 
 
 def _damped_step(slopes: Array, residual: Array, damping: float) -> Array:
-    """Return the step (k,) that leaves least of `residual` (rows,), `damping` times its own squares counted as well."""
+    """Return the step (k,) that minimises `residual` (rows,), plus `damping` times its own squares."""
     count = slopes.shape[1]
     rows = np.concatenate([slopes, np.sqrt(damping) * np.eye(count)])
     return np.asarray(np.linalg.lstsq(rows, np.concatenate([residual, np.zeros(count)]), rcond=_NEGLIGIBLE)[0])

@@ -1,4 +1,4 @@
-"""The colour of a noise by autoregression: the shortest filter that leaves nothing to foretell."""
+"""The colour of a noise by autoregression: the shortest filter whose output is unpredictable."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from analysis.diagnosis.noise.whitener import Mask
 from sim_backend.linear import Array
 
 MAX_ORDER = 40
-"""Samples that a noise remembers at most; what it remembers longer stands in the levels of its bands."""
+"""Largest order of the noise filter in samples; longer correlation is described by the levels of its bands."""
 
 
 def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = MAX_ORDER) -> Array:
@@ -16,8 +16,8 @@ def fit_ar(parts: list[tuple[Array, Mask]], max_order: int = MAX_ORDER) -> Array
 
     `parts` are pairs of a series and the mask of its valid samples, (n,) each.
 
-    Least squares over all rows at once (covariance method, which also suits near-unit roots), order by BIC; the first
-    tap is the inverse of the innovations' standard deviation.
+    Least squares over all samples at once (covariance method, which also suits near-unit roots), order by BIC; the
+    first tap is the inverse of the innovations' standard deviation.
     """
     p = max(min(max_order, min(x.size for x, _ in parts) // 10), 0)
     normal = np.zeros((p + 1, p + 1))

@@ -1,4 +1,4 @@
-"""The noise of a data set: its colour by autoregression, its size from what does not repeat, or from what is left."""
+"""The noise of a data set: its colour by autoregression, its size from what does not repeat, or from the residual."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.linear import Array
 
 _TREND = 3
-"""Degree of what is taken for a trend of differences: below their first line and a half, where they show no noise."""
+"""Degree of the trend removed from differences: below one and a half frequency bins, they contain no noise."""
 
 
 def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = None) -> Whitener:
@@ -67,9 +67,9 @@ def even_weights(data: Dataset, residuals: Sequence[Array], noise: float) -> Whi
 def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whitener:
     """Return the whitener with the levels of low bands, for which its filter is too short.
 
-    Below two lines of the period, where differences of periods see nothing, levels are medians of the residual, so
-    that the lines of a periodic excitation, where an error of the model stands, do not count as noise. Above, where
-    there are differences, levels are their means: they hold noise alone.
+    Below two frequency bins of the period, where differences of periods contain nothing, levels are medians of the
+    residual, so that the excited bins of a periodic excitation, which contain the error of the model, do not count as
+    noise. Above, where there are differences, levels are their means: they contain noise alone.
     """
     periods = [w.period for r in data.records for w in r.windows if w.period]
     highest = min(2.0 / min(periods) if plain.repeats and periods else 0.5 / max(plain.order, 1), 0.25)
@@ -96,14 +96,14 @@ def _with_levels(plain: Whitener, data: Dataset, residuals: list[Array]) -> Whit
     more, upper = levels_of_means([_powers(plain, parts, o) for o, parts in enumerate(repeated)], highest, left)
     if edges.size < 2:
         edges, levels = np.array([highest]), np.ones((len(repeated), 0))
-    # noise does not fall towards low frequencies, so what few rows show of it is no less than what is known above them
+    # noise does not fall towards low frequencies, so its level in few coefficients is no less than the known one above
     levels = np.maximum(levels, upper[:, :1])
     joined = np.concatenate([levels, upper], axis=1)
     return Whitener(plain.taps, True, np.concatenate([edges, more]), joined, guessed=levels.shape[1])
 
 
 def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tuple[Array, Array]:
-    """Return frequency (cycles per sample) and power of all rows of the whitened series in `parts`."""
+    """Return frequency (cycles per sample) and power of all coefficients of the whitened series in `parts`."""
     frequency, power = [np.zeros(0)], [np.zeros(0)]
     for x, mask in parts:
         white = plain.apply(x[:, None], output)[:, 0]

@@ -1,4 +1,4 @@
-"""How many independent numbers a stretch of coloured noise is worth."""
+"""The number of independent samples to which a stretch of coloured noise is equivalent."""
 
 from __future__ import annotations
 

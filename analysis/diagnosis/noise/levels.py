@@ -10,13 +10,13 @@ from analysis.diagnosis.tails import f_tail
 from sim_backend.linear import Array
 
 BAND_ROWS, _MAX_BANDS = 12, 24
-"""Rows of a band at least: their median is known to 40 %; and bands at most."""
+"""Fewest coefficients of a band: their median is known to 40 %; and the most bands."""
 
 _KNOWN_ROWS = 24
 """The mean square of so many normal numbers is known to 30 %."""
 
 _GROWTH = 1.5
-"""Ratio of a band's edges: spectra of noise are smooth on a logarithmic scale, and high bands hold rows enough."""
+"""Ratio of a band's edges: noise spectra are smooth on a logarithmic scale, and high bands have enough coefficients."""
 
 _MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
@@ -25,14 +25,14 @@ _EFFICIENCY = 0.37
 """A median of squares knows their level as well as the mean of so many times fewer."""
 
 _NEVER = 1e-6
-"""Rows are called weaker than their filter says where that happens by chance no more often than this."""
+"""Coefficients are called weaker than their filter says where that happens by chance no more often than this."""
 
 _BY_CHANCE = 1e-3
 """Two levels are taken for one unless they differ by more than happens so seldom by chance."""
 
 
 def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
-    """Return edges and levels of the bands below `highest` from medians; nothing where there are too few rows.
+    """Return edges and levels of the bands below `highest` from medians; nothing where there are too few coefficients.
 
     A level may be below one: `no_weaker` and `held_by_few` say what that means.
     """
@@ -40,10 +40,10 @@ def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tup
     count = min(below.size // BAND_ROWS, _MAX_BANDS)
     if count < 1:
         return np.zeros(1), np.zeros((len(spectra), 0))
-    # bands hold growing numbers of rows, so that they are narrow where the level changes fast
+    # bands contain growing numbers of coefficients, so that they are narrow where the level changes fast
     share = np.linspace(0.0, 1.0, count + 1) ** 2
     at = np.unique(np.maximum((share * below.size).astype(int), BAND_ROWS * np.arange(count + 1)))
-    # records of one length share their frequencies: a dozen rows may be a single one, and no band is without width
+    # records of one length share their frequencies: a dozen coefficients may be at one, and no band has zero width
     edges = np.append(np.unique(below[np.minimum(at[:-1], below.size - 1)]), highest)
     levels = np.ones((len(spectra), edges.size - 1))
     for o, (frequency, power) in enumerate(spectra):
@@ -56,11 +56,11 @@ def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tup
 
 
 def held_by_few(spectrum: tuple[Array, Array], highest: float) -> bool:
-    """Tell whether few rows below `highest` hold so much that the filter takes all of them for strong noise.
+    """Tell whether few coefficients below `highest` are so large that the filter takes all of them for strong noise.
 
-    A drift of a reading stands in the lowest rows alone, but a filter has no such edge: it weakens whatever is slow,
-    and most rows down there then are far weaker than one, more than happens by chance. (A step is no such thing: its
-    power falls with the square of the frequency, as that of a random walk.)
+    A drift of a reading is in the lowest coefficients alone, but a filter has no such edge: it weakens whatever is
+    slow, and most coefficients there are then far weaker than one, more than happens by chance. (A step is different:
+    its power falls with the square of the frequency, as that of a random walk.)
     """
     frequency, power = spectrum
     below = power[np.argsort(frequency)][: int(np.sum(frequency < highest))]
@@ -90,8 +90,8 @@ def levels_of_means(
 ) -> tuple[Array, Array]:
     """Return upper edges and levels of the bands above `lowest`, each wide enough for its mean.
 
-    `spectra` are those of noise alone. In `left`, those of what a model leaves, there is as much noise and may be an
-    error of the model; where that is no more than the few rows of a band may err, its rows tell the level as well.
+    `spectra` are those of noise alone. `left`, those of the residual of a model, contain as much noise and perhaps an
+    error of the model; where they agree within the uncertainty of a band's few coefficients, they count as well.
     """
     frequency = np.sort(spectra[0][0][spectra[0][0] >= lowest])
     edges, at = [lowest], 0
@@ -112,7 +112,7 @@ def levels_of_means(
 
 
 def _pooled(noise: Array, left: Array) -> float:
-    """Return the level that `noise` (n,) has, told by what is `left` (m,) too where both may be of one level."""
+    """Return the level of `noise` (n,), estimated from `left` (m,) as well where both may have one level."""
     own, count = float(noise.mean()), _EFFICIENCY * left.size
     other = float(np.median(left)) / _MEDIAN_OF_SQUARE if left.size else 0.0
     ratio = other / max(own, np.finfo(float).tiny)

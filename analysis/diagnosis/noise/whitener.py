@@ -24,7 +24,7 @@ _STEEPEST = 2.0
 """Steepest rise of noise towards low frequencies that is thought possible: a random walk's power."""
 
 _SLOPE_BANDS = 4
-"""Bands that tell how noise rises below the lowest: of a dozen rows, one knows its level to a factor of two."""
+"""Bands that show how noise rises below the lowest: one of a dozen coefficients knows its level to a factor of two."""
 
 _SAME_EDGE = 1e-9
 """Edges (cycles per sample) that are no farther apart than this are one."""
@@ -56,9 +56,9 @@ class Whitener:
     `repeats` is True when the noise was estimated from what differs between equal periods, so that its size is known
     apart from any error of the model. `edges` (k + 1,) in cycles per sample and `levels` (n_y, k) say how much stronger
     than white the filtered noise still is in the bands that the filter is too short for. The lowest `guessed` of them
-    lie below what differences of periods show: their levels hold whatever the residual does there. With `even` above
-    zero every row and frequency of an output weighs alike, in units of the residual itself: the error, not the noise,
-    is then what is weighed, and `even` is the noise in that unit.
+    are below what differences of periods show: their levels contain whatever the residual has there. With `even` above
+    zero all samples and frequencies of an output have equal weight, in units of the residual itself: then the error is
+    weighed, not the noise, and `even` is the noise in that unit.
     """
 
     taps: Array
@@ -91,11 +91,11 @@ class Whitener:
         return replace(self, edges=edges, levels=np.maximum(self.bands.at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
-        """Return the levels of the lowest rows of a cosine basis of `n`, as many as lie in bands.
+        """Return the levels of the lowest of `n` cosine coefficients, as many as lie in bands.
 
-        Below the middle of the lowest band the noise goes on rising as it did over the lowest few: noise that is
-        coloured down there is strongest where one can see least of it, and an offset would be taken for physics.
-        Where nothing repeats, the levels hold what an effect leaves as well, and their slope says nothing of the noise.
+        Below the middle of the lowest band the noise is extrapolated as it rose over the lowest few: noise that is
+        coloured there is strongest where it is least visible, and an offset would be taken for physics. Where nothing
+        repeats, the levels also contain the residual of an effect, and their slope says nothing of the noise.
         """
         if (n, output) not in self._by_length:
             self._by_length[n, output] = self._levels_of(n, output)
@@ -110,7 +110,7 @@ class Whitener:
         frequency = np.arange(n) / (2.0 * n)
         band = band_of(self.edges, frequency)
         count = int(np.searchsorted(band, self.levels.shape[1]))  # bands rise with frequency
-        # a record of two periods has too few rows for a band of its own below two lines: they are as loud as the next
+        # a record of two periods has too few coefficients for a band below two bins: they are as loud as the next
         levels = self.levels[output][np.maximum(band[:count], 0)]
         if self.levels.shape[1] < 2 or not self.repeats:
             return levels
@@ -131,7 +131,7 @@ class Whitener:
         return range(self.taps.shape[0])
 
     def apply(self, values: Array, output: int) -> Array:
-        """Return `values` (n, k) of one output, whitened, same shape; their first rows have fewer before them."""
+        """Return `values` (n, k) of one output, whitened, same shape; their first samples have fewer before them."""
         return np.asarray(self._filtered(values, output).T)
 
     def _filtered(self, values: Array, output: int) -> Array:
@@ -144,14 +144,14 @@ class Whitener:
 
     @cached_property
     def _beginnings(self) -> list[Array]:
-        """What whitens the first rows of a series of each output, as many as the filter remembers: (order, order)."""
+        """What whitens the first samples of a series of each output, as many as the order: (order, order)."""
         return [beginning(taps) for taps in self.taps]
 
     def rows(self, values: Array, mask: Mask, output: int) -> Array:
-        """Return the masked rows of `values` (n, k) as independent numbers of unit variance, shape (rows, k).
+        """Return the masked samples of `values` (n, k) as independent numbers of unit variance, shape (rows, k).
 
-        Each unbroken run of rows is taken into the cosine basis, where a band's level is a plain factor. A few columns
-        are filtered at a time: the result is then all that takes memory beside `values`.
+        Each unbroken run of samples is transformed to the cosine basis, where a band's level is a plain factor. A few
+        columns are filtered at a time, so that only the result takes memory beside `values`.
         """
         out, runs = np.empty((values.shape[1], int(mask.sum()))), runs_of(mask)
         factors = [np.sqrt(self.band_levels(stop - start, output)) for start, stop in runs] if self.levels.size else []
@@ -168,12 +168,12 @@ class Whitener:
         return out.T
 
     def band_of_rows(self, mask: Mask) -> Ints:
-        """Return the band of each of the rows that `rows` returns, -1 above all bands or where there are none."""
+        """Return the band of each coefficient that `rows` returns, -1 above all bands or where there are none."""
         band = band_of(self.edges, frequency_of_rows(mask))
         return np.asarray(np.where(band < self.levels.shape[1], band, -1))
 
     def log_variance(self, mask: Mask) -> float:
-        """Return the sum of the logarithms of the variances by which the masked rows of a record are divided."""
+        """Return the sum of the logarithms of the variances by which the masked samples of a record are divided."""
         total = -2.0 * int(mask.sum()) * float(np.sum(np.log(self.taps[:, 0])))
         for taps, begin in zip(self.taps, self._beginnings, strict=True):
             own = np.diag(begin)[: mask.size]
@@ -187,9 +187,9 @@ class Whitener:
 
 
 def frequency_of_rows(mask: Mask, least: float = 0.0) -> Array:
-    """Return the frequency of each row that a whitener makes of a mask, in cycles per sample, at least so many lines.
+    """Return the frequency of each coefficient that a whitener makes of a mask, in cycles per sample, at least `lines`.
 
-    The first row of an unbroken run is its mean, each further one is half a line higher.
+    The first coefficient of an unbroken run is its mean, each further one is half a frequency bin higher.
     """
     counts = (stop - start for start, stop in runs_of(mask))
     return np.concatenate([np.zeros(0), *(np.maximum(np.arange(n) / 2.0, least) / n for n in counts)])
@@ -208,18 +208,18 @@ def band_of(edges: Array, frequency: Array) -> Ints:
 
 
 def runs_of(mask: Mask) -> list[tuple[int, int]]:
-    """Return (start, stop) of every unbroken run of set rows."""
+    """Return (start, stop) of every unbroken run of set samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def beginning(taps: Array) -> Array:
-    """Return the matrix (order, order) that whitens the first rows of a series of the noise that `taps` whiten.
+    """Return the matrix (order, order) that whitens the first samples of a series of the noise that `taps` whiten.
 
-    The noise was there before the first row, and is as strong in it as anywhere: the row by itself has its whole
-    variance, the next that of what one row before does not foretell, and so on (Levinson's recursion, run backwards).
-    A filter run from zeros would know the first rows as well as its innovations, and an offset by them. Rows of which
-    nothing is known count nothing: those of an order whose noise grows without bound.
+    The noise existed before the first sample and is as strong in it as anywhere: the first sample has the whole
+    variance, the next only what the one before does not predict, and so on (Levinson's recursion, run backwards). A
+    filter run from zeros would take the first samples, and with them an offset, as known as exactly as the innovations.
+    Samples of which nothing is known have no weight: those of an order whose noise grows without bound.
     """
     out = np.zeros((taps.size - 1, taps.size - 1))
     weights, scale = taps / taps[0], taps[0]

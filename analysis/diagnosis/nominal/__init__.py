@@ -1,1 +1,1 @@
-"""The linear model that is held against the data: its responses, and its numbers that may be re-tuned."""
+"""The linear model that is compared with the data: its responses, and its numbers that may be adjusted."""

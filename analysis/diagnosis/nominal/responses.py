@@ -1,4 +1,4 @@
-"""Linear responses by block recursion, compiled: the filter through which every signature reaches the outputs."""
+"""Linear responses by block recursion, compiled: the filter that takes every signature to the outputs."""
 
 from __future__ import annotations
 
@@ -142,15 +142,15 @@ def free_responses(model: DiscreteModel, n: int) -> Array:
 
 
 def waiting_at(model: DiscreteModel) -> list[int]:
-    """Return how many commands of each input are on their way at any time, the youngest of which may have come in part.
+    """Return how many commands of each input are within its delay at any time; the youngest may have acted in part.
 
-    A part of a sample is split between two, or stands for the four nearest.
+    A fraction of a sample is split between two commands, or is interpolated from the four nearest.
     """
     return [int(np.ceil(late)) + int(late > np.floor(late)) if late > 0.0 else 0 for late in model.delay_samples]
 
 
 def answers_to_before(model: DiscreteModel, n: int) -> Array:
-    """Return the outputs to a unit command at each input in each sample before the first that is still on its way.
+    """Return the outputs to a unit command at each input in each sample before the first that is within its delay.
 
     Shape (n, n_y, k), none without delays: what a record's unknown start can add beside the states of the modes.
     """

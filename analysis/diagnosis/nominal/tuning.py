@@ -1,22 +1,22 @@
-"""The nominal model's own parameters: which may be re-tuned, how far each is trusted, what its change looks like.
+"""The nominal model's own parameters: which may be adjusted, how far each is trusted, what its change looks like.
 
 Each mode has a logarithmic frequency, a logarithmic decay rate, and logarithms of its participations (those that are
 not zero; the largest output participation of each mode is fixed, because only products matter). Their prior is a normal
 distribution of the tolerance the nominal model claims, so a wrong gain of one per cent is never taken for physics, and
 a shift far beyond the tolerance stays visible as one.
 
-Every number that a model states is wrong by a part of its own, independent of all others. Of a mode's participations
-only products of an input's and an output's matter, so the largest output participation c₀ is held as it is, and the
-nuisances of the others stand for b c₀ and c / c₀: ln b moves by ε_b + ε_0 and ln c by ε_c - ε_0. So the unknown error
-ε_0 of what is held is in all of them, which a nuisance's `loading` says: drives of one mode are wrong alike, and an
-output against the drives. Were they taken as independent, one sensor whose numbers happen to be all too small would be
-a gain of that sensor at several standard deviations.
+Every number that a model states has a relative error of its own, independent of all others. Of a mode's participations
+only products of an input's and an output's matter, so the largest output participation c₀ is fixed, and the nuisances
+of the others stand for b c₀ and c / c₀: ln b moves by ε_b + ε_0 and ln c by ε_c - ε_0. So the unknown error ε_0 of the
+fixed one is in all of them, as given by a nuisance's `loading`: drives of one mode have a common error, and an output
+has it relative to the drives. If they were taken as independent, one sensor whose numbers happen to be all too small
+would be a gain of that sensor at several standard deviations.
 
 A model that was fitted to the very runs that are diagnosed has numbers that the runs alone determine, some of them
-nothing but noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through
-zero, so those participations and the feedthrough are turned by what is added to them, and a delay of the fit is turned
-too. Else an effect of the library that is linear itself would be free where the model is not, and would be named for
-what another fit of the model does; and what a linear fit has taken for a delay could not be taken back.
+only noise about zero: a rate's part of a participation, a feedthrough. No factor carries such a number through zero,
+so those participations and the feedthrough are adjusted by an added number, and a delay of the fit is adjusted too.
+Otherwise an effect of the library that is linear itself would be free where the model is not, and would be named for
+the difference from another fit of the model; and the error of a fitted delay could not be undone.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Nuisance:
 
 _FARTHEST = 3.0
 """Nuisances stay within a factor of twenty, e^3, or within three units: a prior alone does not hold them against a
-gross error of the model."""
+large error of the model."""
 
 
 OWN_TOLERANCE = 1.0
@@ -76,7 +76,7 @@ to follow, so they say nothing on their own."""
 
 
 def nuisances_of(linear: ModalModel, tolerance: float) -> list[Nuisance]:
-    """Return every re-tunable parameter of `linear`, each trusted to the relative `tolerance`.
+    """Return every adjustable parameter of `linear`, each trusted to the relative `tolerance`.
 
     So is the participation that is fixed in each mode, unless it is exactly one: that is a scale, which has no error.
     """
@@ -108,9 +108,9 @@ def _unit(linear: ModalModel, name: str, m: int) -> float:
 
 
 def own_nuisances_of(linear: ModalModel, late: Iterable[int] = ()) -> list[Nuisance]:
-    """Return every re-tunable parameter of a model that was fitted to the very runs that are diagnosed.
+    """Return every adjustable parameter of a model that was fitted to the very runs that are diagnosed.
 
-    The delays of the inputs numbered in `late` were fitted too; any other is a constant that the rest was fitted to.
+    The delays of the inputs numbered in `late` were fitted too; any other is a constant of that fit.
 
     What is added to a participation counts in the size of the whole, position's part and rate's together, with which
     the mode takes part there; what is added to a feedthrough counts in the largest response of a mode along its path.
@@ -150,7 +150,7 @@ def _sizes(linear: ModalModel) -> tuple[Array, Array]:
 
 
 def turned(linear: ModalModel, nuisances: list[Nuisance], change: Array) -> ModalModel:
-    """Return `linear` with every nuisance's parameter turned by `change` (n_nuisances,)."""
+    """Return `linear` with every nuisance's parameter adjusted by `change` (n_nuisances,)."""
     moved: dict[str, Array] = {}
     for nuisance, delta in zip(nuisances, change, strict=True):
         values = moved.setdefault(nuisance.field, getattr(linear, nuisance.field).copy())
@@ -188,10 +188,10 @@ def change_to(linear: ModalModel, nuisances: list[Nuisance], changed: ModalModel
 
 @dataclass(frozen=True)
 class Turning:
-    """Every nuisance of a model turned a little to both sides, for as many records as there are.
+    """Every nuisance of a model adjusted by a small step in both directions, for any number of records.
 
     `linear` is the model, `whole` it at the rate of the records; `there` and `back` hold, side by side, the own mode of
-    each nuisance that has one, turned by plus and minus `_STEP`.
+    each nuisance that has one, adjusted by plus and minus `_STEP`.
     """
 
     linear: ModalModel
@@ -247,7 +247,7 @@ class Turning:
 
 
 def turning(linear: ModalModel, nuisances: list[Nuisance], rate_hz: float, *, through_delay: bool = True) -> Turning:
-    """Return every nuisance of `linear` turned to both sides at one rate, for `Turning.columns` of any record."""
+    """Return every nuisance of `linear` adjusted both ways at one rate, for `Turning.columns` of any record."""
     split = through_delay and finer_for_delays(linear, rate_hz) > 1
     whole = discretise(linear, rate_hz, split=split)
     there, back = (modes_alone(linear, nuisances, by, rate_hz, split=split) for by in (_STEP, -_STEP))
@@ -257,7 +257,7 @@ def turning(linear: ModalModel, nuisances: list[Nuisance], rate_hz: float, *, th
 def modes_alone(
     linear: ModalModel, nuisances: Sequence[Nuisance], by: float, rate_hz: float, *, split: bool
 ) -> DiscreteModel:
-    """Return the own mode of each nuisance that has one, turned `by` so much, side by side as one model at one rate.
+    """Return the own mode of each nuisance that has one, adjusted `by` so much, side by side as one model at one rate.
 
     No mode has a direct term, and each is for the forces that drive the whole model: where delays are `split` every
     command drives it twice, as in `responses.driven_by`. All are made at once, which takes as long as one alone.

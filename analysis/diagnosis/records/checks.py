@@ -1,4 +1,4 @@
-"""Whether records can decide anything: refused with a reason where they cannot, told where they decide less.
+"""Whether records can decide anything: refused with a reason where they cannot, with a note where they decide less.
 
 A record of another bench than the model's is refused before any fit, as no cause in the library is a factor of ten.
 Compared are the measured motion and that which the linear model simulates from the recorded inputs, by thirds of an
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 MIN_ROWS = 60
-"""Fewest rows that a fit may use: three per output would fit a noise model alone."""
+"""Fewest samples that a fit may use: three per output would fit a noise model alone."""
 
 SHORTEST = 8
-"""Rows between two cut-off stretches that are worth a window."""
+"""Samples between two cut-off stretches that are worth a window."""
 
 FACTOR = 10.0
 """Ratio of measured to simulated motion, either way, for half of the motion; no listed effect is so large."""
@@ -43,10 +43,10 @@ _MOVES = 0.01
 """Part of the energy of the strongest band from which on the output moves in another."""
 
 _SHOWN = 0.5
-"""Part of the energy of the motion below which the bands say nothing of it: slower ones have too few lines."""
+"""Part of the energy of the motion below which the bands say nothing of it: slower ones have too few bins."""
 
 _LINES = 16
-"""Fewest lines of a band: a coherence of fewer is high by chance."""
+"""Fewest bins of a band: a coherence of fewer is high by chance."""
 
 _BANDS = 3
 """Fewest bands that a verdict rests on."""
@@ -69,9 +69,9 @@ def check_outputs(records: Sequence[Record], names: Sequence[str], where: str) -
 def without_cut_off(
     records: Sequence[Record], names: Sequence[str], facts: Sequence[Fact]
 ) -> tuple[list[Record], list[str]]:
-    """Return the records without the rows where the `facts` say that an output is cut off, and notes.
+    """Return the records without the samples where the `facts` say that an output is cut off, and notes.
 
-    Such rows are simulated like all others, but neither fitted nor judged. The outputs of the records have these
+    Such samples are simulated like all others, but neither fitted nor judged. The outputs of the records have these
     `names`, in order.
     """
     told = [fact for fact in facts if fact.name == NAME and fact.channel in names]
@@ -86,13 +86,13 @@ def without_cut_off(
     if notes and not any(record.windows for record in kept):
         raise DataError(
             f"an output is cut off every few samples ({notes[0].partition(';')[0]}): no stretch of {SHORTEST} "
-            "samples is left between; record with a smaller motion or a wider range"
+            "samples remains in between; record with a smaller motion or a wider range"
         )
     return kept, notes
 
 
 def _around(windows: Sequence[Window], cut: Mask) -> tuple[Window, ...]:
-    """Return the pieces of windows in which nothing is `cut` (n,); what is left of periods repeats no more."""
+    """Return the pieces of windows in which nothing is `cut` (n,); what remains of periods repeats no more."""
     pieces = []
     for w in windows:
         if not cut[w.start : w.stop].any():
@@ -118,7 +118,7 @@ def check_inputs(records: Sequence[Record], names: Sequence[str]) -> list[str]:
 
 
 def check_enough(records: Sequence[Record], where: str) -> None:
-    """Raise DataError when too few rows of the `records` of the logs `where` may be fitted."""
+    """Raise DataError when too few samples of the `records` of the logs `where` may be fitted."""
     fitted = sum(int(r.fitted().sum()) for r in records)
     if fitted < MIN_ROWS:
         raise DataError(
@@ -179,19 +179,19 @@ def check_same_bench(loaded: Loaded, model: Model) -> None:
             if max(middle, 1.0 / middle) > FACTOR:
                 raise DataError(
                     f"{file}: output '{name}' moves {middle:.3g} times as much as the model says, where half of its "
-                    f"motion is; causes are looked for up to a factor of {FACTOR:g}. Is it a record of another "
+                    f"motion is; causes are searched for up to a factor of {FACTOR:g}. Is it a record of another "
                     "bench, or is a unit or a channel wrong? `mccd log plot` shows it, `mccd identify` models it"
                 )
 
 
 def _level(x: Array) -> Array:
-    """Return `x` (n,) without the straight line that runs through it best."""
+    """Return `x` (n,) without the straight line that fits it best."""
     along = np.arange(x.size) - 0.5 * (x.size - 1)
     return np.asarray(x - x.mean() - along * (along @ x) / (along @ along))
 
 
 def _bands(lines: int) -> Iterator[slice]:
-    """Yield the lines of every third of an octave, `_LINES` or more of them."""
+    """Yield the frequency bins of every third of an octave, `_LINES` or more of them."""
     edge = float(_LINES)
     while edge < lines - 1:
         stop = max(edge * _THIRD, edge + _LINES)
@@ -214,8 +214,8 @@ def _ratios(simulated: Array, measured: Array) -> Iterator[tuple[float, float]]:
     """Yield, for each band in which both agree in shape, how much more is measured than simulated, and its energy.
 
     Nothing where most of the motion is too slow for bands. Both are differenced twice, so that an offset or a drift of
-    a free axis does not leak into every band. Only where the output moves is it asked: in a loop the input answers the
-    noise, and so agrees with it everywhere else.
+    a free axis does not leak into every band. Only bands in which the output moves are tested: in a loop the input
+    responds to the noise, and so agrees with it everywhere else.
     """
     a, b = (np.fft.rfft(np.diff(x, n=2) * np.hanning(x.size - 2)) for x in (simulated, measured))
     moved = np.abs(np.fft.rfft(_level(measured)[1:-1] * np.hanning(measured.size - 2))) ** 2

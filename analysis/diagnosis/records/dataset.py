@@ -19,7 +19,7 @@ from sim_backend.model import Model
 Mask = NDArray[np.bool_]
 
 FINEST = 1e-10
-"""Part of an output's swing that no instrument resolves: 33 bits."""
+"""Part of an output's range that no instrument resolves: 33 bits."""
 
 _HIDES = 2.0
 """Steps of the largest numbers, as the rms of a noise beside which it is not seen that small numbers have finer ones:
@@ -28,7 +28,7 @@ their rounding adds 1/12 of a step squared, 2 % of it."""
 
 @dataclass(frozen=True)
 class Window:
-    """Rows `start` to `stop` (exclusive) of a record; `period` in samples, 0 when the excitation does not repeat."""
+    """Samples `start` to `stop` (exclusive) of a record; `period` in samples, 0 when the excitation does not repeat."""
 
     label: str
     start: int
@@ -43,9 +43,10 @@ class Window:
 
     @property
     def repeated(self) -> tuple[int, int]:
-        """Row in which the first of the whole periods begins that differ by noise alone, and how many they are.
+        """Sample in which the first of the whole periods begins that differ by noise alone, and how many they are.
 
-        Of three or more the first is left out, which holds what is left of the transient. No two of them, no noise.
+        Of three or more the first is left out, which contains the end of the transient. With fewer than two, the noise
+        is unknown.
         """
         whole = (self.stop - self.start) // self.period if self.period else 0
         first = 1 if whole >= 3 else 0
@@ -53,7 +54,7 @@ class Window:
 
 
 def period_within(value: object, rows: int) -> int:
-    """Return the period in samples that a setting's `value` states; 0 where it is none that fits into so many rows."""
+    """Return the period in samples that a setting's `value` states; 0 where it does not fit into so many samples."""
     return int(value) if isinstance(value, int | float) and 1 < value <= rows else 0
 
 
@@ -61,9 +62,9 @@ def period_within(value: object, rows: int) -> int:
 class Record:
     """One unbroken stretch of measurement: `u` (n, n_u), `y` (n, n_y), `temperature_k` (n,) or None.
 
-    A fit counts its rows `weight` times as far from the model as they are. In `missing` rows (n,) the readings are no
-    measurement, as at the end of a sensor's range. Differences of readings below `finest` (n_y,) are of arithmetic.
-    The outputs numbered in `free_zeros` count from a zero that nobody knows.
+    A fit multiplies the residuals of its samples by `weight`. In `missing` samples (n,) the readings are no
+    measurement, as at the end of a sensor's range. Differences of readings below `finest` (n_y,) are rounding. The
+    outputs numbered in `free_zeros` count from an unknown zero.
 
     Raises DataError when lengths differ or a number is not finite.
     """
@@ -92,7 +93,7 @@ class Record:
 
     @property
     def n(self) -> int:
-        """Number of rows."""
+        """Number of samples."""
         return int(self.u.shape[0])
 
     @property
@@ -101,11 +102,11 @@ class Record:
         return self.windows[0].period if len(self.windows) == 1 else 0
 
     def left_by(self, reading: Array) -> Array:
-        """Return what a simulated reading (n, n_y) leaves of the measured one, drawn straight over missing rows.
+        """Return the residual of a simulated reading (n, n_y), interpolated linearly over missing samples.
 
-        There nothing is known; a residual of its own would pass through every filter into the rows around. White noise
-        that no instrument resolves is added: what a simulation leaves of another without noise is the rounding of
-        numbers, which grows with them and with the motion, and would be taken for an error or a cause.
+        Nothing is known there; a residual of its own would pass through every filter into the samples around. White
+        noise below any instrument's resolution is added: the residual between two simulations without noise is the
+        rounding of numbers, which grows with them and with the motion, and would be taken for an error or a cause.
         """
         left = self.y - reading + self._dither
         if self.missing is not None and not self.missing.all():
@@ -125,7 +126,7 @@ class Record:
         return np.asarray(self.finest * np.stack(own, axis=1))
 
     def led_in(self) -> Record:
-        """Return a record of whole periods with one more before it, of which no row is fitted; any other as it is."""
+        """Return a record of whole periods with one more, not fitted, before it; any other record as it is."""
         period = self.period
         if period == 0 or self.n % period:
             return self
@@ -152,12 +153,12 @@ class Record:
         )
 
     def first(self, rows: int) -> Record:
-        """Return a record of so many first rows."""
+        """Return a record of so many first samples."""
         windows = tuple(replace(w, stop=min(w.stop, rows)) for w in self.windows if w.start < rows)
         return self.cut(0, rows, windows)
 
     def cut(self, start: int, stop: int, windows: tuple[Window, ...]) -> Record:
-        """Return a record of the rows from `start` to before `stop`, with these `windows` of its own rows."""
+        """Return a record of the samples from `start` to before `stop`, with these `windows` of its own samples."""
         rows = slice(start, stop)
         return replace(
             self,
@@ -181,14 +182,14 @@ class Record:
         return added
 
     def fitted(self) -> Mask:
-        """Return which rows may be used for fitting, shape (n,): inside a window that is not held out."""
+        """Return which samples may be used for fitting, shape (n,): inside a window that is not held out."""
         mask = np.zeros(self.n, dtype=bool)
         for w in self.windows:
             mask[w.start : w.stop] = not w.held_out
         return mask
 
     def held_out(self) -> Mask:
-        """Return which rows are held out, shape (n,)."""
+        """Return which samples are held out, shape (n,)."""
         mask = np.zeros(self.n, dtype=bool)
         for w in self.windows:
             mask[w.start : w.stop] = w.held_out
@@ -199,8 +200,8 @@ class Record:
 class Dataset:
     """All records of a diagnosis, at one sample rate, with the same inputs and outputs.
 
-    `doubts` say why no cause can be named from them, whatever fits; none as a rule. Where an axis is `integrating`, it
-    runs on without a force, and what is wrong of one adds up.
+    `doubts` say why no cause can be named from them, whatever fits; usually there are none. An `integrating` axis moves
+    on without a force, and its errors add up.
     """
 
     rate_hz: float
@@ -222,7 +223,7 @@ class Dataset:
 
     @property
     def windows(self) -> list[tuple[int, Window]]:
-        """Every window that has rows, with the number of its record."""
+        """Every window that has samples, with the number of its record."""
         return [(i, w) for i, r in enumerate(self.records) for w in r.windows if w.stop > w.start]
 
     @property
@@ -232,11 +233,11 @@ class Dataset:
 
     @property
     def noise_rows(self) -> int:
-        """How many rows, of one output, differences of periods show of noise alone."""
+        """How many samples, of one output, differences of periods show of noise alone."""
         return sum(max(w.repeated[1] - 1, 0) * w.period for _, w in self.windows)
 
     def for_fitting(self) -> Dataset:
-        """Return the records of which some rows may be fitted: the others cost time and decide nothing."""
+        """Return the records of which some samples may be fitted: the others cost time and decide nothing."""
         return replace(self, records=tuple(r for r in self.records if r.fitted().any()))
 
     def evenly(self) -> Dataset:
@@ -276,7 +277,7 @@ def _end(record: Record, weight: float) -> Record:
     """Return the last two periods of a record that is one periodic window, the last to fit, or any other record whole.
 
     A start from rest would be wrong by the whole motion. A linear model's start can be projected out; where a mode's
-    frequency hangs on the level, what is left of it is as large as what is sought.
+    frequency depends on the level, the rest of the start is as large as what is searched for.
     """
     period = record.period
     if not 0 < period < record.n:

@@ -12,7 +12,7 @@ from sim_backend.errors import DataError
 from sim_backend.linear import Array
 
 WANTED_SHARE = 0.2
-"""Share of the rows that is held out when the choice is free."""
+"""Share of the samples that is held out when the choice is free."""
 
 LARGEST_SHARE = 1.0 / 3.0
 SMALLEST_SHARE = 0.05
@@ -37,13 +37,13 @@ class _Place:
 def with_held_out(records: Sequence[Record]) -> tuple[tuple[Record, ...], str | None]:
     """Return the records with something held out, and a note on what was chosen; None when it was given.
 
-    Raises DataError when every window is held out already, so that nothing is left to fit.
+    Raises DataError when every window is held out already, so that nothing can be fitted.
     """
     windows = [w for r in records for w in r.windows]
     if any(w.held_out for w in windows):
         if all(w.held_out for w in windows):
             raise DataError(
-                f"all {len(windows)} segments are held out, so that nothing is left to fit; "
+                f"all {len(windows)} segments are held out, so that nothing can be fitted; "
                 "give a run of which some segment's label does not contain 'held-out'"
             )
         return tuple(records), None

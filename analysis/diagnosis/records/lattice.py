@@ -1,9 +1,9 @@
-"""Numbers that come in whole steps, and in how coarse ones they come that were written with so many digits.
+"""Quantised numbers: their step, and the resolution of numbers that were written with so many digits.
 
-All differences of the first are multiples of one step, within the rounding of floating-point numbers, or of the text
-that they were written as. Of numbers that do not lie on a lattice each would have to fall within that rounding of a
-multiple by chance. Numbers of so many digits, and of so many bits, come in steps that grow with them: only the largest
-lie on a lattice.
+All differences of quantised numbers are multiples of one step, within the rounding of floating-point numbers, or of
+the text that they were written as. Of other numbers each would have to fall within that rounding of a multiple by
+chance. Numbers of so many digits, and of so many bits, have steps that grow with them: only the largest have one
+common step.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy as np
 from sim_backend.linear import Array
 
 _ROUNDING = 4.0
-"""A reading is known to so many units of its last place: it was rounded, scaled to SI units, and subtracted."""
+"""A reading is known to so many units of its last digit: it was rounded, scaled to SI units, and subtracted."""
 
 _PARTS = (1, 2, 3)
 """The smallest difference seen may be more than one step where few readings lie on many steps."""
 
 _COARSE = 0.1
-"""Numbers are no lattice when their last place is more than this part of the step: every float is a multiple then."""
+"""Numbers are not quantised when their last digit is more than this part of the step: every float is a multiple."""
 
 _LOG_CHANCE = math.log(1e-12)
-"""Logarithm of the chance above which numbers may lie on a lattice at random."""
+"""Logarithm of the chance above which numbers may be multiples of a step at random."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """The step of a lattice, its standard deviation, and the natural logarithm of the chance of one at random."""
+    """A quantisation step, its standard deviation, and the natural logarithm of the chance of one at random."""
 
     step: float
     std: float
@@ -38,7 +38,7 @@ class Lattice:
 
 
 def lattice_of(values: Array) -> Lattice | None:
-    """Return the lattice on which all `values` (n,) lie; None when there is none."""
+    """Return the quantisation of all `values` (n,); None when there is none."""
     seen = np.unique(values)
     if seen.size < 4:
         return None
@@ -52,7 +52,7 @@ def lattice_of(values: Array) -> Lattice | None:
 
 
 def _with_step(seen: Array, step: float, rounding: float) -> Lattice | None:
-    """Return the lattice with about this `step` on which all of `seen` (k,), ascending, lie."""
+    """Return the quantisation of about this `step` of all of `seen` (k,), ascending."""
     if rounding > _COARSE * step:
         return None
     gaps = np.diff(seen)
@@ -75,8 +75,8 @@ _POWERS = 10.0 ** np.arange(-9, 10)
 """Prefixes of such units; what they change in a number's digits is where its point is."""
 
 _SMALL, _FINER = 0.05, 0.5
-"""Part of the largest number below which decimal steps are a tenth at most, and the part of such numbers that may lie
-on the lattice of the largest: a tenth of them does by chance."""
+"""Part of the largest number below which decimal steps are a tenth at most, and the part of such numbers that may be
+multiples of the step of the largest: a tenth of them are by chance."""
 
 _PROBED = 1000
 """About so many of the numbers tell at once that they have all digits, as most do."""

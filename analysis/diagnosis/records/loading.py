@@ -1,4 +1,4 @@
-"""Logs → Dataset: channels found by the model's ports, segments as windows, memory bounded, every doubt told.
+"""Logs → Dataset: channels found by the model's ports, segments as windows, memory bounded, every caveat noted.
 
 What one bench recorded without a break stays one record, because the motion continues from segment to segment.
 Realisations of an import are records of their own, and so are its parts unless their motion shows that they were one
@@ -35,11 +35,11 @@ from sim_backend.linear import Array
 from sim_backend.model import Model, Port
 
 MAX_ROWS = 250_000
-"""Rows that are taken unless more are asked for; of more, pieces of each segment, or of some where there are very many.
+"""Samples that are used by default. Of longer logs, pieces of each segment are used, or of some of very many segments.
 A full campaign has half as many; memory and time grow with them, 2.6 GB and 20 minutes for a million."""
 
 MAX_PRODUCTS = 10_000_000
-"""Rows times re-tunable numbers of the model that are taken: what their derivatives cost in memory and time."""
+"""Samples times adjustable parameters of the model that are used: the cost of their derivatives in memory and time."""
 
 RATE_AGREEMENT = 1e-6
 
@@ -47,12 +47,12 @@ _FEWEST = 3
 """Realisations, or windows, of each kind that are taken at least."""
 
 _ENOUGH = 0.8
-"""Part of the least useful pieces of all windows that the rows are enough for; with less some windows are left out."""
+"""Part of the shortest useful pieces of all windows that must fit into the samples; else windows are left out."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file of a diagnosis: its path as given, checksum, run, number of rows used and note of the log."""
+    """One file of a diagnosis: its path as given, checksum, run, number of samples used and note of the log."""
 
     file: str
     sha256: str
@@ -72,7 +72,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Rows `start` to `stop` of a run that follow one another, with the windows in them (rows of the run)."""
+    """Samples `start` to `stop` of a run that follow one another, with the windows in them (samples of the run)."""
 
     start: int
     stop: int
@@ -84,7 +84,7 @@ def load_runs(paths: Sequence[str | Path], model: Model, *, max_rows: int = MAX_
 
     Segments whose label contains "held-out" are kept from every fit; without any, some are chosen and a note says so.
     Raises ConfigError when model and channels do not match or a run is given twice, DataError for a log that cannot be
-    used: too few rows, a constant or saturated channel, numbers that are not finite, sample rates that differ.
+    used: too few samples, a constant or saturated channel, numbers that are not finite, sample rates that differ.
     """
     if not paths:
         raise ConfigError("no log was given; give at least one RUN.h5")
@@ -144,7 +144,7 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     notes += copies
     integrating = bool(np.any(model.linear().omega_rad_s == 0.0))
     data = Dataset(rate_hz, held, _doubts(runs, matches), integrating).seen_by(model)
-    notes += [remark for remark in remarks_on(runs) if "cut off" not in remark]  # told above, with the rows used
+    notes += [remark for remark in remarks_on(runs) if "cut off" not in remark]  # noted above, with the samples used
     return Loaded(data, tuple(sources), (*notes, *([note] if note else [])))
 
 
@@ -228,7 +228,7 @@ def _some(stretches: Sequence[_Stretch], share: float) -> list[_Stretch]:
 
 
 def _thinned(stretches: Sequence[_Stretch], share: float) -> list[list[_Stretch]]:
-    """Return pieces of each window of a run, which have together about `share` of its rows.
+    """Return pieces of each window of a run, which have together about `share` of its samples.
 
     Where even the least that is of use in every window would be too much, evenly chosen windows have to do.
     """
@@ -243,7 +243,7 @@ def _thinned(stretches: Sequence[_Stretch], share: float) -> list[list[_Stretch]
 
 
 def _pieces(w: Window, share: float) -> list[_Stretch]:
-    """Return three pieces of a window, at its beginning, middle and end, together `share` of its rows.
+    """Return three pieces of a window, at its beginning, middle and end, together `share` of its samples.
 
     Of a short one there is a single piece, of two periods where it has them: what differs between them is noise. It
     lies at the end, when what was left of an earlier motion has died out.

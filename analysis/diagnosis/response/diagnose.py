@@ -1,4 +1,4 @@
-"""The diagnosis of a table of frequency response, from lines and model to verdict, evidence and gain."""
+"""The diagnosis of a table of frequency response, from its points and a model to verdict, evidence and gain."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DRAWS = 2000
 
 @dataclass(frozen=True)
 class Responses:
-    """What a page draws: all lines with their noise, and the responses (n,) of the tuned nominal and extended model."""
+    """What a page draws: all points with their noise, and the responses (n,) of the nominal and the extended model."""
 
     lines: Lines
     noise: Noise
@@ -57,10 +57,10 @@ def diagnose_response(
     held: bool = False,
     progress: Progress = silent,
 ) -> tuple[Diagnosis, Responses]:
-    """Return what `model` gets wrong about measured lines, why, and what correcting it gains, with what is drawn of it.
+    """Return what `model` gets wrong about measured points, why, what correcting it gains, and what is drawn of it.
 
     `held` says that the table was measured from samples to samples behind a hold at the model's rate; by default it is
-    a response of continuous signals. `progress` is told what is being done.
+    a response of continuous signals. `progress` is called with each stage.
     """
     options = options or Options()
     setting = _setting(lines, model, path, options, held=held)
@@ -80,7 +80,7 @@ def diagnose_response(
 
 
 def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: bool) -> Setting:
-    """Return all lines with the noise about the model as it is given."""
+    """Return all points with the noise about the model as it is given."""
     places = places_of(model)
     known = stated(e for e in model.effects if changes_the_response(effect_class(e.effect)))
     linear = retuned(model.linear(), known, places)
@@ -111,14 +111,14 @@ def _heard(setting: Setting, found: Fit) -> Setting:
 
 
 def _lowest(lines: Lines) -> Mask:
-    """Return which lines (n,) are of the lowest level of their entry."""
+    """Return which points (n,) are of the lowest level of their entry."""
     entry = lines.output * (lines.input.max() + 1) + lines.input
     lowest = {e: np.nanmin(lines.level[entry == e]) for e in np.unique(entry)}
     return np.array([lines.level[k] == lowest[entry[k]] for k in range(lines.n)])
 
 
 def _searched(setting: Setting, options: Options, progress: Progress) -> tuple[Setting, Found]:
-    """Return what a search finds; where noise is told by the residual, in that of what the first search has left."""
+    """Return what a search finds; noise that is estimated from the residual is that of the first search."""
     effects = searched_effects(options)
     found = searched(_only(setting, ~setting.lines.held_out), effects, options.max_effects, progress)
     if found.best.candidates and not np.isinf(setting.noise.dof):
@@ -204,7 +204,7 @@ def _hold_remark(setting: Setting, model: Model, found: Found) -> str:
 
 
 def by_frequency(lines: Lines, noise: Noise, modelled: ComplexArray, model: Model, record: str) -> tuple[Domain, ...]:
-    """Return, per curve, what a model's response (n,) leaves in bands of neighbouring lines, in noises."""
+    """Return, per curve, the residual of a model's response (n,) in bands of neighbouring points, in units of noise."""
     turned = (lines.response - modelled) * np.exp(-1j * np.angle(lines.response))
     square = 0.5 * ((turned.real / noise.sigma[:, 0]) ** 2 + (turned.imag / noise.sigma[:, 1]) ** 2)
     found = []
@@ -227,10 +227,10 @@ def by_frequency(lines: Lines, noise: Noise, modelled: ComplexArray, model: Mode
 def gain_of(
     lines: Lines, noise: Noise, before: ComplexArray, after: ComplexArray, record: str, seed: int
 ) -> Gain | None:
-    """Return what the extension gains on held-out lines: rms of their errors, each over its line; None without any.
+    """Return what the extension gains on held-out points: rms of their relative errors; None without any.
 
-    That is the error of the output over the output under an excitation that makes every line of it as strong. The
-    interval is a bootstrap over blocks of neighbouring lines.
+    That is the error of the output over the output under an excitation that makes every point of it as strong. The
+    interval is a bootstrap over blocks of neighbouring points.
     """
     held = lines.held_out
     if not held.any():
@@ -244,10 +244,10 @@ def gain_of(
     drawn = np.random.default_rng(seed).integers(0, sums[0].size, (DRAWS, sums[0].size))
     ratio = np.sqrt(sums[1][drawn].sum(axis=1) / np.maximum(sums[0][drawn].sum(axis=1), np.finfo(float).tiny))
     low, high = np.quantile(1.0 - ratio, [0.025, 0.975])
-    # noise that is known from other lines may seem larger than the error that it is part of
+    # noise that is known from other points may seem larger than the error that it is part of
     floor = min(float(np.sqrt(np.mean(np.sum(noise.sigma[held] ** 2, axis=1) / size2))), first, last)
     return Gain(
-        held_out=(f"{record}#one of {EVERY} blocks of neighbouring lines, {int(held.sum())} of {lines.n} lines",),
+        held_out=(f"{record}#one of {EVERY} blocks of neighbouring points, {int(held.sum())} of {lines.n} points",),
         rms_before=first,
         rms_after=last,
         noise_floor=floor,

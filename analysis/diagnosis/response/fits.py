@@ -39,7 +39,7 @@ _COARSE = 0.05
 
 @dataclass(frozen=True)
 class Setting:
-    """What all hypotheses share: the lines that are fitted, their noise, the model, its effects and nuisances."""
+    """What all hypotheses share: the points that are fitted, their noise, the model, its effects and nuisances."""
 
     lines: Lines
     noise: Noise
@@ -63,7 +63,7 @@ class Setting:
         return turned(self.linear, self.nuisances, np.clip(self.turn @ white, low, high))
 
     def modelled(self, linear: ModalModel, effects: Sequence[Effect]) -> ComplexArray:
-        """Return the response of every line (n,)."""
+        """Return the response at every point (n,)."""
         predictor, back = self._at_lines
         whole = predictor.response(linear, (*self.known, *effects))
         return whole[back, self.lines.output, self.lines.input]
@@ -88,7 +88,7 @@ class Setting:
 
     @cached_property
     def _at_lines(self) -> tuple[Predictor, NDArray[np.int64]]:
-        """Predictor of each frequency once, and which of these each line is at."""
+        """Predictor at each distinct frequency, and which of these each point has."""
         f, back = np.unique(self.lines.frequency_hz, return_inverse=True)
         return replace(self.predictor, frequency_hz=f), back.reshape(-1)
 
@@ -265,7 +265,7 @@ def descend(
 
 
 def slopes(residuals: Callable[[Array], Array], x: Array, r: Array, low: Array, high: Array) -> Array:
-    """Return the Jacobian (rows, n) by one-sided differences, to the side on which there is something."""
+    """Return the Jacobian (rows, n) by one-sided differences, to the side within the bounds."""
     out = np.zeros((r.size, x.size))
     for k in range(x.size):
         for sign in (1.0, -1.0):

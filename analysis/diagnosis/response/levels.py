@@ -61,9 +61,9 @@ def describe_levels(setting: Setting, model: Model) -> tuple[str, ...]:
 
 
 def _tested(setting: Setting, modelled: ComplexArray, here: NDArray[np.bool_], name: str, record: str) -> Domain:
-    """Return how far each level's response is from the mean of all, in noises, over the model's so that it is smooth.
+    """Return each level's deviation from the mean response in units of noise, relative to the model's, so it is smooth.
 
-    A level with other lines than the first is drawn straight between its own.
+    A level with other points than the first is interpolated linearly between its own.
     """
     lines, sigma = setting.lines, setting.noise.sigma
     curves = [np.flatnonzero(here & (lines.curve == number)) for number in np.unique(lines.curve[here])]

@@ -1,10 +1,10 @@
-"""Tables of frequency response as lines to be compared with a model, some held out, and how well each line is known.
+"""Tables of frequency response as points to be compared with a model, some held out, and how well each is known.
 
-The noise is told by the file, by lines measured again, or by how rough the residual is. Misfits of a model are smooth
-in frequency between resonances, noise is not. So where nothing else tells it, noise is what differs from a parabola
-through neighbouring lines of the measured response over the modelled one: with weights w that no parabola passes and a
-sum of squares of one, the difference Σ w q of lines with the noise σ has the variance Σ w² σ². It has a part of its own
-(additive) and one in proportion to the response (in magnitude and in phase apart).
+The noise is stated by the file, by points measured again, or estimated from how rough the residual is. Misfits of a
+model are smooth in frequency between resonances, noise is not. So where nothing else states it, noise is the difference
+from a parabola through neighbouring points of the measured response over the modelled one: with weights w that are
+orthogonal to parabolas and a sum of squares of one, the difference Σ w q of points with the noise σ has the variance
+Σ w² σ². It has a constant part (additive) and one in proportion to the response (separate in magnitude and in phase).
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LEAST_LINES = 8
-"""Lines of a response with which anything can be told, as for an identification."""
+"""Fewest points of a response that a diagnosis needs, as an identification does."""
 
 BLOCKS, EVERY = 60, 5
-"""A response is cut into so many blocks of neighbouring lines at most; every so many blocks one is held out."""
+"""A response is cut into so many blocks of neighbouring points at most; every so many blocks one is held out."""
 
 ENOUGH_TO_HOLD = 40
-"""Lines of a response from which on some are held out: of fewer, each is needed."""
+"""Points of a response from which on some are held out: of fewer, each is needed."""
 
 ROUNDED = 1e-6
 """Relative error below which no table is trusted: digits are cut off."""
 
 PER_LINE = 1.0 / 3.0
-"""Independent numbers that a line adds to the level of the noise: neighbouring differences share three of four lines,
+"""Independent numbers that a point adds to the level of the noise: neighbouring differences share three of four points,
 and a median is worth a third of its numbers."""
 
 _TAIL = 4.0
@@ -54,12 +54,12 @@ _LEAST_REPEATS = 10
 
 @dataclass(frozen=True)
 class Lines:
-    """Measured lines (n,) in SI units, by entry (output, input), then level, then rising frequency.
+    """Measured points (n,) in SI units, by entry (output, input), then level, then rising frequency.
 
-    `curve` numbers the curves of one entry at one level, `level` is NaN where none is told. `count` is how often a line
-    was measured, `response` the mean, `scatter` (rows, 3) the differences from it, in magnitude and along the phase,
-    with the magnitude of their line. `std` (n,) is the deviation of either part of a line, `coherence` (n,) the
-    ordinary one; None where the file has none.
+    `curve` numbers the curves of one entry at one level, `level` is NaN where none is stated. `count` is how often a
+    point was measured, `response` the mean, `scatter` (rows, 3) the differences from it, in magnitude and along the
+    phase, with the magnitude of their point. `std` (n,) is the deviation of either part of a point, `coherence` (n,)
+    the ordinary one; None where the file has none.
     """
 
     frequency_hz: Array
@@ -78,22 +78,22 @@ class Lines:
 
     @property
     def n(self) -> int:
-        """Number of lines."""
+        """Number of points."""
         return int(self.frequency_hz.size)
 
     def only(self, keep: Mask) -> Lines:
-        """Return the lines that `keep` (n,) marks."""
+        """Return the points that `keep` (n,) marks."""
         own: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "scatter"}
         kept: dict[str, Any] = {n: values[keep] for n, values in own.items() if isinstance(values, np.ndarray)}
         return replace(self, **kept)
 
 
 def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines:
-    """Return the lines of a table, of `level` alone where it is given, each at its entry of `model`.
+    """Return the points of a table, of `level` alone where it is given, each at its entry of `model`.
 
     A table has one response, which is that of a model of one input and one output; one with the columns output and
     input, as `mccd identify --response` writes them, has any of those that the model names. Raises ConfigError where
-    table and model do not go together, DataError as `read_table` and for fewer than eight lines.
+    table and model do not go together, DataError as `read_table` and for fewer than eight points.
     """
     entries = _entries(path, model)
     parts = [_merged(table, o, i) for table, o, i in entries]
@@ -110,10 +110,10 @@ def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines
     sizes = np.bincount(lines.curve)
     few = int(sizes[sizes > 0].min()) if lines.n else 0
     if few < LEAST_LINES:
-        raise DataError(f"{path} has {few} lines of a response above 0 Hz; {LEAST_LINES} are needed to judge a model")
+        raise DataError(f"{path} has {few} points of a response above 0 Hz; {LEAST_LINES} are needed to judge a model")
     if np.any(lines.response == 0.0):
         f = lines.frequency_hz[lines.response == 0.0][0]
-        raise DataError(f"{path}: the response at {f:g} Hz is zero; leave lines out at which nothing was measured")
+        raise DataError(f"{path}: the response at {f:g} Hz is zero; leave out points at which nothing was measured")
     return replace(lines, held_out=_held_out(lines.curve))
 
 
@@ -144,7 +144,7 @@ def _entries(path: Path, model: Model) -> list[tuple[Table, int, int]]:
 
 
 HEAD_CHARS = 2**16
-"""A line of names is not longer."""
+"""Longest line of names."""
 
 
 def _names_ports(path: Path) -> bool:
@@ -157,7 +157,7 @@ def _names_ports(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Part:
-    """One response with its repeated lines merged; arrays as in Lines."""
+    """One response with its repeated points merged; arrays as in Lines."""
 
     arrays: dict[str, Array]
     response: ComplexArray
@@ -167,7 +167,7 @@ class _Part:
 
 
 def _merged(table: Table, output: int, input_: int) -> _Part:
-    """Return a table with lines that were measured several times at one level merged into their mean."""
+    """Return a table with points that were measured several times at one level merged into their mean."""
     f, level = table.frequency_hz, np.full(table.frequency_hz.size, np.nan)
     if table.level is not None:
         level = table.level
@@ -184,7 +184,7 @@ def _merged(table: Table, output: int, input_: int) -> _Part:
     scatter = np.stack([off.real, off.imag, np.abs(mean[back])], axis=1)[again]
     arrays = {"frequency_hz": f[first], "level": level[first], "count": count.astype(float)}
     if table.std is not None:
-        # repeated lines are averaged; each had its own deviation
+        # repeated points are averaged; each had its own deviation
         arrays["std"] = np.sqrt(np.bincount(back, table.std**2)) / count
     if table.coherence is not None:
         arrays["coherence"] = np.bincount(back, table.coherence) / count
@@ -221,7 +221,7 @@ def _joined(parts: list[_Part], unit: str, remarks: tuple[str, ...]) -> Lines:
 
 
 def _held_out(curve: Indices) -> Mask:
-    """Return which lines (n,) no fit may see: every fifth block of neighbours of each curve that has lines enough."""
+    """Return which points (n,) no fit may see: every fifth block of neighbours of each curve with enough points."""
     held = np.zeros(curve.size, dtype=bool)
     for number in np.unique(curve):
         rows = np.flatnonzero(curve == number)
@@ -233,7 +233,7 @@ def _held_out(curve: Indices) -> Mask:
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations `sigma` (n, 2) of every line along its phase and across it, in units of the response.
+    """Standard deviations `sigma` (n, 2) of every point along its phase and across it, in units of the response.
 
     Their level is known from `dof` independent numbers, infinitely many where the file states it; `source` says how.
     """
@@ -244,14 +244,14 @@ class Noise:
 
 
 def noise_of(lines: Lines, modelled: ComplexArray) -> Noise:
-    """Return the noise of the lines (n,) about a model's response (n,)."""
+    """Return the noise of the points (n,) about a model's response (n,)."""
     if lines.std is not None:
         return Noise(np.repeat(lines.std[:, None], 2, axis=1), np.inf, "standard deviations of the table")
     size = np.abs(lines.response)
     if lines.scatter.shape[0] >= _LEAST_REPEATS:
         along, across, of = lines.scatter.T
         part, rest = _levels(along / of, across / of, 1.0 / of**2)
-        return Noise(_sigma(lines, size, part, rest), float(np.sum(2.0 * (lines.count - 1.0))), "repeated lines")
+        return Noise(_sigma(lines, size, part, rest), float(np.sum(2.0 * (lines.count - 1.0))), "repeated points")
     along, across, weights, at = _roughness(lines, modelled)
     dof = max(PER_LINE * along.size, 2.0)
     if lines.coherence is not None:
@@ -272,7 +272,7 @@ def _sigma(lines: Lines, size: Array, part: Array, additive: float) -> Array:
 
 
 def _roughness(lines: Lines, modelled: ComplexArray) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """Return differences in magnitude and phase (m,), each with its weights (m, 4) on the lines `at` (m, 4)."""
+    """Return differences in magnitude and phase (m,), each with its weights (m, 4) on the points `at` (m, 4)."""
     error = (lines.response - modelled) / modelled
     curves = [np.flatnonzero(lines.curve == number) for number in np.unique(lines.curve)]
     at = np.concatenate([np.lib.stride_tricks.sliding_window_view(rows, 4) for rows in curves])

@@ -66,7 +66,7 @@ def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
     sigma = np.sqrt(np.mean(drawn.noise.sigma[rows] ** 2, axis=1)) / size
     canvas.points(2, "noise", lines.frequency_hz[rows], sigma, color=QUIET, marker="_", markersize=3.0)
     for label, modelled, colour in (("adjusted", drawn.nominal, BEFORE), ("extended", drawn.extended, AFTER)):
-        # a model has one response: that at the lines of all levels together
+        # a model has one response: that at the points of all levels together
         f, first = np.unique(lines.frequency_hz[rows], return_index=True)
         draw_response(canvas, label, f, modelled[rows][first], color=colour, linewidth=1.0)
         off = np.abs(modelled[rows] - measured) / size

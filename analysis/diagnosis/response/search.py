@@ -1,6 +1,6 @@
-"""Which linear effects of the library a response asks for: each screened along its first order, fitted, and judged.
+"""Search for linear effects of the library in a response: each is screened to first order, fitted, and judged.
 
-The library decides what is tried: every effect that is linear and acts where its response is known, at every place.
+The library decides what is tried: every linear effect that acts where its response is known, at every location.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SMALL = 1e-4
 """Part of a natural size by which an effect is tried for its first order."""
 
 _SUREST = 0.999
-"""Highest probability that is told: what no hypothesis here holds has a share of its own."""
+"""Highest probability that is stated: causes outside of all hypotheses here have a share of their own."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def searched(setting: Setting, effects: Sequence[type[Effect]], most: int, progr
         if better.evidence - best.evidence < price:
             break
         best = better
-        # an effect that only led the nuisances to where they belong is none
+        # an effect that only led the nuisances to better values is no cause
         again = fit_nominal(setting, best.white)
         if again.evidence > tuned.evidence:
             tuned, fits = again, [again, *fits]
@@ -112,7 +112,7 @@ def _beside(setting: Setting, base: Fit, keys: Sequence[tuple[type[Effect], str]
 
 @dataclass(frozen=True)
 class _Footing:
-    """What a fit leaves (rows,), what its parameters can take of it (rows, k) orthonormal, and its response (n,)."""
+    """Residual of a fit (rows,), an orthonormal basis of what its parameters absorb (rows, k), and response (n,)."""
 
     left: Array
     basis: Array
@@ -153,7 +153,7 @@ def _starts(
 
 
 def _columns(setting: Setting, base: Fit, footing: _Footing, candidate: Candidate) -> Array | None:
-    """Return what each size of a candidate takes off what is left, to first order, (rows, sizes); None where none."""
+    """Return by how much each size of a candidate reduces the residual, to first order, (rows, sizes); None if none."""
     columns = []
     for name in list(candidate.unit_sizes) or [""]:
         for step in (_SMALL, -_SMALL) if name else (1.0,):
@@ -218,7 +218,7 @@ def _view(setting: Setting) -> RecordView:
 
 
 def judged(setting: Setting, found: Found) -> Judgement:
-    """Return the verdict on what a search found in lines of one linear response."""
+    """Return the verdict on what a search found at points of one linear response."""
     best = found.best
     against = _failed_check(setting, found)
     gaps = _gaps(found)
@@ -239,7 +239,7 @@ def judged(setting: Setting, found: Found) -> Judgement:
 def _gaps(found: Found) -> list[tuple[tuple[str, ...], float]]:
     """Return rival names with the evidence by which the best leads, closest first; a part of the best is a rival too.
 
-    What holds all that the best names and more is none: its prior has paid for more than it gained.
+    A set that contains all that the best names and more is no rival: its prior has cost more than it gained.
     """
     own, gaps = names_of(found.best.effects), dict[tuple[str, ...], float]()
     for one in found.fits:
@@ -263,11 +263,11 @@ def _failed_check(setting: Setting, found: Found) -> str:
             f"the best linear model{_names(best)} leaves {best.chi2 / n:.3g} times the mean square of the noise, where "
             f"at most {1.0 + allowed:.3g} may be noise{gets if best.candidates else ''}"
         )
-    strain, count = float(np.sum(best.white**2)), best.white.size
-    if count and chi2_tail(strain, count) < ONE_IN_A_MILLION:
+    mahalanobis2, count = float(np.sum(best.white**2)), best.white.size
+    if count and chi2_tail(mahalanobis2, count) < ONE_IN_A_MILLION:
         return (
             f"the best linear model{_names(best)} needs nominal numbers that are off by "
-            f"{np.sqrt(strain / count):.2g} times their tolerance (rms of {count})"
+            f"{np.sqrt(mahalanobis2 / count):.2g} times their tolerance (rms of {count})"
         )
     return confounder_in(best)
 

@@ -1,1 +1,1 @@
-"""What stands out: every candidate screened beside what was found, the best refitted, round by round."""
+"""Significant candidates: each is screened beside what was found, the best are refitted, round by round."""

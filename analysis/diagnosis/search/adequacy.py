@@ -1,4 +1,4 @@
-"""When a set of effects is enough: what it leaves is noise, or next to nothing of what it set out to explain."""
+"""When a set of effects is adequate: its residual is noise, or next to nothing of what it was to explain."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from analysis.diagnosis.tails import normal_tail
 
 EXPLAINED = 0.997
 """An extension is adequate without reaching the noise floor when it removes this part of the excess: a name that
-leaves more is likely that of a neighbour (an end stop takes 98.6 % of a cubic spring's effect, a hysteresis 99.1 % of
-friction's)."""
+leaves more is likely that of a confounder (an end stop absorbs 98.6 % of a cubic spring's effect, a hysteresis 99.1 %
+of friction's)."""
 
 
 LEAST_CHANCE = 1e-300
-"""A chance that is smaller is told as this one."""
+"""A smaller chance is stated as this one."""
 
 
 def adequate(found: Found, allowed: float = 0.0) -> bool:
@@ -31,12 +31,12 @@ def adequate(found: Found, allowed: float = 0.0) -> bool:
 
 
 def standing_out(found: Found) -> tuple[float, float, Candidate] | None:
-    """Return what stands out beside the best model and takes most: the drop of squares, its evidence, the candidate."""
+    """Return the significant candidate that lowers the squares most beside the best model, with drop and evidence."""
     last = found.last
-    fresh = np.flatnonzero((last.tolerance > COLLINEAR) & (last.gains > last.threshold))
-    if not fresh.size:
+    significant = np.flatnonzero((last.tolerance > COLLINEAR) & (last.gains > last.threshold))
+    if not significant.size:
         return None
-    i = int(fresh[np.argmax(last.drops[fresh])])
+    i = int(significant[np.argmax(last.drops[significant])])
     return float(last.drops[i]), float(last.gains[i]), last.candidates[i]
 
 
@@ -54,7 +54,7 @@ def chance_of(found: Found, excess: float) -> float:
 def uncertainty(found: Found) -> float:
     """Return by how much noise alone may miss its own level, a mean square of one: four standard deviations.
 
-    Both are known from so many numbers: what is left from all rows, the level from what differs between periods.
+    Both have finite degrees of freedom: the residual those of all samples, the level those of differences of periods.
     """
     data = found.setting.data
     seen = max(data.n_outputs * data.noise_rows, 1)

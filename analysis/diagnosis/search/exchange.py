@@ -1,8 +1,8 @@
-"""A first cause is found alone, and may be a confounder of another: beside the later ones it is looked for again.
+"""A first cause is found alone, and may be a confounder of another: beside the later ones it is searched for again.
 
-Of two effects of one size a flexible one explains most by itself, a loop that stiffens where there are a lag and a
-cubic spring. The second is then found beside it all the same, and beside the second the search finds what the first
-stood for. So it is with two forms of one cause, of which the more flexible one is first found alone.
+Of two effects of one size a flexible one explains most by itself: a hysteresis loop that stiffens, where a lag and a
+cubic spring act. The second effect is still found beside it, and beside the second the search finds the effect that the
+first replaced. The same holds for two variants of one cause, of which the more flexible one is first found alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from analysis.diagnosis.search.shortlist import SURE_LEAD, Rules
 from analysis.diagnosis.search.stage import Progress, silent
 
 _MOST = 3
-"""Effects that are looked for again at most: more are mostly modes, which imitate what is no listed cause."""
+"""Effects that are searched for again at most: more are mostly modes, which absorb any unlisted cause."""
 
 _AT = 0.85
 """Share of the whole diagnosis that is done when this begins."""
@@ -30,9 +30,9 @@ def exchangeable(found: Found) -> bool:
 
 
 def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scales, progress: Progress) -> Found:
-    """Return the best of `found` and what searches find that begin without one of its `doubtful` effects, each in turn.
+    """Return the best of `found` and of searches that begin without one of its `doubtful` effects, each in turn.
 
-    One other effect is looked for in its place, and more only beside one that is sure to be better: most often there is
+    One other effect is searched for instead, and more only beside one that is clearly better: most often there is
     none, and each search is as long as the first.
     """
     known = found.setting.whitener.repeats
@@ -43,7 +43,7 @@ def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scale
         other = search(found.setting, found.tuned, rules, scales, silent, start, rounds=1)
         if score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD:
             other = search(other.setting, found.tuned, rules, scales, silent, other.best)
-        # what single effects were worth by themselves was told by the first search, and is not asked again
+        # the first search has scored single effects by themselves already
         best = replace(_better(best, other), first=found.first, passed=found.passed)
     return best
 

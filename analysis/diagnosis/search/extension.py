@@ -25,14 +25,14 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, nui
     """Return `fit` with one more effect, refitted from its screened `sizes` and the `nuisances`' change beside it."""
     before, held = fit.held()
     sd = spreads_of(setting.nuisances)
-    # nuisances that stand in for a missing effect have wandered off; once it is there they belong near the nominal
+    # nuisances that absorbed a missing effect are far off; with the effect in the model they belong near the nominal
     # model
     least, most = bounds_of(setting.nuisances)
     trusted = np.maximum(-_TRUSTED * sd, least), np.minimum(_TRUSTED * sd, most)
     start = np.clip(fit.change + nuisances[: fit.change.size], *trusted)
     if candidate.effect.site is Site.MODEL:
-        # the effect takes over what the nuisances did in its place, at any size; one that cannot be (a delay below
-        # zero) is left to the fit
+        # the effect replaces what the nuisances absorbed, at any size; one that cannot be (a delay below zero) is left
+        # to the fit
         with suppress(ConfigError):
             sizes = sizes * part_to_take(setting, fit, candidate, sizes)
             start = np.clip(taken_over(setting, fit, candidate, sizes)[0], least, most)
@@ -48,8 +48,8 @@ def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, nui
 def _brought_back(setting: Setting, before: Fit, found: Fit) -> Fit:
     """Return the fit `found` with the effects of the one `before` it where they were, if that is better.
 
-    The first steps go by what is wrong of the new effect. They may take another one off its place, from where no slope
-    leads back: a wave's period is found from within a part of it.
+    The first steps follow the error of the new effect. They may move another one off its optimum, from where no slope
+    leads back: a wave's period is found only from within a part of it.
     """
     if not before.candidates:
         return found
@@ -68,9 +68,9 @@ def _nearer(
 ) -> Array | None:
     """Return nuisances and the new effect's sizes, halved until better than `fit`; None where they are at once.
 
-    Screening is right to first order only. Where nuisances are known poorly it asks for changes at which nothing is
-    right that it went by. A start that is far off by itself need not be: where a size and nuisances multiply, a first
-    step mends what is known well, and leaves what is not where screening has put it.
+    Screening is right to first order only. Where nuisances are known poorly it proposes changes so large that first
+    order no longer holds. A start may be poor in one of them only: where a size and nuisances multiply, a first step
+    corrects what is known well, and leaves the other where screening has put it.
     """
     without = float(np.sum(squares_of(setting, fit.residuals))) + fit.penalty
 

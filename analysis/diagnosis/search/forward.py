@@ -17,7 +17,7 @@ MOST = 6
 
 @dataclass(frozen=True)
 class Taken:
-    """A column, by its place in those to choose from, with what it explains and costs: twice a logarithm each."""
+    """A column, by its index in those to choose from, with what it explains and costs: twice a logarithm each."""
 
     which: int
     explains: float
@@ -51,7 +51,7 @@ def taken_from(gram: Gram, columns: Ints, may: NDArray[np.bool_], prices: Array)
 def other_than(gram: Gram, columns: Ints, groups: Sequence[Ints], same: float) -> NDArray[np.bool_]:
     """Return which of `columns` (n,) differ from all that `groups` span by more than `same` of their energy.
 
-    What the nuisances imitate counts for neither.
+    The part that is collinear with the nuisances counts for neither.
     """
     alone = np.diag(gram.without(gram.nuisance_columns()))[columns]
     beside = np.diag(gram.without(np.concatenate([gram.nuisance_columns(), *groups])))[columns]

@@ -1,8 +1,8 @@
 """Screening in the space of inner products: one pass over the data, then every hypothesis costs microseconds.
 
 All columns (residual, nuisances, candidates) are whitened, the unknown start of each record is projected out, and their
-inner products are collected. The likelihood ratio of any set of candidates is then a small linear solve, the nuisances
-being re-tuned jointly under their prior every time.
+inner products are collected. The likelihood ratio of any set of candidates is then a small linear solve, with the
+nuisances adjusted jointly under their prior every time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sim_backend.linear import Array
 Ints = NDArray[np.int64]
 
 COLLINEAR = 1e-4
-"""A candidate of which less than this part is left beside the nuisances (of its energy) is one that they imitate."""
+"""Tolerance 1 − R² (part of its energy, nuisances projected out) below which a candidate is collinear with these."""
 
 _ROUNDING = 1e-14
 """Relative rounding of an inner product after projection: some tens of operations on numbers of 1e-16."""
@@ -31,7 +31,7 @@ class Gram:
     """Inner products of whitened columns: residual first, then `n_nuisances` nuisances, then the candidates' columns.
 
     `products` (1 + n_nuisances + n_columns)²; `groups` lists each candidate's columns; `one_sided` tells which can only
-    be positive; `rows` counts the samples. Of candidates that are `whole` a small part is nothing of the kind.
+    be positive; `rows` counts the samples. A small part of a candidate that is `whole` does not count.
     `by_output` (n_y, 1 + n_nuisances + n_columns) is how the squares of the columns share out over the outputs.
     """
 
@@ -45,7 +45,7 @@ class Gram:
     by_output: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def without(self, columns: Ints) -> Array:
-        """Return the products of what is left after the given columns are projected out (Schur complement)."""
+        """Return the products after the given columns are projected out (Schur complement)."""
         if columns.size == 0:
             return self.products
         g = self.products
@@ -69,7 +69,7 @@ class Gram:
     def ratios(self, drops: Array, remaining: float) -> Array:
         """Return twice the log-likelihood ratios of what lowers the sum of squares `remaining` by `drops` (n,).
 
-        With known noise that is the drop itself, else rows · log(before/after).
+        With known noise that is the drop itself, else samples · log(before/after).
         """
         if self.known_noise:
             return drops
@@ -80,8 +80,8 @@ class Gram:
 
         Sizes are in units of the candidates' columns, one candidate after the other.
 
-        Sizes that cannot be negative are kept from it. Directions of which less than one part in 10¹¹ is left after
-        projection are rounding and count as nothing.
+        Sizes that cannot be negative are kept from it. Directions whose tolerance after projection is below one part in
+        10¹¹ are rounding and count as nothing.
         """
         columns = np.concatenate([self.groups[i] for i in together])
         if self.whole and len(together) == 1 and self.whole[together[0]]:
@@ -106,15 +106,15 @@ class Gram:
         return float(2.0 * r @ x - x @ basis @ x), sizes
 
     def _live(self, reduced: Array, columns: Ints) -> Ints:
-        """Return those of `columns` of which more than rounding is left after projection."""
+        """Return those of `columns` whose tolerance after projection is above rounding."""
         before = np.maximum(np.diag(self.products)[columns], np.finfo(float).tiny)
         return columns[np.diag(reduced)[columns] > 1e-11 * before]
 
     def fresh(self, reduced: Array, columns: Ints, least: float) -> tuple[float, int]:
-        """Return by how much what of `columns` is fresh lowers the sum of squares, and in how many directions.
+        """Return by how much the independent part of `columns` lowers the sum of squares, and in how many directions.
 
-        Fresh are the directions of which more than `least` of the energy is left after projection. What the nuisances
-        imitate better gains by the difference between a column and its imitation: by noise in the motion it was made
+        Directions whose tolerance 1 − R² after projection exceeds `least` are independent. A column that is closer to
+        collinear with the nuisances gains by its difference from their best fit: by noise in the motion it was made
         from, and by the error of a derivative.
         """
         if not columns.size:
@@ -132,7 +132,7 @@ class Gram:
     def _ridge(self, reduced: Array, columns: Ints) -> Array:
         """Return what is added to the normalised products of `columns` (n, n) so that rounding leaves them positive.
 
-        What is left after projection carries the rounding of what was there before.
+        The products after projection have the rounding of those before.
         """
         left = np.diag(reduced)[columns] / np.diag(self.products)[columns]
         return np.asarray(np.diag(1e-9 + _ROUNDING / left))
@@ -147,14 +147,14 @@ class Gram:
         return np.asarray(np.linalg.lstsq(inner / np.outer(scale, scale), wanted / scale, rcond=1e-14)[0] / scale)
 
     def tolerance(self, reduced: Array) -> Array:
-        """Return, per candidate, how much of its strongest column the nuisances cannot imitate (0 to 1)."""
+        """Return, per candidate, the tolerance of its strongest column beside the nuisances (0 to 1)."""
         before, left = np.diag(self.products), np.diag(reduced)
         return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
 
     def seen(self, reduced: Array, group: int, ratio: float) -> Array:
         """Return the sizes (n_columns of the group,) that give this `ratio` in half of all cases, each by itself.
 
-        In units of the columns, the nuisances re-tuned beside each; infinite for one of which nothing is left.
+        In units of the columns, with the nuisances adjusted beside each; infinite for one that they absorb wholly.
         """
         columns, remaining = self.groups[group], float(reduced[0, 0])
         drop = ratio if self.known_noise else -remaining * np.expm1(-ratio / self.rows)
@@ -165,7 +165,7 @@ class Gram:
     def null_ratios(self, reduced: Array, rng: np.random.Generator, draws: int) -> Array:
         """Return every candidate's ratio in `draws` simulated noise-only data sets, shape (n_candidates, draws).
 
-        Columns of which nothing but rounding is left take no part, as in `solve`.
+        Columns that are only rounding after projection are left out, as in `solve`.
         """
         groups = [self._live(reduced, columns) for columns in self.groups]
         ratios = np.zeros((len(groups), draws))
@@ -194,7 +194,7 @@ def beside_start(products: Array, seen: Array) -> Array:
     A column that is a start itself, and nothing else, would leave its rounding, of either sign: it leaves zero.
     """
     left = products - seen.T @ seen
-    # of thousands of rows the sums round by more: up to 1.4e-14 of the energy was left of such columns in a campaign
+    # of thousands of samples the sums round by more: up to 1.4e-14 of the energy was left of such columns in a campaign
     nothing = np.diag(left) <= 10.0 * _ROUNDING * np.diag(products)
     left[nothing], left[:, nothing] = 0.0, 0.0
     return left

@@ -1,4 +1,4 @@
-"""The residual through the plant backwards: what it asks of every sample of an input.
+"""The residual through the adjoint plant: the change of every sample of an input that it implies.
 
 The gain of a small change of an input is its inner product with this, so that thousands of changes can be compared with
 the residual without simulating any of them.
@@ -26,8 +26,8 @@ _LONGEST = 20_000
 def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Array]) -> tuple[list[Array], list[Array]]:
     """Return per input the gradient of the log-likelihood by its samples, all records joined, and one sample's answer.
 
-    `residuals` are one (n, n_y) per record. The gradient is zero outside the rows that are fitted; the answer (rows,
-    n_y) is what one unit at one sample makes of the readings, whitened; it may begin before that sample.
+    `residuals` are one (n, n_y) per record. The gradient is zero outside the samples that are fitted; the answer
+    (rows, n_y) is what one unit at one sample makes of the readings, whitened; it may begin before that sample.
     """
     model = played(linear, setting.data.rate_hz)
     whitener = setting.whitener
@@ -70,7 +70,7 @@ def _answer(setting: Setting, linear: ModalModel, j: int) -> Array:
 def _even(whitener: Whitener, white: Array, output: int) -> Array:
     """Return a filtered answer (n, 1) divided by the roots of the noise's levels in its low bands, shape (2 n, 1).
 
-    Without a delay, so that it begins before the change that it answers: the change is at row n / 2.
+    Without a delay, so that it begins before the change that it answers: the change is at sample n / 2.
     """
     n = white.shape[0]
     levels = np.ones(n)

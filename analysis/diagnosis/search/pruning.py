@@ -1,4 +1,4 @@
-"""Which effects are needed: what each is worth beside the others, and the best fit without those that are not."""
+"""Which effects are needed: the evidence of each beside the others, and the best fit without those that are not."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from analysis.diagnosis.tails import chi2_limit, normal_tail
 from sim_backend.effects.base import Site
 
 _LOST = 1.0
-"""A fit that is worse than another that it could be, by so much (twice a logarithm), has lost its way."""
+"""A fit that is worse by so much (twice a logarithm) than another that it contains is in a wrong local minimum."""
 
 
 SEEN = 3.0
@@ -23,11 +23,11 @@ SEEN = 3.0
 def lead_of(setting: Setting, fit: Fit, other: Fit) -> float:
     """Return by how much `fit` is better than `other`, as twice the logarithm of the evidence.
 
-    Beside a cause that was found already, slow noise that is guessed from n rows of what it leaves is known no better:
-    a sum of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n),
-    and S only where the variance is certain. Less than the guess is no merit. Noise does not fall towards low
-    frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the guess
-    itself, which noise seldom does.
+    Beside an earlier cause, slow noise that is estimated from n coefficients of the residual is known no better: a sum
+    of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n), and S
+    only where the variance is certain. A residual below that estimate is no merit. Noise does not fall towards low
+    frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the
+    estimate itself, which noise seldom does.
     """
     known = setting.whitener.repeats
     lead = score(other, known) - score(fit, known)
@@ -45,8 +45,8 @@ def lead_of(setting: Setting, fit: Fit, other: Fit) -> float:
 def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, list[Fit]]:
     """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
 
-    The last one too has to be worth it in the noise that all are compared in at the end; where nothing repeats there
-    is no such noise, but no effect is one that noise may have made of nothing.
+    The last one too has to be worth its price in the noise in which all are compared at the end. Where nothing repeats
+    there is no such noise, but an effect is kept only if it cannot be an effect of noise.
     """
     tried: list[Fit] = []
     known = setting.whitener.repeats
@@ -61,11 +61,11 @@ def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, 
         tried += smaller
         if len(numbers) == 1 and not (known or unsure):
             break
-        if unsure:  # what it gains, numbers gain that were re-tuned beside it
+        if unsure:  # its gain is that of the numbers adjusted beside it
             best = smaller[unsure[0]]
             continue
         least = min(smaller, key=lambda f: score(f, known))
-        if not known:  # what the noise gained on the way is no merit of the effect
+        if not known:  # what the noise estimate gained is no merit of the effect
             tried.append(least := iterated_gls(setting, least)[1])
         if lead_of(setting, best, least) > price:
             break
@@ -93,11 +93,12 @@ def has_seen_model(fit: Fit) -> bool:
 
 
 def _seen_together(fit: Fit, without: Fit, i: int) -> bool:
-    """Tell whether the numbers of effect `i`, none of whose sizes is seen by itself, are together not nothing.
+    """Tell whether the numbers of effect `i`, none of whose sizes is significant by itself, are significant together.
 
-    Sizes of one loop take each other's place, and a size that of a shape: each is uncertain, and the loop is not.
-    `without` is the fit that has all else re-tuned in its place. What changes the linear model itself re-tuned numbers
-    may do as well, from another place, and a single size has nothing that takes its place: there it has to be seen.
+    Sizes of one loop can replace each other, and a shape can replace a size: each is uncertain, and the loop is not.
+    `without` is the fit that has all else adjusted instead. Adjusted parameters may also do what an effect on the
+    linear model does, from another point, and nothing can replace a single size: it must be significant by itself
+    there.
     """
     count = sum(effect == i for effect, _ in fit.names)
     chance = 2.0 * normal_tail(SEEN)
@@ -110,7 +111,7 @@ def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
     """Return the setting with the noise estimated beside the pruned fit `best`, and that fit refined in this noise.
 
     The setting given has the noise estimated beside the causes before pruning. Where nothing repeats, noise and fit are
-    iterated, as for every rival; where periods repeat, the noise is estimated anew only if no cause is left.
+    iterated, as for every rival; where periods repeat, the noise is estimated again only if no cause remains.
     """
     if not setting.whitener.repeats:
         setting, best = iterated_gls(setting, best)
@@ -123,8 +124,8 @@ def needed(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
 def alone(setting: Setting, best: Fit, nominal: Fit, keep: Sequence[int]) -> Fit:
     """Return `best` refitted with those effects only that are numbered in `keep`.
 
-    The nuisances are where the others put them, and may find no way back from there: whatever is worse than the
-    `nominal` model, which it could be, begins there once more.
+    The nuisances are where the others moved them, and the fit may not lead back: whatever is worse than the
+    `nominal` model, which it contains, starts from there once more.
     """
     fit = again(setting, best, keep=keep)
     if fit.objective < nominal.objective + _LOST:

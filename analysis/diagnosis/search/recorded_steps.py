@@ -1,7 +1,7 @@
 """Roundings whose step the readings themselves show: it is taken from them, and no longer fitted.
 
-Readings that lie on a lattice show its step to a millionth. A fit sees the sawtooth that the steps make, whose misfit
-has cusps over the step, and rests beside the lowest.
+Quantised readings show their step to a millionth. A fit sees the sawtooth that the steps make, whose misfit has cusps
+over the step, and ends beside the lowest.
 """
 
 from __future__ import annotations

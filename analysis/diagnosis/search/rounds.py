@@ -1,4 +1,4 @@
-"""The search for causes: tune, screen, refit what stands out, screen again for more, drop what is not needed."""
+"""The search for causes: tune, screen, refit the significant ones, screen again, drop what is not needed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def as_it_is(setting: Setting, fit: Fit) -> Fit:
 
 
 _TUNED, _SEARCH = 0.05, 0.85
-"""Shares of the whole diagnosis that are told as done after the tuning, and given to the search."""
+"""Shares of the progress of the whole diagnosis: done after the tuning, and given to the search."""
 
 _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
@@ -49,11 +49,12 @@ _COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD
 first round by less than this natural logarithm."""
 
 _FINER = 2
-"""A fit that asks for so many times the steps is done again in them."""
+"""A fit that needs so many times the steps is repeated with them."""
 
 _OVERRATED, _QUIETER = 0.8, 4
-"""A fit that leaves less than this part of the noise, as a mean square, shows that it was overrated: while a cause is
-not yet right, the swing from rest differs between periods as noise does. It is then asked again, so many times."""
+"""A residual below this part of the noise, as a mean square, shows that the noise was overestimated: while a cause is
+not yet right, the transient from rest differs between periods as noise does. The noise is then estimated again, at
+most so many times."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,9 @@ class Found:
     """The outcome of a search: the tuned nominal fit, the best fit, its rivals of any size, and the last screening.
 
     `explained` is by how much the best fit lowers the sum of squares in units of the noise that it leaves,
-    `discrepancy` the part of it that may be wrong because nature's form of the effects is another. `passed` says of
-    each single effect that was fitted first, by what and where, by which logarithm of the evidence it trailed the best
-    of them, `unlisted_leads` by how much the best leads that of a force at a place which is no listed cause.
+    `discrepancy` the part of it that may be model discrepancy of the effects. `passed` gives for each single effect
+    that was fitted first its name, its location and the logarithm of the evidence by which it trailed the best of
+    them, `unlisted_leads` by how much the best leads an unlisted force at a location.
     """
 
     setting: Setting
@@ -96,7 +97,8 @@ def search(
     """Return the best set of effects, by alternating screening and refitting, and all that came near it.
 
     The effects of `start` are there to begin with; no more are added than there are `rounds`. `without_noise` returns a
-    fit without what is noise: where that is something the noise is louder than thought, and nothing more is looked for.
+    fit without what is noise: where that removes something, the noise is louder than assumed, and nothing more is
+    searched for.
     """
     best = tuned if start is None else start
     rivals = [best]
@@ -107,7 +109,7 @@ def search(
     passed: dict[tuple[str, str], float] = {}
     for depth in range(rounds):
         least = discrepancy_of(setting, tuned, best)
-        # most searches end early: each further effect gets half of what is left of the time to be told
+        # most searches end early: each further effect gets half of the remaining part of the progress
         share = 0.5 ** (depth + 1)
         allowed = rules.beside([c.effect for c in best.candidates])
         if shortlist(last, allowed) and (less := without_noise(setting, best)) is not best:
@@ -120,7 +122,7 @@ def search(
         ahead = [(lead_of(setting, f, best), f) for f in trials]
         if beneath and flat and _top(ahead) <= last.price <= _rise(setting, flat):
             ahead, upheld = _beneath(flat, stage, beneath, last.price, ahead)
-            if upheld and not best.candidates:  # causes are compared where they stand out
+            if upheld and not best.candidates:  # causes are compared where they are significant
                 first = screen(reestimated(flat, min(upheld, key=lambda f: score(f, True))), best, rules, scales)
         ahead.sort(key=lambda pair: -pair[0])
         if _top(ahead) <= last.price:
@@ -131,7 +133,7 @@ def search(
         # what was passed over is only ever a rival of the first cause
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
-        setting, trials, before = _settled(careful, some, best, last.price)
+        setting, trials, before = _in_fine_steps(careful, some, best, last.price)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
         flat = _flat(setting, best)
@@ -148,9 +150,9 @@ def search(
 def _beneath(
     flat: Setting, stage: Stage, beneath: Screen, price: float, ahead: Sequence[tuple[float, Fit]]
 ) -> tuple[list[tuple[float, Fit]], list[Fit]]:
-    """Return leads and fits with those that stand out against `flat` noise in place of their like, and these alone."""
+    """Return leads and fits with those that are significant in `flat` noise replacing their like, and these alone."""
     found = _unmasked(flat, stage.best, beneath, price)
-    # what the slow noise has taken for its own may have stood out there as well, by too little
+    # what slow noise has absorbed may have been significant there as well, by too little
     upheld = _upheld(flat, stage.trials(flat, found), stage.best, price)
     kept = [(lead, f) for lead, f in ahead if not added_by([f]) & added_by(upheld)]
     return kept + [(score(stage.best, True) - score(f, True), f) for f in upheld], upheld
@@ -169,10 +171,10 @@ def _in_own_noise(
 
 
 def _closest_in_white_noise(setting: Setting, best: Fit, trials: Sequence[Fit]) -> list[Fit]:
-    """Return `trials`, the one that simulates the record most closely begun anew from there where that is better.
+    """Return `trials`, the one that simulates the record most closely refitted from there where that is better.
 
-    While something large is missing, a coloured noise takes most of it for its own, and a descent in it ends far from
-    where the record is simulated well. White noise takes nothing.
+    While something large is missing, coloured noise absorbs most of it, and a descent in that noise ends far from
+    where the record is simulated well. White noise absorbs nothing.
     """
     plain = reestimated(setting, best, order=0)
     closest = min((again(plain, f, steps=LONG) for f in trials), key=lambda f: f.objective)
@@ -183,10 +185,10 @@ def _closest_in_white_noise(setting: Setting, best: Fit, trials: Sequence[Fit]) 
 def _against_white_noise(
     setting: Setting, stage: Stage, trials: Sequence[Fit], rules: Rules, scales: Scales
 ) -> list[Fit]:
-    """Return the fits beside `trials` with shapes that stand out against white noise.
+    """Return the fits beside `trials` with shapes that are significant in white noise.
 
-    A coloured noise takes what is slow for its own, a force that stays or turns with the motion among it. What gained
-    nothing beside that noise may gain here.
+    Coloured noise absorbs what is slow, for example a force that is constant or changes sign with the motion. What
+    gained nothing beside that noise may gain here.
     """
     plain = reestimated(setting, stage.best, order=0)
     found = screen(plain, stage.best, rules, scales)
@@ -206,11 +208,11 @@ def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
     return min(found, key=lambda fit: score(fit, False))
 
 
-def _begun_at_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
-    """Return `trials`, those with steps at the best one's place begun anew at its nuisances where that is better.
+def _from_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
+    """Return `trials`, those with steps at the best one's location refitted from its nuisances where that is better.
 
-    A rounding sees the motion to a small part of its step, and away from the right motion no slope leads there. A
-    smooth effect at the same place finds it: the wave that the steps make.
+    The effect of a rounding depends on the motion to a small part of its step, and from a wrong motion no slope leads
+    to the right one. A smooth effect at the same location finds it: the wave that the steps make.
     """
     known = setting.whitener.repeats
     best = min(trials, key=lambda f: score(f, known))
@@ -260,8 +262,8 @@ def leading(trials: Sequence[Fit], scores: Sequence[float], enough: float) -> Fi
 def _flat(setting: Setting, fit: Fit) -> Setting | None:
     """Return the setting with noise that does not rise below what periods show, if that rise may hide an effect.
 
-    Down there the noise is what a fit leaves. A slow effect that is not yet in it (a drift) makes noise of itself, and
-    is hidden by it: it can win in evidence no more than the rise cost.
+    At those low frequencies the noise is estimated from the residual. A slow effect that is not yet in the model (a
+    drift) becomes part of the noise and is hidden by it: its evidence is limited to what the rise cost.
     """
     flat = replace(setting, whitener=setting.whitener.flat())
     if not setting.whitener.repeats or _rise(setting, flat) < 2.0 * SURE_LEAD:
@@ -275,7 +277,7 @@ def _rise(setting: Setting, flat: Setting) -> float:
 
 
 def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
-    """Return a screening against flat noise by the evidence that is left when the noise falls to what then remains.
+    """Return a screening against flat noise by the evidence that remains when the noise falls to the new residual.
 
     It falls no lower than where it is flat, and what lowers the misfit elsewhere needs no such screening.
     """
@@ -285,9 +287,9 @@ def _unmasked(flat: Setting, fit: Fit, found: Screen, price: float) -> Screen:
 
 
 def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> list[Fit]:
-    """Return those of `trials`, each under the noise it leaves, that are better than `best` there by `price`.
+    """Return those of `trials`, each under the noise of its residual, that are better than `best` there by `price`.
 
-    What takes a little of the noise away is worth something under either's own noise, but not under the same.
+    A small reduction of the noise is significant under either's own noise, but not under the same.
     """
     upheld = []
     for trial in trials:
@@ -299,7 +301,7 @@ def _upheld(flat: Setting, trials: Sequence[Fit], best: Fit, price: float) -> li
 
 
 def _colour(setting: Setting, fit: Fit) -> float:
-    """Return the largest ratio of a residual's size to what its past does not foretell of it."""
+    """Return the largest ratio of a residual's size to the part that its past does not predict."""
     ratios = [
         float(np.sqrt(np.mean(residual[record.fitted(), o] ** 2)) * setting.whitener.taps[o, 0])
         for record, residual in zip(setting.data.records, fit.residuals, strict=True)
@@ -309,19 +311,20 @@ def _colour(setting: Setting, fit: Fit) -> float:
     return max(ratios, default=0.0)
 
 
-def _settled(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
+def _in_fine_steps(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them, refitted, and the setting that goes with the best of them.
 
-    In steps as fine as that asks for; it may ask for finer ones once it is fitted, and the noise beside it is known.
+    The steps are as fine as the best one needs; it may need finer ones once it is fitted, and the noise beside it is
+    known.
     """
     setting = replace(setting, substeps=steps_for(setting, trials))
     setting, trials, before = _iterated_gls(setting, trials, before, price)
     best = _best_of(setting, trials, before, price)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
-        return setting, _begun_at_the_best(setting, trials), before
+        return setting, _from_the_best(setting, trials), before
     setting = replace(setting, substeps=finer)
-    return _settled(setting, [_simulated(setting, f) for f in trials], before, price)
+    return _in_fine_steps(setting, [_simulated(setting, f) for f in trials], before, price)
 
 
 def _simulated(setting: Setting, fit: Fit) -> Fit:

@@ -1,9 +1,9 @@
-"""An axis that drifts and rubs: how large the friction is, from the balance of torques.
+"""A drifting axis with friction: how large the friction is, from the balance of torques.
 
-What nothing holds adds up every error of its torque. Beside the friction that the model lacks its residual is then
-drift, and along the measured motion no friction explains that: at rest it is whatever holds the axis, which the motion
-does not show. A balance of torques over the rows in which the axis moves knows its size all the same, and a simulation
-that has it from the start stays near the record.
+A free axis adds up every error of its torque. Beside the friction that the model lacks its residual is then drift, and
+along the measured motion no friction explains that: at rest friction is equal to whatever torque it balances, which the
+motion does not show. A balance of torques over the samples in which the axis moves determines its size all the same,
+and a simulation that has it from the start stays near the record.
 """
 
 from __future__ import annotations
@@ -24,19 +24,18 @@ from sim_backend.linear import Array
 _PARTS = (1.0, 0.1, 0.01)
 """Parts of a screened breakaway rate or give at which a fit begins.
 
-A balance of torques does not tell them, and along the descent from ten times the truth a worse friction lies in
-between: what gives too late has its size wrong. A hundredth of the least shape that is screened is what the finest
-readings still resolve.
+A balance of torques does not determine them, and a descent from ten times the truth passes a worse friction: one
+that slips too late has a wrong size. A hundredth of the least screened shape is what the finest readings still
+resolve.
 """
 
 
 def rubbing(setting: Setting, fit: Fit, found: Screen) -> list[list[Fit]]:
-    """Return `fit` with a friction of the size that the balance of torques tells, several fits for each of its forms.
+    """Return `fit` with a friction of the size that the balance of torques gives, several fits for each variant.
 
-    None where the balance tells of none, at an axis that has its friction, and where the readings are not those of one
-    drive each. The nuisances begin at the nominal model: what stands in for a friction has moved them. The records
-    begin as they are measured: a fit without the friction finds another rate there, which a friction would brake at
-    once.
+    None where the balance gives none, at an axis that has its friction, and where the readings are not those of one
+    drive each. The nuisances begin at the nominal model: absorbing a friction has moved them. The records begin as they
+    are measured: a fit without the friction finds another rate there, which a friction would brake at once.
     """
     rubs = {c.where for c in fit.candidates if c.effect.reported() == CoulombFriction.name}
     if rubs >= set(setting.places.inputs):
@@ -67,10 +66,10 @@ def _sharper(candidate: Candidate, part: float) -> Candidate:
 
 
 def _measured_starts(setting: Setting, moved: Sequence[Moved], rubs: Collection[str]) -> tuple[Array, ...]:
-    """Return the states (m, 2) in which the records start: those of axes that rub as measured, but for known `rubs`.
+    """Return the states (m, 2) in which the records start: as measured for axes with friction, but for known `rubs`.
 
-    They are those of the slowest mode that shows in the position of a reading, the axis itself. What else shows there,
-    of its rate or at once, is left out: nothing tells it apart.
+    They are those of the slowest mode that shows in the position of a reading, the axis itself. Other contributions to
+    the reading, by its rate or direct, are left out: nothing distinguishes them.
     """
     nominal, states = setting.nominal, [some.copy() for some in setting.states]
     for place, axis in zip(setting.places.inputs, moved, strict=True):

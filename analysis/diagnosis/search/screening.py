@@ -27,7 +27,7 @@ Noise = tuple[Whitener, tuple[Start, ...]]
 
 @dataclass(frozen=True)
 class Footing:
-    """What screening starts from: the data, the re-tuned linear model, its nuisances and their present change.
+    """What screening starts from: the data, the adjusted linear model, its nuisances and their present change.
 
     `exact` (one (n, n_y, k) per record) holds the sensitivities to the nuisances and then to the parameters of effects
     that are already in the model; `plain` those to the nuisances of the linear model by itself, nothing where that is
@@ -54,7 +54,7 @@ def gram_of(
     workers: int = 2,
     others: Sequence[Noise] = (),
 ) -> list[Gram]:
-    """Return the inner products of residual, nuisances and all candidates over the rows that may be fitted.
+    """Return the inner products of residual, nuisances and all candidates over the samples that may be fitted.
 
     The first are those under the noise of `whitener`, then come those under `others`.
     """
@@ -80,12 +80,12 @@ def gathered(
     others: Sequence[Noise] = (),
     workers: int = 2,
 ) -> list[Gram]:
-    """Return the inner products of residual, nuisances and `columns` over the rows that may be fitted.
+    """Return the inner products of residual, nuisances and `columns` over the samples that may be fitted.
 
     `columns` gives those of a record by its number, one (n, n_y, k) for each group; `one_sided` tells which groups can
     only be positive. Records and outputs are taken one after another, so that memory holds one record's columns only.
     The first products are those under the noise of `whitener`, then come those under each of `others`, which may differ
-    from it in the levels of its bands: few rows, so that they cost next to nothing.
+    from it in the levels of its bands: few coefficients, so that they cost next to nothing.
     """
     totals: list[Array] = []
     by_output = np.zeros((0, 0))
@@ -113,7 +113,7 @@ def gathered(
 
 
 def _held(products: Array, footing: Footing) -> Array:
-    """Return products with the prior of the nuisances' changes from the nominal model, as so many rows more."""
+    """Return products with the prior of the nuisances' changes from the nominal model, as additional matrix rows."""
     out, at = products.copy(), np.arange(1, 1 + len(footing.nuisances))
     root = root_of(footing.nuisances)
     change = root @ footing.change
@@ -125,19 +125,19 @@ def _held(products: Array, footing: Footing) -> Array:
 
 
 def _carried(products: Array, n_exact: int, n_nuisances: int) -> Array:
-    """Return products without the linear model's sensitivities, by which columns that nuisances imitate are mended.
+    """Return products without the linear model's sensitivities, which correct columns collinear with nuisances.
 
-    A column is the linear model's response to a change. Where the model holds more, the nuisances' exact columns are
-    another matter, and a change that is theirs (a stiffness, a gain) would stand out by what the two differ by, or be
-    drowned in it. Such a column takes the exact ones' place in the same proportions.
+    A column is the linear model's response to a change. Where the model holds more, the nuisances' exact columns differ
+    from it, and a change that is theirs (a stiffness, a gain) would be significant by the difference of the two, or be
+    hidden in it. The exact columns replace such a column in the same proportions.
     """
     exact = np.arange(1, 1 + n_nuisances)
     plain = 1 + n_exact + np.arange(n_nuisances)
     kept = np.delete(np.arange(products.shape[0]), plain)
     own = kept[kept > n_exact]
-    shares, left = _imitated(products, plain, own)
+    shares, left = _proportions(products, plain, own)
     # a reading's error runs along the motion as it is, and is the exact columns' already
-    moved = (left < COLLINEAR * np.diag(products)[own]) & (left < _imitated(products, exact, own)[1])
+    moved = (left < COLLINEAR * np.diag(products)[own]) & (left < _proportions(products, exact, own)[1])
     at, parts = own[moved], shares[:, moved]
     change = (products[:, exact] - products[:, plain]) @ parts
     out = products.copy()
@@ -147,8 +147,8 @@ def _carried(products: Array, n_exact: int, n_nuisances: int) -> Array:
     return np.asarray(out[np.ix_(kept, kept)])
 
 
-def _imitated(products: Array, by: Ints, columns: Ints) -> tuple[Array, Array]:
-    """Return in which proportions (n_by, n) the columns `by` imitate others best, and what they leave of each (n,)."""
+def _proportions(products: Array, by: Ints, columns: Ints) -> tuple[Array, Array]:
+    """Return the proportions (n_by, n) in which the columns `by` fit others best, and the tolerance of each (n,)."""
     scale = np.sqrt(np.maximum(np.diag(products)[by], np.finfo(float).tiny))
     cross = products[np.ix_(by, columns)] / scale[:, None]
     shares = np.linalg.lstsq(products[np.ix_(by, by)] / np.outer(scale, scale), cross, rcond=1e-14)[0]
@@ -191,7 +191,7 @@ def _products(
 
 
 def _whitened(columns: Sequence[Array], mask: Mask, whitener: Whitener, output: int, workers: int) -> Array:
-    """Return the masked rows of `columns`, each (n,) of one output, whitened: (rows, len(columns)).
+    """Return the masked samples of `columns`, each (n,) of one output, whitened: (samples, len(columns)).
 
     A few at a time, so that there is one copy of the columns: they are the most that a diagnosis holds.
     """
@@ -206,7 +206,7 @@ def _whitened(columns: Sequence[Array], mask: Mask, whitener: Whitener, output: 
 
 
 def _relative(whitener: Whitener, other: Whitener, mask: Mask, output: int) -> tuple[Ints, Array]:
-    """Return which of the masked rows `other` whitens to another size, and to how many times that of `whitener`."""
+    """Return which of the masked samples `other` whitens to another size, and to how many times that of `whitener`."""
     at, ratio, first = [np.zeros(0, np.int64)], [np.zeros(0)], 0
     if other is not whitener and whitener.levels.size:
         for start, stop in runs_of(mask):

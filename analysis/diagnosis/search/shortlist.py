@@ -1,4 +1,4 @@
-"""What stands out: the evidence of every candidate beside a fit, and which of them are worth a refit."""
+"""The evidence of every candidate beside a fit, which are significant, and which are worth a refit."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ SURE_LEAD = float(np.log(SURE / (1.0 - SURE)))
 """The lead in evidence, as a natural logarithm, over all else that this takes."""
 
 MOST = 6
-"""Effects at most, however many a place has of one kind."""
+"""Effects at most, however many a location has of one kind."""
 
 _RARE = 0.01
 """How often the best of a cause's starts is larger by chance than what its threshold is set by."""
 
 _SHORTLIST = 5
 _ALIKE = 3
-"""So many of those that the nuisances imitate, or that do not stand out, are refitted at most."""
+"""So many of those that are collinear with the nuisances, or not significant, are refitted at most."""
 
 _NEAR = 0.3
 """Candidates are refitted when their screened evidence is at least this part of the best one's: screening holds
@@ -51,9 +51,9 @@ class Rules:
     """What the search may try and how sure it has to be: see `analysis.diagnosis.pipeline.Options`.
 
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
-    `max_effects` counts each effect of which a place may have several, such as modes, once, up to MOST in all.
-    `inside` are those that are looked for in the modes themselves, where a model misses by many noises. `lattices` are
-    those on which the readings of some outputs lie.
+    `max_effects` counts each effect of which a location may have several, such as modes, once, up to MOST in all.
+    `inside` are modal effects, which are searched for where the error of a model is many times the noise. `lattices`
+    are the quantisation of the readings of some outputs.
     """
 
     effects: tuple[type[Effect], ...]
@@ -65,7 +65,7 @@ class Rules:
     lattices: Mapping[str, Lattice] = field(default_factory=dict)
 
     def is_rounding(self, candidate: Candidate) -> bool:
-        """Tell whether a candidate repeats with the steps of a reading: that is their rounding, told by them alone."""
+        """Tell whether a candidate repeats with the steps of a reading: that is their rounding, which they show."""
         lattice = self.lattices.get(candidate.where)
         if lattice is None or candidate.effect is not PeriodicSensorError:
             return False
@@ -107,11 +107,11 @@ class Screen:
 
     @property
     def top(self) -> float:
-        """Evidence of the candidate that stands out most."""
+        """Evidence of the most significant candidate."""
         return float(np.max(self.gains, initial=0.0))
 
     def best_per_key(self) -> list[int]:
-        """Return the index of the best start of each (effect, place), best first."""
+        """Return the index of the best start of each (effect, location), best first."""
         seen: dict[tuple[str, str], int] = {}
         for i in np.argsort(-self.gains):
             seen.setdefault(self.candidates[i].key, int(i))
@@ -164,7 +164,7 @@ def beside(setting: Setting, fit: Fit) -> tuple[Footing, list[Motion]]:
 
 
 def evidence_of(gram: Gram, candidates: Sequence[Candidate], rules: Rules | None) -> Screen:
-    """Return how strongly each candidate stands out, nuisances re-tuned beside it, and the thresholds of chance.
+    """Return the evidence of each candidate, nuisances adjusted beside it, and the thresholds of chance.
 
     Without `rules` there are none: the thresholds are infinite.
     """
@@ -193,9 +193,9 @@ def _price(candidates: Sequence[Candidate]) -> float:
 def thresholds(keys: Sequence[tuple[str, str]], ratios: Array, false_alarm: float) -> Array:
     """Return the evidence that each candidate must exceed so that noise alone brings any above its own so often.
 
-    `ratios` (n_candidates, draws) are those of noise alone. What is tried in many shapes, or has many sizes, stands out
-    by chance more often: each cause at each place has to exceed the common limit by as much as its own best is larger,
-    once in a hundred times, than that of a single known signature, so that it does not raise the limit of the others.
+    `ratios` (n_candidates, draws) are those of noise alone. What is tried in many shapes, or has many sizes, is large
+    by chance more often. So each cause at each location has its own threshold: the common limit plus the excess of its
+    own 99 % quantile over that of a single known signature. Then it does not raise the limit of the others.
     """
     own = {key: np.max(ratios[[i for i, k in enumerate(keys) if k == key]], axis=0) for key in dict.fromkeys(keys)}
     usual = chi2_limit(_RARE, 1)
@@ -242,13 +242,13 @@ def shortlist(found: Screen, allowed: Container[type[Effect]], seen: Container[t
     significant = [i for i in order if found.gains[i] > found.threshold[i]]
     if not significant:
         return []
-    # what the nuisances can imitate gains by what it spares them, and by tiny differences that a refit rarely confirms:
-    # which of the kind it is, an inertia or a damping, only a fit can tell
-    fresh = [i for i in significant if found.tolerance[i] > COLLINEAR]
-    limit = _NEAR * found.gains[fresh[0]] if fresh else 0.0
-    imitated = [i for i in significant if i not in fresh]
-    imitated = [i for i in imitated if found.gains[i] >= _NEAR * found.gains[imitated[0]]][:_ALIKE]
-    return [i for i in fresh if found.gains[i] >= limit][: _SHORTLIST - len(imitated)] + imitated
+    # a candidate that is nearly collinear with the nuisances gains by the penalty that it saves them, and by tiny
+    # differences that a refit rarely confirms: which of the kind it is, an inertia or a damping, only a fit can tell
+    independent = [i for i in significant if found.tolerance[i] > COLLINEAR]
+    limit = _NEAR * found.gains[independent[0]] if independent else 0.0
+    collinear = [i for i in significant if i not in independent]
+    collinear = [i for i in collinear if found.gains[i] >= _NEAR * found.gains[collinear[0]]][:_ALIKE]
+    return [i for i in independent if found.gains[i] >= limit][: _SHORTLIST - len(collinear)] + collinear
 
 
 def promising(found: Screen, allowed: Container[type[Effect]], seen: Container[tuple[str, str]]) -> list[int]:

@@ -1,4 +1,4 @@
-"""One round of a search: what stands out beside a fit, or promises to, each fitted from where the screening puts it."""
+"""One round of a search: significant or promising candidates beside a fit, each fitted from its screened size."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Stage:
     progress: Progress
 
     def trials(self, setting: Setting, found: Screen, seen: Collection[tuple[str, str]] = ()) -> list[Fit]:
-        """Return the fits with each effect that stands out, but for those `seen`; none where all is immaterial.
+        """Return the fits with each significant effect, but for those `seen`; none where all is immaterial.
 
-        Where none of those that stand out most is any better than no effect (an awkward shape may stand out by chance
-        and then fit nowhere), the next ones are tried as well.
+        Where none of the most significant ones is any better than no effect (an unusual shape may be significant by
+        chance and then fit nowhere), the next ones are tried as well.
         """
         fits = self._fitted(setting, found, shortlist(found, self.allowed, seen))
         known = setting.whitener.repeats
@@ -47,10 +47,10 @@ class Stage:
         return fits
 
     def overlooked(self, setting: Setting, found: Screen, tried: Sequence[Fit]) -> list[Fit]:
-        """Return the fits of what promises most without standing out, not `tried` yet, each in the noise it leaves.
+        """Return the fits of the most promising insignificant effects not `tried` yet, each in its residual's noise.
 
-        Where the noise is known from residuals alone, an effect that is not in the model yet is part of the noise: it
-        cannot stand out by more than a few times what there is of it in a band. Once it is in, the noise is what it is.
+        Where the noise is known from residuals alone, an effect that is not in the model yet is part of the noise: its
+        evidence is limited to a few times its own share in a band. Once it is in the model, the noise is right.
         """
         rival = score(self.best, False) - found.price
         fits = self._fitted(setting, found, promising(found, self.allowed, added_by(tried)))
@@ -61,7 +61,7 @@ class Stage:
         if not telling:
             if not any(self.least.linear):
                 return []
-            # a linear effect's wrong form follows the drive: a fit can distinguish what does not
+            # the discrepancy of a linear effect follows the drive: a fit can distinguish what does not
             least = self.least.along(np.zeros(setting.data.n_outputs))
             picks = [i for i in picks if found.drops[i] >= least.of(found.shares[i])]
 
@@ -80,9 +80,9 @@ class Stage:
         return fits if telling else [f for f in fits if beyond_form(setting, self.best, f, self.least)]
 
     def _telling(self, setting: Setting, found: Screen, i: int) -> bool:
-        """Tell whether a candidate explains more than the form of other effects may be wrong by.
+        """Tell whether a candidate explains more than the model discrepancy of other effects could.
 
-        Or spares the nuisances most of it: they are known too well for a wrong form to move them so far.
+        Or saves most of the nuisances' penalty: they are known too well for a model discrepancy to move them so far.
         """
         now = self.best.change
         spared = mahalanobis2_of(setting.nuisances, now) - mahalanobis2_of(
@@ -97,5 +97,5 @@ def in_units_of(setting: Setting, fit: Fit) -> Fit:
 
 
 def added_by(fits: Sequence[Fit]) -> set[tuple[str, str]]:
-    """Return the last effect of each of some fits, by name and place."""
+    """Return the last effect of each of some fits, by name and location."""
     return {f.candidates[-1].key for f in fits}

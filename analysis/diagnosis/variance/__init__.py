@@ -1,1 +1,1 @@
-"""Variance effects: causes that show in the lattice, the size or the colour of the residual, and lines beside bands."""
+"""Variance effects: causes that show only in the quantisation, variance or colour of the residual; lines or bands."""

@@ -1,8 +1,8 @@
-"""Broadband vibration: a hump in the spectrum of the noise that has the form of a torque through the plant.
+"""Broadband disturbance: a hump in the spectrum of the noise that has the shape of a torque through the plant.
 
-The spectrum of what does not repeat is fitted with a smooth floor of each output, alone and with |G|² times a
-resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency of as many terms as Akaike's
-criterion likes. A torque of all frequencies, or of all up to some corner, is an amplifier's noise.
+The spectrum of what does not repeat is fitted with a smooth noise floor of each output, alone and with |G|² times a
+resonator's spectrum on top. The floor is a polynomial over the logarithm of the frequency, whose number of terms
+Akaike's criterion chooses. A torque of all frequencies, or of all up to some corner, is an amplifier's noise.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ _CORNERS = 4
 """Corners of a low pass are tried at every so many centres of the grid: its likelihood has few maxima."""
 
 _NARROW = 4.0
-"""A band below so many times the frequency resolution is a line, which is another effect."""
+"""A band narrower than so many times the frequency resolution is a line, which is another effect."""
 
 _THERE = 0.1
 """Part of the filtered noise from which a band makes it louder."""
 
 _CHUNK = 2048
-"""Whether the band is there as well when little moves is seen on chunks of so many rows."""
+"""Whether the band is there as well when little moves is seen on chunks of so many samples."""
 
 _AS_STRONG = 0.5
-"""A band is the same noise in two places where it has at least this part of its power in either."""
+"""A band is the same noise at two locations where it has at least this part of its power at either."""
 
 
 def broadband(setting: Setting, fit: Fit) -> list[Chance]:
@@ -79,9 +79,9 @@ def noise_evidence(setting: Setting, fit: Fit) -> float:
 
 
 def _looked_for(setting: Setting, fit: Fit) -> tuple[list[Series], Whittle | None, _Best | None]:
-    """Return what does not repeat, its likelihood and the best band in it, worked out once.
+    """Return what does not repeat, its likelihood and the best band in it, computed once.
 
-    Lines are held against a band, and then the band itself is looked at.
+    Lines are compared with a band, and then the band itself is examined.
     """
 
     def looked() -> tuple[Fit, list[Series], Whittle | None, _Best | None]:
@@ -156,7 +156,7 @@ def _best(whittle: Whittle, resolution_hz: float) -> _Best | None:
         return None
     top = max(finite, key=lambda k: best[k][0])
     value, band = best[top]
-    # against the most flexible floor of all, at any place of the grid
+    # against the most flexible floor of all, at any point of the grid
     p_value = min(tried * float(chi2_tail(2.0 * max(band.log_likelihood - flexible, 0.0), 3)), 1.0)
     forms = [(v - value, other) for key, (v, other) in best.items() if key[:2] == top[:2]]
     white = max((v for v, other in best.values() if math.isinf(other.width_hz)), default=-math.inf)
@@ -199,7 +199,7 @@ def _nothing(whittle: Whittle) -> tuple[float, dict[int, tuple[Array, float]]]:
 
 
 def _blended(band: Band, forms: Sequence[tuple[float, Band]]) -> Band:
-    """Return `band` with the mean of its numbers over both forms of its flanks, and their scatter in what is known."""
+    """Return `band` with its numbers averaged over both shapes of its flanks, and their scatter in its deviations."""
     weight = np.exp([v for v, _ in forms])
     weight /= weight.sum()
     values = np.array([[b.rms, b.centre_hz, b.width_hz] for _, b in forms])
@@ -249,13 +249,13 @@ def _starts(whittle: Whittle, floor: Array, terms: int) -> tuple[list[Start], in
 
 
 def _as_strong_as(whittle: Whittle, floor: Array, places: Sequence[tuple[int, float, float, bool]]) -> list[Start]:
-    """Return starts at places (input, centre, width, steep), each as strong as the floor (n_y, k) where it is most."""
+    """Return starts at points (input, centre, width, steep), each as strong as the floor (n_y, k) at its largest."""
     humps = whittle.humps([(*place, 1.0) for place in places])
     return [(*place, 1.0 / float(np.max(hump / floor))) for place, hump in zip(places, humps, strict=True)]
 
 
 def _steady(setting: Setting, linear: ModalModel, series: Sequence[Series], band: Band) -> bool:
-    """Tell whether the band is there as well in the half of the rows in which less is played."""
+    """Tell whether the band is there as well in the half of the samples in which less is played."""
     chunks = [
         (one.rows[a : a + _CHUNK], float(one.motion[a : a + _CHUNK].mean()))
         for one in series
@@ -273,7 +273,7 @@ def _random(setting: Setting, linear: ModalModel, series: Sequence[Series], band
 
 
 def _as_strong(setting: Setting, linear: ModalModel, here: Sequence[Array], there: Sequence[Array], band: Band) -> bool:
-    """Tell whether a band may be as strong in some series as in others; it may be where there are too few rows."""
+    """Tell whether a band may be as strong in some series as in others; it may be where there are too few samples."""
     seen = []
     for part in (here, there):
         spectrum = spectrum_of(setting, part)

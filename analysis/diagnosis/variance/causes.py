@@ -1,7 +1,7 @@
-"""Causes that show only in the lattice, the size or the colour of the residual: gathered, weighed, and named.
+"""Causes that show only in the quantisation, variance or colour of the residual: collected, weighed, and named.
 
-They have no signature that a residual could be compared with, so the search does not see them. What it leaves is asked
-for each, with one false-alarm rate for all together.
+They have no signature that a residual could be compared with, so the search does not see them. The residual of the
+search is tested for each, with one false-alarm rate for all together.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from sim_backend.model import Model
 from sim_backend.modes import units_at
 
 KINDS = 5
-"""What is asked of every output: lattice, repeats, late readings, uneven noise, and noise that came through the plant.
+"""Tests of every output: quantisation, repeats, late readings, uneven noise, and noise that came through the plant.
 """
 
 
 @dataclass(frozen=True)
 class VarianceEffects:
-    """The significant ones of these causes, and how many were looked for."""
+    """The significant ones of these causes, and how many were tested."""
 
     causes: tuple[Chance, ...]
     tests: int
@@ -46,7 +46,7 @@ class VarianceEffects:
         return sum(c.allowed for c in self.causes)
 
     def share(self, rows: int) -> float:
-        """Return how much of a sum of squares over `rows`, gathered in a few columns, may be theirs.
+        """Return how much of a sum of squares over `rows`, concentrated in a few columns, variance effects may explain.
 
         As much in a few columns is evidence of them, half of it in logarithms; and no more than they add in all. What
         makes noise louder has its share in that, see `beside`.
@@ -121,13 +121,13 @@ def _estimates(cause: Chance, model: Model) -> dict[str, Estimate]:
 def variance_effects(
     setting: Setting, fit: Fit, searched: Container[type[Effect]], discrepancy: Discrepancy
 ) -> VarianceEffects:
-    """Return the causes of this kind that stand out of what `fit` leaves.
+    """Return the causes of this kind that are significant in the residual of `fit`.
 
-    Of those that are not `searched`, in `fit` already, or no more than its effects' forms may be wrong by
-    (`discrepancy`), none is among them.
+    Causes that are not `searched`, that are in `fit` already, or that the model discrepancy of its effects
+    (`discrepancy`) could explain, are left out.
     """
     tests = KINDS * setting.data.n_outputs
-    if setting.whitener.even:  # the spread of a large error hides that of the noise
+    if setting.whitener.even:  # the variance of a large error hides that of the noise
         return VarianceEffects((), tests)
     # what a start adds is no noise
     left = without_starts(setting.data, linear_of(setting, fit), setting.whitener, fit.residuals)

@@ -8,7 +8,7 @@ from analysis.diagnosis.noise.whitener import Bands
 from sim_backend.effects.base import Effect
 
 FALSE_ALARM = 0.002
-"""Chance that any of the causes looked for this way is named where there is none."""
+"""Chance that any of the causes searched for in this module is named where there is none."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class Chance:
     `evidence` is the natural logarithm of its evidence against nothing, `p_value` the chance of as much without it.
     `allowed` is by how much, at most, it raises the mean square of the whitened residual; `shift` by how many standard
     deviations it moves the readings in all. `rivals` are other explanations of the same, in words, with the logarithm
-    of the evidence by which they trail. `louder` says how strong it makes the noise in which other causes have to be
-    seen, where they cannot be told from it otherwise.
+    of the evidence by which they trail. `louder` is how strong it makes the noise in which other causes have to be
+    seen, where they cannot be distinguished from it otherwise.
     """
 
     effect: Effect

@@ -1,13 +1,13 @@
 """Readings that are a sample old beneath noise of their own: samples that were lost before the noise was added.
 
-No reading then repeats the last one. What is lost shows by size: at some rows, at random, the residual steps by just
+No reading then repeats the last one. The loss shows by its size: at some samples, at random, the residual steps by just
 the motion since the last reading that arrived, and at the others not at all. With z the residual's match to a single
-row, in units of the noise, and a(k) what a reading k samples old makes of it, z has the density
+sample, in units of the noise, and a(k) what a reading k samples old makes of it, z has the density
 
     (1 - p) sum over k of p^k f(z - a(k)),    a(0) = 0.
 
-A delay would make all rows late by a part of a sample, jitter of the clock would scatter them about nothing, readings
-that stand out do so to either side: the evidence is that against the best of the three.
+A delay would make all samples late by a fraction of a sample, clock jitter would scatter them about zero, and outliers
+go in either direction: the evidence is that against the best of the three.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.linear import Array
 
 _OUTLIERS = tuple((part, wide) for part in (0.001, 0.01, 0.1) for wide in (3.0, 10.0))
-"""Noise is normal but for a part that is so many times as wide, whichever of these the rows like best (Tukey 1960): no
-single row may decide."""
+"""Noise is normal but for a part that is so many times as wide, whichever of these fits the samples best (Tukey 1960):
+no single sample may decide."""
 
 _OLDEST = 4
 """Samples by which a reading may be late: of half of them lost, one in thirty-two is later."""
@@ -38,7 +38,7 @@ _MOST = 0.5
 """Beyond this share those that arrive are the exception."""
 
 _ROUNDS = 3
-"""Late rows make the noise look wider than it is, and the noise decides which rows are late."""
+"""Late samples make the noise look wider than it is, and the noise decides which samples are late."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class _Rows:
 
     @cached_property
     def by_age(self) -> Array:
-        """How dense the noise is at every row if its reading is so old, as a logarithm, (k, n)."""
+        """How dense the noise is at every sample if its reading is so old, as a logarithm, (k, n)."""
         return self.noise.log_density(self.z - self.a)
 
     @cached_property
@@ -75,7 +75,7 @@ class _Rows:
         return float(np.sum(self.noise.log_density(self.z)))
 
     def logs(self, share: float) -> Array:
-        """Return the logarithm of the density of every row by how old its reading is, (k, n)."""
+        """Return the logarithm of the density of every sample by how old its reading is, (k, n)."""
         age = np.arange(self.a.shape[0])
         return self.by_age + (math.log1p(-share) + age * math.log(share))[:, None]
 
@@ -130,7 +130,7 @@ def _late(setting: Setting, fit: Fit, output: int, where: str) -> Chance | None:
 
 
 def _match(setting: Setting, fit: Fit, record: int, output: int) -> tuple[Array, Array]:
-    """Return the match (n,) of the fitted rows' residual to a single row, and what old readings make of it (k, n)."""
+    """Return the match (n,) of the fitted samples' residual to a single sample, and that of old readings (k, n)."""
     run, residual = setting.data.records[record], fit.residuals[record][:, output]
     motion, taps, rows = run.y[:, output] - residual, setting.whitener.taps[output], run.fitted()
     size = float(np.linalg.norm(taps))
@@ -141,7 +141,7 @@ def _match(setting: Setting, fit: Fit, record: int, output: int) -> tuple[Array,
 
 
 def _best_other(rows: _Rows, share: float) -> float:
-    """Return the log-likelihood that a delay, jitter or readings that stand out gain, each by one number of its own."""
+    """Return the log-likelihood that a delay, jitter or outliers gain, each by one number of its own."""
     z, a, density = rows.z, rows.a[1], rows.noise.log_density
     part = float(np.clip(z @ a / max(float(a @ a), 1e-300), -1.0, 1.0))
     own, sides = density(z), np.logaddexp(density(z - a), density(z + a))

@@ -1,4 +1,4 @@
-"""A line or a band: noise in a narrow band looks like a line while it is watched, and is given up for the band."""
+"""A line or a band: noise in a narrow band looks like a line in a short record, and the band is preferred then."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def without_lines_of(setting: Setting, best: Fit) -> Fit:
     """Return a fit without its vibration lines, where random vibration explains the data as well.
 
     Both are compared by the evidence of what does not repeat, the noise of either being free to have a band; a line
-    must be worth what its parameters are narrowed by, and being sure.
+    must exceed the price of its parameters and the margin for a named cause.
     """
     keep = [i for i, c in enumerate(best.candidates) if c.effect is not VibrationLine]
     if len(keep) == len(best.candidates):

@@ -15,13 +15,13 @@ from sim_backend.effects.sensor_quantisation import SensorQuantisation
 
 
 def lattices_of(data: Dataset, outputs: Sequence[str]) -> dict[str, Lattice]:
-    """Return the lattice of each of the named `outputs` whose readings lie on one."""
+    """Return the quantisation of each of the named `outputs` whose readings are quantised."""
     found = {w: lattice_of(np.concatenate([r.y[:, o] for r in data.records])) for o, w in enumerate(outputs)}
     return {where: lattice for where, lattice in found.items() if lattice is not None}
 
 
 def rounded_readings(setting: Setting) -> list[Chance]:
-    """Return every output whose readings lie on a lattice that the model does not know of."""
+    """Return every output whose readings have a quantisation that the model does not have."""
     known = {e.where for e in setting.known if isinstance(e, SensorQuantisation)}
     rows = setting.rows // setting.data.n_outputs
     found = []

@@ -1,7 +1,7 @@
 """Readings that repeat the last one where noise and motion make that all but impossible: samples that were lost.
 
-Two readings a sample apart differ by δ ~ N(motion, σ²). On a lattice of step q they are equal with probability
-E[max(0, 1 - |δ| / q)], which is next to nothing where q is the last place of a floating-point number, or where the
+Two readings a sample apart differ by δ ~ N(motion, σ²). Quantised in steps of q they are equal with probability
+E[max(0, 1 - |δ| / q)], which is next to nothing where q is the last digit of a floating-point number, or where the
 motion between them is many steps. Only such pairs are counted.
 """
 
@@ -76,7 +76,7 @@ def repeats_of(readings: list[Array], predicted: list[Array]) -> Repeats:
 def _spacings(readings: list[Array]) -> list[Array]:
     """Return the distance to the next value that each reading can take, (n,) per record.
 
-    That is a lattice's step, the last of so many significant digits in which readings were written, or the last place
+    That is a quantisation step, the last of so many significant digits in which readings were written, or the last bit
     of a number.
     """
     values = np.concatenate(readings)
@@ -105,7 +105,7 @@ def _chance_of_equal(move: Array, noise: float, step: Array) -> Array:
     """Return E[max(0, 1 - |δ| / step)] for δ ~ N(move, noise²) and each `step`, shape of `move`.
 
     A difference of two readings is known no better than their rounding, step²/6 in variance, even where the model that
-    foretells the motion rounds as well.
+    predicts the motion rounds as well.
     """
     sd, d = np.maximum(noise, step / math.sqrt(6.0)), np.abs(move)
     narrow = step * _normal(d / sd) / sd  # the triangle is a point beside the normal curve

@@ -45,10 +45,10 @@ class Spectrum:
 
 
 class Series(NamedTuple):
-    """Rows that hold noise, whitened (m, n_y), and how much was played: `motion` (m,).
+    """Samples that hold noise, whitened (m, n_y), and how much was played: `motion` (m,).
 
-    That is the squared input in units of its mean square, summed over the inputs. Where periods repeat the rows are
-    noise `alone`; elsewhere they are what a model leaves.
+    That is the squared input in units of its mean square, summed over the inputs. Where periods repeat the samples are
+    noise `alone`; elsewhere they are the residual of a model.
     """
 
     rows: Array
@@ -57,7 +57,7 @@ class Series(NamedTuple):
 
 
 def series_of(setting: Setting, record: Record, white: Array) -> list[Series]:
-    """Return what does not repeat in the fitted rows of `white` (n, n_y)."""
+    """Return what does not repeat in the fitted samples of `white` (n, n_y)."""
     size = np.maximum(setting.data.u_scale(), np.finfo(float).tiny)
     motion = np.sum((record.u / size) ** 2, axis=1)
     out = []

@@ -1,6 +1,6 @@
 """Many fits at once of a smooth floor with a random torque on top, each from a start of its own.
 
-A likelihood of spectra has a maximum near every feature, so a fit begins at many places and over several floors. One
+A likelihood of spectra has a maximum near every feature, so fits begin at many points and over several floors. One
 takes microseconds of arithmetic and a millisecond of Python; as arrays all take hardly longer than one.
 """
 
@@ -38,7 +38,7 @@ def resonator(
     """Return the one-sided spectra (1/Hz) of resonators' outputs of unit variance, shape of all arguments together.
 
     Flanks fall with the square of the distance or, `steep`, with the fourth power of the frequency, as those of a mass
-    on a spring under white noise do. How it is done in nature nobody knows; the better one counts.
+    on a spring under white noise do. Which of the two is real is unknown; the better one counts.
     """
     half = 0.5 * width_hz
     below, above = (frequency_hz - centre_hz) ** 2 + half**2, (frequency_hz + centre_hz) ** 2 + half**2

@@ -70,8 +70,8 @@ class Law:
 def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
     """Return every output whose noise grows with its position, no worse than with anything else.
 
-    Noise that differs between segments, or grows with what is played, is no effect: where that explains more there is
-    nothing to name, however well the position follows it.
+    Noise that differs between segments, or grows with the excitation, is no effect: where that explains more there is
+    nothing to name, however well the noise follows the position.
     """
     known = {e.where for e in setting.known if isinstance(e, ApexNoise)}
     found = []
@@ -110,7 +110,8 @@ def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
 def _louder(blocks: Blocks, law: Law, output: int, n_outputs: int) -> Bands:
     """Return how much louder than on the average the noise is where the deflection is large.
 
-    What acts there is seen in that noise: rows count by the fourth power of the position, as of a law of second order.
+    What acts there is seen in that noise: samples count by the fourth power of the position, as of a law of second
+    order.
     """
     where = blocks.position[:, 2]
     levels = np.ones((n_outputs, 1))
@@ -119,7 +120,7 @@ def _louder(blocks: Blocks, law: Law, output: int, n_outputs: int) -> Bands:
 
 
 def blocks_of(setting: Setting, fit: Fit, output: int) -> Blocks | None:
-    """Return the blocks of all fitted rows of one output; None when there are too few."""
+    """Return the blocks of all fitted samples of one output; None when there are too few."""
     upper, lower, powers, segment = [], [], [], []
     others: dict[str, list[Array]] = {}
     number, first = 0, 0.0

@@ -1,1 +1,1 @@
-"""From a search to a verdict, held against everything that is no listed cause."""
+"""From a search to a verdict, after comparison with unlisted alternatives."""

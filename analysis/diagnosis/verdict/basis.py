@@ -1,8 +1,8 @@
 """Basis functions of what a bench can do that no model has: each is no listed cause, and every cause resembles some.
 
-Each function gives a few signals at one place: torques at an input, which reach the outputs through the plant, or
-errors of a reading. They are no causes and get no name; what follows one of them beside a fitted cause, that cause does
-not explain. A new one is one function and one line in `TORQUES` or `READINGS`.
+Each function gives a few signals at one location: torques at an input, which the plant takes to the outputs, or errors
+of a reading. They are no causes and get no name; a cause does not explain the residual that follows one of them beside
+it. A new one is one function and one line in `TORQUES` or `READINGS`.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ _STEEP = 20.0
 """A rate above a twentieth of its swing has a direction."""
 
 _TAIL = (0.5, 0.8, 0.95, 0.99, 0.998)
-"""Parts of all rows in which a signal is smaller than where something may begin: a stop, or a limit of the drive."""
+"""Parts of all samples in which a signal is smaller than where something may begin: a stop, or a limit of the drive."""
 
 _PLAYS = (0.01, 0.03, 0.1, 0.3, 0.8)
-"""Half the free play, in swings, of what follows the position and stays behind where that turns."""
+"""Half the play, in swings, of a play operator on the position."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One record in units of the swings of the whole data, rows first.
+    """One record in units of the swings of the whole data, samples first.
 
     `u`, `x` and `v` (n, n_u) are command, position and rate at each input, `seen` and `seen_rate` (n, n_y) those of
     each output, `time` (n, 9) cosines over all records, the first constant, `kelvin` (n,) the temperature's deviation;
-    `longest` are the rows of the longest record. `u_tail`, `x_tail` (n_u, 5) and `seen_tail` (n_y, 5) are sizes that
+    `longest` are the samples of the longest record. `u_tail`, `x_tail` (n_u, 5) and `seen_tail` (n_y, 5) are sizes that
     the signals of all records seldom exceed.
     """
 
@@ -159,7 +159,7 @@ READINGS: dict[str, BasisFunction] = {
 """What the error of a reading may depend on."""
 
 SLOWEST = frozenset({"time"})
-"""Ways that lie among the lowest rows of a record, where its noise is known from a dozen numbers."""
+"""Basis functions in the lowest cosine coefficients of a record, where its noise is known from a dozen numbers."""
 
 
 def _beyond(a: Array, tail: Array) -> list[Array]:
@@ -170,7 +170,7 @@ def _beyond(a: Array, tail: Array) -> list[Array]:
 
 @njit
 def _behind(x, play):  # type: ignore[no-untyped-def]
-    """Return what follows `x` (n,) and stays behind by `play` at most (the play operator), begun at `x`."""
+    """Return the play operator of half-width `play` on `x` (n,), started at `x`."""
     out = np.empty_like(x)
     at = x[0]
     for i in range(x.size):

@@ -1,9 +1,9 @@
-"""A reading that drifts: of the slowest that a model leaves, how much is the same in every run, counted from its start?
+"""A drifting reading: how much of a model's slowest residual is the same in every run, counted from its start?
 
-Slow noise is known from what the model leaves alone, and so a drift is taken for noise. Noise rises towards low
-frequencies no more steeply than a random walk does: each row of the cosine basis times its frequency is then no
-stronger than the next, and a drift is nearly all of the few slowest. What those hold beside it, and beside a constant
-of every run's own, tells the noise.
+Slow noise is estimated from the model's residual alone, and so absorbs a drift. Noise rises towards low frequencies no
+more steeply than a random walk does: each cosine coefficient times its frequency is then no larger than the next, and
+a drift is nearly all of the few lowest. The remaining part of those, beside the drift and a constant of every run's
+own, gives the noise.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from sim_backend.linear import Array
 _WHAT = "the seconds of a run"
 
 _BANDS = 2
-"""Lowest bands that tell of a drift, and of the noise beside it: a dozen rows each."""
+"""Lowest bands in which a drift, and the noise beside it, are estimated: a dozen coefficients each."""
 
 _LEAST = 3
-"""Rows at least that tell the noise beside a drift."""
+"""Fewest coefficients that give the noise beside a drift."""
 
 _SAME = 1e-6
-"""A drift of which less is left than this part is one that the start of a run explains."""
+"""A drift with a tolerance 1 − R² below this is one that the start of a run explains."""
 
 
 def drifts(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
@@ -59,20 +59,20 @@ def drifts(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
 
 
 def _drift(n: int, longest: int) -> Array:
-    """Return a constant, a slope and a curvature over `n` rows (n, 3), one at the end of the `longest` record."""
+    """Return a constant, a slope and a curvature over `n` samples (n, 3), one at the end of the `longest` record."""
     return np.vander(np.arange(n) / longest, 3, increasing=True)
 
 
 def _slowest(whitener: Whitener, record: Record, start: Start, columns: Array, o: int) -> tuple[Array, float]:
-    """Return the lowest rows of `columns` (n, 4) at output `o`, times their frequency, without the second: (rows, 3).
+    """Return the lowest coefficients of `columns` (n, 4) at output `o` times frequency, without the second: (rows, 3).
 
-    The unknown start is out of them as well; and how many rows that and the second column take.
+    The unknown start is projected out as well; and return how many coefficients that and the second column take.
     """
     mask = record.fitted()
     values = np.zeros((record.n, len(whitener.outputs), columns.shape[1]))
     values[:, o] = columns
     white = start.project(stack_white(whitener, record, values))
-    # a constant is as low as a quarter of a line
+    # a constant is as low as a quarter of a frequency bin
     frequency = frequency_of_rows(mask, least=0.25)
     band = whitener.band_of_rows(mask)
     slowest = np.flatnonzero((band >= 0) & (band < min(_BANDS, whitener.guessed)))
@@ -84,7 +84,7 @@ def _slowest(whitener: Whitener, record: Record, start: Start, columns: Array, o
 
 
 def _part(rows: Array, taken: float) -> tuple[float, int, float] | None:
-    """Return what a drift explains in units of the noise beside it, its columns, and from how many rows that is known.
+    """Return what a drift explains in units of the noise beside it, its columns, and how many coefficients show that.
 
     `rows` (n, 3) are those of the residual and of the drift. Nothing where there are too few.
     """

@@ -1,13 +1,13 @@
-"""What was found is held against a generic alternative: do a few basis functions explain more than the listed causes?
+"""What was found is compared with a generic alternative: do a few basis functions explain more than the listed causes?
 
-The name of a neighbour takes nearly all of what a cause outside the library does, and where it leaves little, no lack
-of fit is seen. Asked the other way round there is more to see: of what was there *before* the neighbour was found,
-functions of `basis` may explain more, and with fewer numbers. Each one that is taken pays for having been chosen among
-all, and for its size, as a cause pays for its place and its parameters. So a right name, which is the shortest
-description, is never behind; what stands for something else is.
+A confounder absorbs nearly all of what a cause outside the library does, and where it leaves little, no lack of fit is
+seen. The opposite question shows more: of the residual *before* the confounder was found, functions of `basis` may
+explain more, and with fewer numbers. Each one that is taken pays for having been chosen among all, and for its size, as
+a cause pays for its location and its parameters. So a right name, which is the shortest description, is never behind;
+a confounder is.
 
-The form of an effect may be wrong by a little, and that counts for it. A column that is the effect itself, in other
-words, is no rival of it.
+The model discrepancy of an effect counts in its favour. A column that is the effect itself, in other words, is no
+rival of it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from sim_backend.assembly import Places
 
 @dataclass(frozen=True)
 class GenericAlternative:
-    """A few `terms`, basis functions in place of some effects, and by which natural logarithm these lead it.
+    """A few `terms`, basis functions that replace some effects, and by which natural logarithm these lead it.
 
-    `gone` are the numbers of the effects. What their form may be wrong by is in the lead.
+    `gone` are the numbers of the effects. Their model discrepancy is included in the lead.
     """
 
     gone: tuple[int, ...]
@@ -56,7 +56,7 @@ class GenericAlternative:
 def generic_alternatives(
     setting: Setting, found: Found, *, together: bool = True, repeating: bool = False
 ) -> Iterator[GenericAlternative]:
-    """Yield the basis functions in place of all effects of the best fit, if `together`, then of each by itself.
+    """Yield the basis functions that replace all effects of the best fit, if `together`, then each by itself.
 
     The functions are those at the degrees of freedom where these effects are seen, and `repeating` patterns if wanted.
     All are weighed in the noise of `setting`, which may be louder than that in which the effects were found.
@@ -89,7 +89,7 @@ class _Description:
 def _least_lead(found: Found, own: _Description, others: Sequence[_Description]) -> tuple[float, tuple[Term, ...]]:
     """Return the least natural logarithm by which `own` leads one of the `others`, and the terms of that one.
 
-    What the form of the effects may be wrong by is in the lead.
+    The model discrepancy of the effects is included in the lead.
     """
     form = found.discrepancy.total
     least, terms = np.inf, tuple[Term, ...]()

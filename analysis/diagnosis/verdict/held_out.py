@@ -1,9 +1,9 @@
-"""Held-out validation: what held-out rows and evidence say against a verdict that the search has reached.
+"""Held-out validation: what held-out samples and evidence say against a verdict that the search has reached.
 
-Where nothing repeats the noise is taken from what the model leaves. A model that explains nothing leaves everything,
-and no search finds more than noise in that; causes that follow the fitted rows and no others have bent themselves to
-them. Rows that no fit has seen tell of both. Noise that a bench has by itself is steady: what is not, and is most of
-the output, is not taken for it. Where periods repeat, nor is any whose size follows what is played.
+Where nothing repeats the noise is estimated from the residual of the model. The residual of a model that explains
+nothing is everything, and no search finds more than noise in that; causes that fit the fitted samples and no others are
+overfitted. Samples that no fit has seen show both. Noise that a bench has by itself is steady: what is unsteady, and is
+most of the output, is not taken for noise. Where periods repeat, neither is any whose size follows the excitation.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 
 _MOST = 0.5
-"""Part of the squared output from which on what the model leaves of it is most of it."""
+"""Part of the squared output above which the residual is most of it."""
 
 ABOVE_NOISE = 1.2
-"""Times the noise, as rms, from which on the error on held-out rows is no noise."""
+"""Times the noise, as rms, from which on the error on held-out samples is no noise."""
 
 _ABOVE = 2.0
-"""Times the noise, as rms, from which on three quarters of what is left in squares are none."""
+"""Times the noise, as rms, from which on three quarters of the residual in squares are no noise."""
 
 _SURELY = 3.0
-"""Standard deviations from which on what was added is of another size on held-out rows, where none is told of it."""
+"""Standard deviations above which what was added has another size on held-out samples."""
 
 _HALF = 0.5
 """Part of its size below which a change leaves more squares than it takes away: (1 - t)² is above t²."""
 
 _PLAYED = "amplitude", "position", "direction", "rate"
-"""Domains of the evidence that what is played decides."""
+"""Domains of the evidence that depend on the excitation."""
 
 
 def leaves_most(gain: Gain | None) -> bool:
@@ -43,7 +43,7 @@ def leaves_most(gain: Gain | None) -> bool:
 
 
 def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
-    """Tell whether the residual's size or mean follows what is played, and no worse than it follows time.
+    """Tell whether the residual's size or mean follows the excitation, and no worse than it follows time.
 
     A shock from outside is large at some time, and so at some position.
     """
@@ -52,10 +52,10 @@ def follows_play(evidence: Mapping[str, Sequence[Domain]]) -> bool:
 
 
 def loses(gain: Gain | None) -> bool:
-    """Tell whether the extended model is surely worse on held-out rows than the one before, and leaves more than noise.
+    """Tell whether the extended model is surely worse on held-out samples than before, and leaves more than noise.
 
-    Of two models that both leave noise the one that lies nearer to it by chance is no better; nor is it where noise is
-    slow, and what the other one leaves is the likelier noise and hardly larger.
+    Of two models that both leave noise, the one that is nearer by chance is no better; nor is it where noise is slow,
+    and the other one's residual is the likelier noise and hardly larger.
     """
     if gain is None or not gain.ci95[1] < 0.0:
         return False
@@ -64,11 +64,11 @@ def loses(gain: Gain | None) -> bool:
 
 
 def of_another_size(gain: Gain | None, *, tied: bool = False) -> str:
-    """Return of what other size what was added would have to be for held-out rows, in words, where that forbids it.
+    """Return in words the size that held-out samples would give to what was added, where that forbids it.
 
-    Of less than half its size there, what was added misses more than it explains (decision 42): a confounder has its
-    size where it was fitted. A right cause beside others that the model lacks is of some size above that; a tie says
-    that it is one of its causes and nothing else, and that one is of its own size everywhere.
+    Below half its size there, what was added misses more than it explains (decision 42): a confounder has its
+    size only where it was fitted. A right cause beside others that the model lacks may have any size above that. A tie
+    claims that one of its causes acts and nothing else, and that one has its own size everywhere.
     """
     if gain is None:
         return ""
@@ -82,7 +82,7 @@ def of_another_size(gain: Gain | None, *, tied: bool = False) -> str:
 
 
 def surely_misses(times: float, std: float) -> bool:
-    """Tell whether a change misses more of held-out rows than it explains: they surely want less than half of it.
+    """Tell whether a change misses more of held-out samples than it explains: they surely want less than half of it.
 
     `times` its size they want, with that standard deviation.
     """
@@ -90,24 +90,24 @@ def surely_misses(times: float, std: float) -> bool:
 
 
 def beyond_noise(gain: Gain | None) -> bool:
-    """Tell whether the error on held-out rows is surely no noise alone, nor the error of numbers that were tuned."""
+    """Tell whether the error on held-out samples is surely no noise alone, nor the error of numbers that were tuned."""
     return gain is not None and gain.least_error > ABOVE_NOISE * max(gain.noise_floor, gain.most_noise)
 
 
 def _chance(evidence: Mapping[str, Sequence[Domain]], domains: Collection[str]) -> float:
-    """Return how likely chance does what stands out most in these domains; one where they hold nothing."""
+    """Return the chance of the most significant curve in these domains; one where they hold nothing."""
     least = least_by_chance({name: curves for name, curves in evidence.items() if name in domains})
     return least[0] if least else 1.0
 
 
 def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: str, played: bool = False) -> Judgement:
-    """Return `judgement`, or *unknown* with the reason where held-out rows or evidence speak against it.
+    """Return `judgement`, or *unknown* with the reason where held-out samples or evidence speak against it.
 
-    `repeats` tells whether noise is known from repetitions, `unsteady` in words where the residual is not steady noise;
-    nothing where it is, and `played` whether it follows what is played. A *consistent* model must not leave most of the
-    output in what is no steady noise, nor anything that follows what is played, nor more than noise on held-out rows;
-    causes that are *named* must gain something, or leave little beside noise, and lose nothing. What they leave of
-    held-out rows beside noise is a remainder.
+    `repeats` tells whether noise is known from repetitions, `unsteady` says in words where the residual is not steady
+    noise (empty where it is), and `played` whether it follows the excitation. A *consistent* model must not leave most
+    of the output as unsteady noise, nor anything that follows the excitation, nor more than noise on held-out samples;
+    causes that are *named* must gain something, or leave little beside noise, and lose nothing. Their residual on
+    held-out samples beside noise is a lack of fit.
     """
     against, claimed = "", judgement.verdict in ("named", "ambiguous")
     if gain is not None and judgement.verdict == "consistent" and beyond_noise(gain):
@@ -139,7 +139,7 @@ def validated(judgement: Judgement, gain: Gain | None, repeats: bool, unsteady: 
 
 
 def _on_held_out(gain: Gain | None) -> Remainder | None:
-    """Return what is left of held-out rows beside noise."""
+    """Return the residual on held-out samples beside noise."""
     if gain is None:
         return None
     noise = gain.noise_floor**2
@@ -148,7 +148,7 @@ def _on_held_out(gain: Gain | None) -> Remainder | None:
 
 
 def beside_doubts(judgement: Judgement, doubts: Sequence[str]) -> Judgement:
-    """Return `judgement`, or *unknown* where it names something and the records have `doubts` that forbid a name."""
+    """Return `judgement`, or *unknown* where it names something and `doubts` about the records forbid a name."""
     if not doubts or judgement.verdict == "consistent":
         return judgement
     return replace(judgement, verdict="unknown", named=(), tied=(), failed_check="; ".join(doubts), remainder=None)

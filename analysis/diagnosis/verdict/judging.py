@@ -40,8 +40,8 @@ class Judgement:
 
     `probability` is among the listed causes alone, `general` the least natural logarithm by which the best leads a law
     that is none of them.
-    `failed_check` says what of the best model is left, or wrong, that makes its verdict *unknown*; `remainder` what the
-    effects it names leave that is no noise.
+    `failed_check` says what of the best model is a lack of fit, or wrong, and makes its verdict *unknown*; `remainder`
+    what the effects it names leave above noise.
     """
 
     verdict: Verdict
@@ -56,9 +56,9 @@ class Judgement:
 
     @property
     def posterior(self) -> float:
-        """The posterior of the best among the listed causes and general laws.
+        """The posterior of the best among the listed causes and generic alternatives.
 
-        A name falls where these lead by 99 to 1: so much likelier a listed cause is held to be before the data speak.
+        A name is withdrawn where these lead by 99 to 1: a listed cause is so much likelier a priori.
         """
         return float(1.0 / (1.0 / self.probability + np.exp(-self.general - SURE_LEAD)))
 
@@ -74,8 +74,8 @@ def judge(
 
     `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
     `left` the lack of fit along the basis functions, least likely first, `random` how much of each of these
-    (twice a log-likelihood) those causes may be, `general` the generic alternatives to its effects, which are asked
-    for only where nothing else speaks against it.
+    (twice a log-likelihood) those causes may be, `general` the generic alternatives to its effects, which are computed
+    only where nothing else speaks against it.
     """
     best, inflation = found.best, found.inflation
     if not best.candidates:
@@ -128,18 +128,18 @@ def names_of(effects: Iterable[Effect]) -> tuple[str, ...]:
 def failed_check(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -> str:
     """Return why the best model cannot be the whole truth, in words; nothing where it can.
 
-    What it leaves along a general law is no noise, beside what the form of its effects may be wrong by, or `refuted`
-    says why.
+    Either its residual along a basis function exceeds noise and the model discrepancy of its effects, or `refuted`
+    gives the reason.
     """
     one = telling(found, left, random)
-    return refuted(found) if one is None else f"what the best model leaves holds {one.words()}"
+    return refuted(found) if one is None else f"the residual of the best model holds {one.words()}"
 
 
 def refuted(found: Found) -> str:
-    """Return why the effects of the best model cannot be the cause, whatever they leave; nothing where they can.
+    """Return why the effects of the best model cannot be the cause, whatever their residual; nothing where they can.
 
-    A force that is not a listed cause explains as much, the nominal numbers would have to be farther off than they are
-    said to be, or an effect has a shape at which it stands for something else.
+    Either an unlisted force explains as much, or the nominal numbers would be beyond their tolerance, or an effect has
+    a shape at which it is a confounder.
     """
     equal = [where for where, lead in found.unlisted_leads if lead < SURE_LEAD]
     if equal:
@@ -147,7 +147,7 @@ def refuted(found: Found) -> str:
             f"a torque of command, position and rate at {equal[0]} that is not a listed cause explains the data as well"
         )
     count, off = len(found.setting.nuisances), mahalanobis2_of(found.setting.nuisances, found.best.change)
-    # what the form of an effect gets wrong, nuisances that the data do not hold make up for
+    # nuisances that the data do not determine absorb the model discrepancy of an effect
     if count and chi2_tail(off - found.discrepancy.total, count) < ONE_IN_A_MILLION:
         return (
             f"the best model needs nominal numbers that are off by {np.sqrt(off / count):.2g} times their tolerance "
@@ -157,17 +157,17 @@ def refuted(found: Found) -> str:
 
 
 def _general(found: Found, general: Iterable[GenericAlternative], random: float, rest: Remainder | None) -> str:
-    """Return which general laws forbid a name, in words; nothing where none does.
+    """Return which generic alternatives forbid a name, in words; nothing where none does.
 
-    Where the effects leave noise, those that are sure to explain more; where a part is left, those that are not sure to
-    explain less: what a neighbour's law leaves, general laws explain about as well as the neighbour.
+    Where the effects leave noise, those that are sure to explain more; where they leave more, those that are not sure
+    to explain less: generic alternatives explain the residual of a confounder about as well as the confounder.
     """
     if rest is None:
         return outdone(found, general, random)
     doubt = next((rival for rival in general if not rival.behind(random)), None)
     if doubt is None:
         return ""
-    return f"what the best model leaves follows {rest.lives}, and {doubt.words(found.setting.places)}, or as well"
+    return f"the residual of the best model follows {rest.lives}, and {doubt.words(found.setting.places)}, or as well"
 
 
 def outdone(found: Found, general: Iterable[GenericAlternative], random: float = 0.0) -> str:
@@ -179,7 +179,7 @@ def outdone(found: Found, general: Iterable[GenericAlternative], random: float =
 
 
 class Fitted(Protocol):
-    """What a verdict asks of a fit, to records or to a response: its effects, and their parameters as they came out."""
+    """What a verdict needs of a fit, to records or to a response: its effects, and their fitted parameters."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -218,19 +218,19 @@ def confounder_in(best: Fitted) -> str:
 def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: float = 0.0) -> str:
     """Return in words how far the best model of an *unknown* verdict gets, where the size of the noise is known.
 
-    What `allowed` and `random` are is told by `judge`.
+    See `judge` for `allowed` and `random`.
     """
     if judgement.verdict != "unknown":
         return ""
     if not found.best.candidates:
-        nothing = "what the model leaves is more than noise, and no effect of the library takes away a good part of it"
+        nothing = "the residual is above the noise, and no effect of the library explains a good part of it"
         return "" if judgement.failed_check else _odds(found, allowed, random) or nothing
     if not found.setting.whitener.repeats:
         return ""
     names = " and ".join(f"{e.reported()} at {e.where}" for e in found.best.effects)
     explains = f"explains {100.0 * explained_part(found):.4g} % of what was more than noise"
     if found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
-        explains = "explains what stands out of a total that may be noise"
+        explains = "explains a significant part of a residual that may be noise in total"
     return f"the best explanation, {names}, {explains}; it has no name here because of what speaks against it"
 
 
@@ -241,9 +241,9 @@ def _loud(found: Found, allowed: float) -> bool:
 
 
 def _outstanding(found: Found, random: float) -> list[Candidate]:
-    """Return the candidates that stand out where no cause was found, the strongest first.
+    """Return the significant candidates where no cause was found, the strongest first.
 
-    Of what one promises `random` may be what causes of the spread have in a few columns.
+    `random` of what one promises may be what variance effects have in a few columns.
     """
     last = found.last
     trusted = (last.tolerance > COLLINEAR) | np.array(
@@ -260,7 +260,7 @@ def _outstanding(found: Found, random: float) -> list[Candidate]:
 
 
 def _odds(found: Found, allowed: float, random: float) -> str:
-    """Return which cause stands out by too little to be named, and how likely it is; nothing where none does."""
+    """Return which cause is too weak to be named, with its probability; nothing where none is."""
     known, tuned = found.setting.whitener.repeats, found.tuned
     for candidate in [] if _loud(found, allowed) else _outstanding(found, random):
         fits = [r for r in found.rivals if [c.key for c in r.candidates] == [candidate.key]]
@@ -269,14 +269,14 @@ def _odds(found: Found, allowed: float, random: float) -> str:
         chance = scipy.special.expit(0.5 * (lead - found.first.price) + SURE_LEAD)
         if chance >= SURE:
             return (
-                f"{candidate.effect.reported()} at {candidate.where} stands out of the noise, but none of its sizes is "
-                f"{SEEN:g} standard deviations from nothing; longer or stronger runs would show it"
+                f"{candidate.effect.reported()} at {candidate.where} is above the noise, but none of its sizes is "
+                f"{SEEN:g} standard deviations from zero; longer or stronger runs would show it"
             )
         if chance > 1.0 - SURE:
             return (
-                f"{candidate.effect.reported()} at {candidate.where} stands out of the noise and may be it, with a "
-                f"chance of {100.0 * chance:.2g} %, where a name asks for {100.0 * SURE:.0f} %; longer or stronger "
-                "runs would tell"
+                f"{candidate.effect.reported()} at {candidate.where} is above the noise and may be the cause, with a "
+                f"chance of {100.0 * chance:.2g} %, where a name needs {100.0 * SURE:.0f} %; longer or stronger "
+                "runs would decide"
             )
     return ""
 
@@ -304,13 +304,13 @@ def _material(found: Found) -> tuple[int, ...]:
         worth = [r.objective - best.objective if known else score(r, False) - score(best, False) for r in without]
         costs.append(min(worth, default=np.inf))
         nearest.append(without[int(np.argmin(worth))] if worth else best)
-        # what spares the nuisances more than it explains has no form that could be another's error
+        # what saves the nuisances more than it explains cannot be another effect's discrepancy
         eased = (mahalanobis2_of(nuisances, r.change) - mahalanobis2_of(nuisances, best.change) for r in without)
         spared.append(known and any(2.0 * ease > w for ease, w in zip(eased, worth, strict=True)))
     places = [target_of(e.where) for e in best.effects]
 
     def least(i: int, part: float) -> float:
-        """Return what the form of an effect at the same place may be wrong by, along what follows the drive in part."""
+        """Return the model discrepancy of an effect at the same location, along what follows the drive in part."""
         others = zip(best.effects, places, costs, strict=True)
         return max((form_error(e, part) * c for e, p, c in others if p == places[i] and np.isfinite(c)), default=0.0)
 
@@ -357,10 +357,10 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
         gaps[label] = min(gaps.get(label, np.inf), gap)
     if len(found.best.candidates) == 1:
         refitted = {c.key for r in found.rivals for c in r.candidates}
-        # a screened shape may be far from the fitted one: the best has shown what it is worth, the others may yet
+        # a screened shape may be far from the fitted one: the best has been fitted, the others may still improve
         shown = found.explained if known else gained(found.tuned, found.best, False)
         top = max(float(np.max(found.first.gains, initial=0.0)), shown)
-        # what the nuisances cost less beside the best is part of what stands out
+        # what the nuisances cost less beside the best is part of its evidence
         nuisances = mahalanobis2_of(found.setting.nuisances, found.best.change)
         paid = found.best.occam - found.tuned.occam + 0.5 * (found.best.penalty - nuisances)
         for i in found.first.best_per_key():
@@ -370,7 +370,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
                 continue
             gain = float(found.first.gains[i])
             screened = max(0.5 * (top - gain) / inflation + _price(candidate, gain) - paid, 0.0)
-            # what it was worth when it was fitted is known better than what it promised
+            # the evidence of the fit is better known than that of the screening
             gap = found.passed[candidate.key] / inflation if candidate.key in found.passed else screened
             gaps[label] = min(gaps.get(label, np.inf), gap)
     return sorted(gaps.items(), key=lambda pair: pair[1])

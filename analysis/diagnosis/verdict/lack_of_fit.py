@@ -1,9 +1,9 @@
 """The lack of fit of a hypothesis in general terms: does its residual follow any of the basis functions?
 
-A total of squares over 10⁵ rows cannot show what a hundredth of a thousandth of them hold, and a cause of a hundred
+A total of squares over 10⁵ samples cannot show what is in a hundredth of a thousandth of them, and a cause of a hundred
 squared standard deviations is no more than that. A few columns that anything of its kind resembles can: along each
-function of `basis`, at each place, the residual's part is compared with what noise has there, everything fitted being
-adjusted beside it. The name of a neighbour leaves a part, the right one does not.
+function of `basis`, at each location, the residual's part is compared with that of noise, with everything fitted
+adjusted beside it. A confounder leaves a part, the right cause does not.
 """
 
 from __future__ import annotations
@@ -31,17 +31,18 @@ from sim_backend.assembly import Places
 from sim_backend.linear import Array
 
 ONE_IN_A_MILLION = 1e-6
-"""Chance of as much along one function at one place below which it is no noise. Some hundred are looked at; the rest of
+"""Chance of as much along one function at one location below which it is no noise. Some hundred are tested; the rest of
 the margin is for small modes below any limit, and for a noise that is known from few periods."""
 
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """The part of a residual along one basis function, `what`, at one place.
+    """The part of a residual along one basis function, `what`, at one location.
 
     `drop` is by how much it lowers the sum of squares, `gain` twice the log-likelihood ratio, `columns` how many live
-    columns did it, chosen among so many `choices` by looking at the residual, where noise is so much `louder`.
-    `known_from` is from how many numbers that noise is known, `shares` how the function shares out over the readings.
+    columns did it, chosen among so many `choices` by means of the residual, where noise is so much `louder`.
+    `known_from` is the number of degrees of freedom of that noise, `shares` how the function shares out over the
+    readings.
     """
 
     what: str
@@ -122,7 +123,7 @@ def generic_basis(
 
 
 def lacks_of_fit(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
-    """Return the lack of fit of `fit` along every basis function at every place, least likely first."""
+    """Return the lack of fit of `fit` along every basis function at every location, least likely first."""
     there, places = generic_basis(setting, fit), setting.places
     gram = there.gram
     reduced = gram.without(gram.nuisance_columns())
@@ -136,7 +137,7 @@ def lacks_of_fit(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
         return LackOfFit(kind, place, drop, gain, live, known_from=known_from, shares=shares)
 
     found = [left(i, *term) for i, term in enumerate(there.terms)]
-    # a record of a few periods knows its noise badly: where all functions stand out, the noise is stronger than it says
+    # a record of a few periods knows its noise badly: where all functions are significant, the noise is underestimated
     everywhere = _loudness(np.median, found)
     at = len(there.terms)
     for pattern in there.patterns:
@@ -151,7 +152,7 @@ def lacks_of_fit(setting: Setting, fit: Fit) -> tuple[LackOfFit, ...]:
 
 
 def in_words(what: str, output: bool, at: int, places: Places) -> tuple[str, str]:
-    """Return a basis function in words, and the name of its place."""
+    """Return a basis function in words, and the name of its location."""
     kind = "an error of the reading" if output else "a torque"
     return f"{kind} that follows {what}", _place((what, output, at), places)
 

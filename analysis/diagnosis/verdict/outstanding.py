@@ -1,4 +1,4 @@
-"""Which curve of the evidence stands out most, judged by how likely chance does the same."""
+"""The most significant curve of the evidence, by its chance under noise."""
 
 from __future__ import annotations
 

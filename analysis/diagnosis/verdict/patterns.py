@@ -1,9 +1,9 @@
-"""Patterns that repeat over position, command or time: looked for in the residual, as no few columns hold them all.
+"""Patterns that repeat over position, command or time: searched for in the residual itself.
 
-Any function of the position, or of the command, however fine, is a sum of waves over it, whatever goes on by itself
-one of waves in time, and whatever answers the command one of waves that die away after it. The strongest of each in the
-residual are tried; that they were chosen among so many is part of their price, and noise is taken for as loud as it is
-at their neighbours.
+Any function of the position, or of the command, however fine, is a sum of sinusoids over it, any free-running
+disturbance one of sinusoids in time, and any response to the command one of decaying sinusoids after it. The strongest
+of each in the residual are tried; that they were chosen among so many is part of their price, and noise is taken to be
+as loud as at their neighbours.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ _REPEATED = 2.0
 """What comes again less often within where the positions mostly are is no pattern."""
 
 _RUNS = 12
-"""A line in time is looked for in so many of the longest records, each with a phase of its own."""
+"""A sinusoid in time is searched for in so many of the longest records, each with a phase of its own."""
 
 _PERIODS = 20.0
-"""A wave in time of fewer periods is a drift: noise down there is known from a handful of rows."""
+"""A sinusoid in time of fewer periods is a drift: noise at low frequencies is known from a handful of coefficients."""
 
 _BANDS = 512
-"""A wave in time is a line, and stands out of a narrow band: slow noise would stand out of a wide one."""
+"""A sinusoid in time is compared with a narrow band around it: slow noise would be significant in a wide one."""
 
 _DAMPING = (0.005, 0.05)
 """Damping ratios of answers to the command: what rings for long, and what is soon over."""
 
 _ANSWERS = 4
-"""The likeliest answers that are tried: what the model's own modes imitate is among the likeliest as well."""
+"""The likeliest responses that are tried: those that the model's own modes absorb are among the likeliest as well."""
 
 _LATER = (0.236, 0.472, 0.618, 0.854)
 """Parts of a record by which a command is played later that was not played so: multiples of the golden ratio, which no
@@ -114,9 +114,9 @@ class Wave(Pattern):
 
 @dataclass(frozen=True)
 class Line(Pattern):
-    """A wave in time; the span is a middling record in seconds.
+    """A sinusoid in time; the span is the median length of a record in seconds.
 
-    Each record has a phase of its own, and so columns of its own: what shakes a bench does not wait for the start of a
+    Each record has a phase of its own, and so columns of its own: a disturbance is not synchronised with the start of a
     run.
     """
 
@@ -203,7 +203,7 @@ class Ringing(Pattern):
 
 
 def patterns_of(views: dict[str, RecordView], places: Places) -> Iterator[Pattern]:
-    """Yield the strongest patterns at every place; those in time as errors of a reading, which they resemble."""
+    """Yield the strongest patterns at every location; those in time as errors of a reading, which they resemble."""
     for i, name in enumerate(places.inputs):
         yield from _over_position(views[name], False, i, views[name].force_periods(1))
         yield from _over_command(views[name], i)
@@ -245,7 +245,7 @@ def _modulated(view: RecordView, at: int) -> Iterator[Pattern]:
 
 
 def _ringing(view: RecordView, at: int, played: int) -> Iterator[Pattern]:
-    """Yield the answers to the command that the residual speaks for most."""
+    """Yield the responses to the command with most evidence in the residual."""
     for frequency, damping in view.likely_modes(_ANSWERS, _DAMPING):
         choices = len(_DAMPING) * view.residual.size // 2
         yield Ringing(True, at, frequency * view.duration_s, view.duration_s, choices, played, damping)
@@ -260,7 +260,7 @@ def _over_position(view: RecordView, reading: bool, at: int, distances: Sequence
 
 
 def _over_command(view: RecordView, at: int) -> Iterator[Pattern]:
-    """Yield the wave over the command that the residual asks for most, as the input would have to follow it."""
+    """Yield the sinusoid over the command with most evidence in the residual, as the input would have to follow it."""
     span = float(np.ptp(view.u)) if view.u.size else 0.0
     if view.wanted is None or not np.any(view.wanted) or not span > 0.0:
         return

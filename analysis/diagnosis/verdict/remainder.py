@@ -1,7 +1,7 @@
-"""What the best model leaves that is no noise: how much, where it lives, and how sure.
+"""The lack of fit of the best model: how much of the residual is no noise, where it is, and how sure that is.
 
-A listed effect is a law; the bench's own is never quite that law. So a name is a claim about a part of the error. What
-the part leaves is told beside the name and does not take it away, as long as nothing general does as well.
+A listed effect is a law; the bench's own is never quite that law. So a name is a claim about a part of the error. The
+lack of fit is stated beside the name and does not withdraw it, as long as no generic alternative does as well.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 
-_TOLD = 1e-3
-"""Chance below which a general law may be told as the place of what else is too much."""
+_STATED = 1e-3
+"""Chance below which a basis function may be stated as the location of a residual that is too large."""
 
 
 def telling(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -> LackOfFit | None:
-    """Return what of the residual is no noise along a general law; None where nothing is.
+    """Return the residual above noise along a basis function; None where there is none.
 
-    Beside what the form of the effects found may be wrong by, and what `random` causes have in a few columns.
+    The model discrepancy of the effects found is subtracted, and what `random` causes have in a few columns.
     """
     for one in left:
         if one.p_value(random + found.discrepancy.of(one.shares)) < ONE_IN_A_MILLION:
@@ -34,10 +34,10 @@ def telling(found: Found, left: Sequence[LackOfFit], random: float = 0.0) -> Lac
 def remainder_of(
     found: Found, left: Sequence[LackOfFit], allowed: float = 0.0, random: float = 0.0
 ) -> Remainder | None:
-    """Return what the best model leaves that is no noise; None where all is noise or within the form of its effects.
+    """Return the lack of fit of the best model; None where all is noise or within the model discrepancy of its effects.
 
     `allowed` is the mean square and `random` twice the log-likelihood along a few columns that causes may have which no
-    search can see; `left` what is left along general laws, least likely first.
+    search can see; `left` is the residual along basis functions, least likely first.
     """
     one, enough = telling(found, left, random), adequate(found, allowed)
     if one is None and enough:
@@ -46,7 +46,7 @@ def remainder_of(
     if one is not None:
         excess, chance, lives = max(excess, one.drop), min(chance, one.p_value(random)), f"{one.what} at {one.where}"
     elif left and not lives:
-        lives = f"{left[0].what} at {left[0].where}" if left[0].p_value(random) < _TOLD else "nothing simple"
+        lives = f"{left[0].what} at {left[0].where}" if left[0].p_value(random) < _STATED else "nothing simple"
     share = float(np.clip(excess / _whole(found, allowed, excess), 0.0, 1.0))
     return Remainder(share, max(chance, LEAST_CHANCE), lives)
 

@@ -1,8 +1,8 @@
-"""Does what differs between periods grow with what is played? Then it is no noise that a bench has by itself.
+"""Does what differs between periods grow with the excitation? Then it is no noise that a bench has by itself.
 
-Whatever does not repeat with the drive passes for noise: a stiffness that breathes at a rate of its own, a force that
-comes and goes, a friction that never takes the same way twice. In one record nothing tells it from noise. Records of
-several sizes do: a sensor's noise is the same in all of them.
+Whatever does not repeat with the drive is absorbed by noise: a stiffness that varies at a rate of its own, an
+intermittent force, a friction that differs from pass to pass. In one record nothing distinguishes it from noise.
+Records of several sizes do: a sensor's noise is the same in all of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from sim_backend.linear import Array
 
 _TWICE = 2.0
-"""Times the motion of the stillest record, and times its scatter as a power, from which on another's is told."""
+"""Factor on the least motion of any record, and on its scatter as a power, from which on another record is compared."""
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ from sim_backend.modes import units_at
 
 
 def sensitivity_of(found: Found, model: Model) -> tuple[Visible, ...]:
-    """Return the visible size of every effect at every place beside the best fit, by effect and place.
+    """Return the visible size of every effect at every location beside the best fit, by effect and location.
 
-    It is told by the first parameter that measures it, in the shape that shows best. Empty where the error is not
-    weighed by noise;
-    effects that show only in the spread of the residual have no such size and are not listed.
+    It is given by the first parameter that measures the effect, in the shape that shows best. Empty where the error is
+    not weighed by noise; effects that show only in the variance of the residual have no such size and are not listed.
     """
     if found.setting.whitener.even:
         return ()

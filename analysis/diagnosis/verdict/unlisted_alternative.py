@@ -1,9 +1,9 @@
-"""What was found is held against an unlisted torque, fitted in its place with as much effort.
+"""What was found is compared with an unlisted torque that replaces it and is fitted with as much effort.
 
-One listed cause may be the neighbour of what no list has, two or three may share it out. And where no period repeats,
-the noise is what a fit leaves and absorbs whatever that misses: only another fit can show it. The unlisted torque is a
-few terms of command, position and rate, those that explain most; one that is an effect itself, in other words, is none
-of them.
+One listed cause may be the confounder of an unlisted one, or two or three may share it. And where no period repeats,
+the noise is the residual of a fit and absorbs whatever that misses: only another fit can show it. The unlisted torque
+is a few terms of command, position and rate, those that explain most; a term that is an effect itself, in other words,
+is left out.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _AT = 0.86
 
 def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progress) -> Found:
     """Return `found` with the lead of its best fit over an unlisted torque wherever one could stand for it."""
-    leads, places = [], _doubtful(found)
+    leads, places = [], _questioned(found)
     own = _own_score(found) if places else 0.0
     for place in places:
         progress(f"fitting a force that is not a listed cause at {place}", _AT)
@@ -46,31 +46,31 @@ def against_unlisted_alternatives(found: Found, scales: Scales, progress: Progre
 
 
 def _own_score(found: Found) -> float:
-    """Return the score of the best fit: where its noise is what it leaves, after as many rounds as the other has."""
+    """Return the score of the best fit with the noise of its own residual, after as many rounds as the other has."""
     known = found.setting.whitener.repeats
     return score(found.best if known else iterated_gls(found.setting, found.best)[1], known)
 
 
-def _doubtful(found: Found) -> Sequence[str]:
-    """Return the places at which effects were found that an unlisted torque could be."""
+def _questioned(found: Found) -> Sequence[str]:
+    """Return the locations of effects that may be an unlisted torque."""
     places = dict.fromkeys(_input_of(e) for e in found.best.effects)
-    return [p for p in places if p in found.setting.places.inputs and _in_doubt(found, p)]
+    return [p for p in places if p in found.setting.places.inputs and _in_question(found, p)]
 
 
 def _stands_alone(found: Found, place: str) -> bool:
-    """Tell whether what is in doubt at `place` is one torque, beside noise that is known from repetitions.
+    """Tell whether the effect in question at `place` is one torque, beside noise that is known from repetitions.
 
     A misfit of that shows by itself (`verdict.lack_of_fit`), so terms that are chosen freely have to be better than it:
     where a cause is small they come near it by that freedom.
     """
-    return found.setting.whitener.repeats and len(_in_doubt(found, place)) == 1
+    return found.setting.whitener.repeats and len(_in_question(found, place)) == 1
 
 
-def _in_doubt(found: Found, place: str) -> list[int]:
-    """Return the numbers of the effects at `place` that an unlisted torque could be, if any.
+def _in_question(found: Found, place: str) -> list[int]:
+    """Return the numbers of the effects at `place` that may be an unlisted torque, if any.
 
     These are its torques, two or more of them, or one beside own noise. Where there are fewer, what changes the model
-    there counts as well, if there are two or more in all: modes without number imitate whatever is no listed cause.
+    there counts as well, if there are two or more in all: modes in unlimited number absorb any unlisted cause.
     Otherwise it is the one torque there, if any.
     """
     there = [i for i, e in enumerate(found.best.effects) if _input_of(e) == place]
@@ -86,12 +86,12 @@ def _input_of(effect: Effect) -> str:
 
 
 def _alternative(found: Found, place: str, scales: Scales, own: float) -> tuple[Fit, float] | None:
-    """Return the best fit with an unlisted torque instead of what is in doubt at `place`, the other effects kept.
+    """Return the best fit with an unlisted torque instead of the effects in question at `place`, the others kept.
 
     The second number is what choosing its terms costs, twice a logarithm. None where no term is worth that.
     """
     setting, best = found.setting, found.best
-    gone = _in_doubt(found, place)
+    gone = _in_question(found, place)
     keep = [i for i in range(len(best.effects)) if i not in gone]
     rest = again(setting, best, keep=keep) if keep else again(setting, found.tuned)
     footing, motions = beside(setting, rest)

@@ -1,4 +1,4 @@
-"""How still each position of a slow chop is held, by direction and form."""
+"""How still each position of a slow chop is held, by direction and end points."""
 
 from __future__ import annotations
 

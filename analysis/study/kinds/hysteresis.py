@@ -1,4 +1,4 @@
-"""Trials of slow loops: what is left of the displacement at zero torque, and the energy that a cycle takes."""
+"""Trials of slow loops: the remanent displacement at zero torque, and the energy that a cycle dissipates."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def test_twists_and_laws_beyond_the_library_are_counted(tmp_path: Path) -> None:
     assert found["laws that no library lists: unknown"].value == 0.5
     assert found["of these with a wrong name"].value == 0.5
     assert found["listed with a twist: named and nothing else"].value == 0.75
-    told = found["of the named: a remainder is stated"]
+    told = found["of the named: a lack of fit is stated"]
     # of three names one diagnosis says nothing of a remainder, and does not count
     assert (told.value, told.n) == (0.5, 2)
     assert found["processor time of any diagnosis, median (s)"].n == 7

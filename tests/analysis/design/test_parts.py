@@ -252,7 +252,7 @@ def test_the_fastest_affordable_point_is_taken(curve):
         taken = affordable(curve, most_w)
         faster = curve[: [one.allowed_s for one in curve].index(taken.allowed_s)]
         assert taken.power_w <= most_w and all(one.power_w > most_w for one in faster)
-    with pytest.raises(ConfigError, match="allow more or give a shorter reach"):
+    with pytest.raises(ConfigError, match="allow more or give a smaller stroke"):
         affordable(curve, 0.5 * curve[-1].power_w)
 
 

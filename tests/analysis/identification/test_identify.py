@@ -135,7 +135,7 @@ def test_what_cannot_be_identified_is_refused(tmp_path, case):
     }[case]
     says = {
         "none": "no run",
-        "held-out only": "no segment is left",
+        "held-out only": "no segment remains",
         "same axis twice": "one sweep per axis",
         "other channels": "other channels",
     }[case]

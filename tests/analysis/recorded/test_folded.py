@@ -154,5 +154,5 @@ def test_a_long_periodic_record_is_identified_from_means_of_its_periods(write_lo
 
 def test_segments_without_rows_are_nothing_to_fit(write_log):
     run = write_log("free", CHANNELS, parts([("one", {}, np.zeros((0, 4)))]))
-    with pytest.raises(DataError, match="no segment is left to fit"):
+    with pytest.raises(DataError, match="no segment remains to fit"):
         identify_runs([run])

@@ -165,12 +165,12 @@ def test_a_journal_that_would_be_played_back_is_refused_and_deletes_nothing(tmp_
         ("UPDATE study SET value = '[1]' WHERE part = 'fingerprint'", "which study it is of"),
         ("DELETE FROM study WHERE part = 'fingerprint'", "not valid JSON"),
         ("UPDATE study SET value = x'00ff'", "Could not decode"),
-        ("DROP TABLE study; CREATE TABLE study (a)", "another form"),
-        (f"DROP TABLE trials; CREATE VIEW trials AS {ENDLESS}", "the view 'trials' in another form"),
-        (f"DROP TABLE study; CREATE VIEW study AS {ENDLESS}", "the view 'study' in another form"),
+        ("DROP TABLE study; CREATE TABLE study (a)", "another format"),
+        (f"DROP TABLE trials; CREATE VIEW trials AS {ENDLESS}", "the view 'trials' in another format"),
+        (f"DROP TABLE study; CREATE VIEW study AS {ENDLESS}", "the view 'study' in another format"),
         (f"CREATE TRIGGER t AFTER INSERT ON trials BEGIN INSERT INTO study {ENDLESS}; END", "the trigger 't'"),
         ("CREATE INDEX i ON trials (hex(zeroblob(x)))", "the index 'i'"),
-        ("ALTER TABLE trials ADD COLUMN more AS (hex(zeroblob(500000000)))", "in another form"),
+        ("ALTER TABLE trials ADD COLUMN more AS (hex(zeroblob(500000000)))", "in another format"),
     ],
 )
 def test_what_no_program_of_ours_has_written_is_refused(tmp_path: Path, statement: str, said: str) -> None:

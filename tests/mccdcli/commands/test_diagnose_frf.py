@@ -50,7 +50,7 @@ def table(f=F, h=None, head="phase (deg)", phase=None):
 
 BAD = {
     "a negative frequency": (table(f=np.where(F < 3.0, -F, F), h=response()), "a frequency is -"),
-    "one row": (table(f=F[:1]), "has 1 lines of a response above 0 Hz"),
+    "one row": (table(f=F[:1]), "has 1 points of a response above 0 Hz"),
     "degrees called rad": (table(head="phase (rad)"), "name the column 'phase (deg)'"),
     "rad called degrees": (table(phase=np.angle(response())), "name the column 'phase (rad)'"),
     "no number": (table(h=np.full(F.size, np.nan)), "which is not a finite number"),

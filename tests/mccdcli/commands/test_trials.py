@@ -123,8 +123,8 @@ def test_readings_from_a_file_take_the_instruments_place(run, here):
     ("arguments", "says"),
     [
         (("chop", "--form", "0:+12"), "reaches 0.012 (rad, m), the end stop is at 0.01"),
-        (("chop", "--form", "0:+8.5:3"), "is not a form"),
-        (("chop", "--form", "8.5"), "is not a form"),
+        (("chop", "--form", "0:+8.5:3"), "is not a pair of positions"),
+        (("chop", "--form", "8.5"), "is not a pair of positions"),
         (("chop", "--strategy", "magic"), "no strategy 'magic'"),
         (("chop", "--model", "nowhere.toml"), "nowhere.toml"),
         (("chop", "--set", "cycle=3"), "unknown field `cycle`"),

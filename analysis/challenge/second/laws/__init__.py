@@ -1,4 +1,4 @@
-"""All laws, by place and group: importing this package enters them. A new file needs its line here."""
+"""All laws, by location and group: importing this package enters them. A new file needs its line here."""
 
 from analysis.challenge.second.law import LAWS
 from analysis.challenge.second.laws import (  # noqa: F401 imported for what they enter

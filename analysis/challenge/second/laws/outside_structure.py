@@ -80,7 +80,7 @@ def magnetic_pull(t, y, v, u, z, dz, p, f, i, j):
     rate=lambda p, s: 5.0 * s.v_peak / p[2],
 )
 def flag_loop(t, y, v, u, z, dz, p, f, i, j):
-    """A wire of shape-memory alloy, pulled one way only: it yields beyond `p[1]` and comes back by another path."""
+    """A wire of shape-memory alloy, pulled one way only: it yields beyond `p[1]` and returns by another path."""
     stretch = (y[i] - p[1]) / p[2]
     high, low = min(max(stretch, 0.0), 1.0), min(max(stretch + 0.6, 0.0), 1.0)
     goal = high if v[i] > 0.0 else low
@@ -108,7 +108,7 @@ def fractional_damper(t, y, v, u, z, dz, p, f, i, j):
 
 @law("slack-cable", "unlisted", _PART, lambda s: 0.1 * s.slope, states=1, shapes=lambda rng, s: (s.y_rms * 0.2,))
 def slack_cable(t, y, v, u, z, dz, p, f, i, j):
-    """A cable that pulls one way only, whose anchor creeps after the largest stretch and returns."""
+    """A cable that pulls in one direction only, whose anchor creeps after the largest stretch and returns."""
     stretch = y[i] - z[0]
     taut = 0.5 * (stretch + sqrt(stretch * stretch + p[1] * p[1]))
     dz[0] = 0.1 * abs(v[i]) * tanh((stretch - 2.0 * p[1]) / p[1])

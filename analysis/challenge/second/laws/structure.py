@@ -178,5 +178,5 @@ def appended_mass(t, y, v, u, z, dz, p, f, i, j):
     parameter="gain",
 )
 def crosstalk(t, y, v, u, z, dz, p, f, i, j):
-    """The command of one axis reaches another."""
+    """The command of one axis acts on another."""
     f[i] += p[0] * u[j]

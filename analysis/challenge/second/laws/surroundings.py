@@ -19,7 +19,7 @@ _PART = "surroundings"
     shapes=lambda rng, s: (6.28 * s.frequency_hz * log_uniform(rng, 0.4, 3.0), rng.uniform(0.0, 6.28)),
 )
 def hum(t, y, v, u, z, dz, p, f, i, j):
-    """A line."""
+    """A vibration line."""
     f[i] += p[0] * sin(p[1] * t + p[2])
 
 

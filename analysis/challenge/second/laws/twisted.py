@@ -20,7 +20,7 @@ _PART = "structure"
     rate=lambda p, s: 1.5 * p[0] / (p[1] * s.inertia),
 )
 def asymmetric_coulomb(t, y, v, u, z, dz, p, f, i, j):
-    """Friction that is larger one way than the other."""
+    """Friction that is larger in one direction than in the other."""
     f[i] -= p[0] * tanh(v[i] / p[1]) * (1.0 + p[2] * (0.5 + 0.5 * tanh(v[i] / p[1])))
 
 
@@ -64,7 +64,7 @@ def hardening_loop(t, y, v, u, z, dz, p, f, i, j):
     springy=True,
 )
 def lopsided_cubic(t, y, v, u, z, dz, p, f, i, j):
-    """A cubic spring whose centre is off: a square is left."""
+    """A cubic spring whose centre is offset, which adds a quadratic term."""
     f[i] -= p[0] * ((y[i] + p[1]) ** 3 - p[1] ** 3 - 3.0 * p[1] * p[1] * y[i])
 
 

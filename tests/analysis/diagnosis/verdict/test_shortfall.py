@@ -76,7 +76,7 @@ def test_no_part_is_told_of_a_total_that_may_be_noise(before: float) -> None:
     judged = judge(outcome, left=(TELLING,), general=[rival(0.0)])
     assert judged.verdict == "unknown"
     told = shortfall(outcome, judged)
-    assert "explains what stands out of a total that may be noise; it has no name here" in told
+    assert "explains a significant part of a residual that may be noise in total; it has no name here" in told
     assert "%" not in told
 
 

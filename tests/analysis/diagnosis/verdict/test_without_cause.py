@@ -56,7 +56,7 @@ def test_what_stands_out_by_too_little_is_told_with_its_chance(beyond: float, ch
     outcome = replace(outcome, rivals=(outcome.tuned, shown))
     judged = judge(outcome)
     assert judged.verdict == "unknown"
-    assert f"vibration-line at x stands out of the noise and may be it, with a chance of {chance}" in shortfall(
+    assert f"vibration-line at x is above the noise and may be the cause, with a chance of {chance}" in shortfall(
         outcome, judged
     )
 
@@ -66,4 +66,4 @@ def test_what_is_worth_nothing_is_not_told() -> None:
     outcome = _found(21.0)
     shown = replace(outcome.tuned, candidates=outcome.last.candidates, misfit=outcome.tuned.misfit - 15.0, occam=15.0)
     outcome = replace(outcome, rivals=(outcome.tuned, shown))
-    assert "no effect of the library takes away a good part of it" in shortfall(outcome, judge(outcome))
+    assert "no effect of the library explains a good part of it" in shortfall(outcome, judge(outcome))
