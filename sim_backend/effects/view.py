@@ -31,7 +31,7 @@ READING_DISTANCES = 16384
 """The same for a residual: an interferometer's error repeats after a third of a micrometre, and over millimetres."""
 
 _REACHES = 1e-6
-"""Part of the most energy that a torque leaves in the readings, below which rounding tells how much it is."""
+"""Part of the largest energy of a response, below which that is a rounding error."""
 
 LEAST_PART = 0.25
 """A rounding to a step that is a little off looks like part of the true one; a part smaller than this is not that."""
@@ -259,11 +259,11 @@ class RecordView:
         return lines
 
     def modulations(self, signal: Array) -> Array:
-        """Return how much a torque explains that goes with `signal` (n,) in a measure that swings: (n // 2 + 1,).
+        """Return what a torque explains, `signal` (n,) times an oscillating gain, at each frequency (n // 2 + 1,).
 
-        For each frequency up to half the sample rate, in units of the noise, with a phase of its own in every run. What
-        it explains is its inner product with `wanted`, squared, over the energy that it leaves in the readings; both
-        are spectra: one of a product, one of the product of two autocorrelations.
+        Frequencies go up to half the sample rate; each run has its own phase. What a torque explains (twice a
+        log-likelihood ratio) is its inner product with `wanted`, squared, over the energy of its response. The first
+        is the spectrum of a product, the second that of a product of two autocorrelations.
         """
         size = signal.size
         found = np.zeros(size // 2 + 1)
@@ -282,7 +282,7 @@ class RecordView:
             both = scipy.fft.irfft(np.abs(scipy.fft.rfft(acting, rows)) ** 2, rows)[:n] * answer[:n]
             energy = 2.0 * np.fft.rfft(both, size).real - both[0]
             agreed = 2.0 * np.abs(np.fft.rfft(wanted * acting, size)) ** 2
-            # what hardly reaches the readings explains nothing; rounding would make much of it
+            # a response that is nearly zero would explain rounding errors
             found += np.where(energy > _REACHES * np.max(energy), agreed / np.maximum(energy, 1e-300), 0.0)
         return found
 

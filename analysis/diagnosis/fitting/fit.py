@@ -83,7 +83,7 @@ class Setting:
 
     @property
     def rows(self) -> int:
-        """Number of fitted numbers: rows times outputs."""
+        """Number of fitted numbers: samples times outputs."""
         return sum(int(r.fitted().sum()) for r in self.data.records) * self.data.n_outputs
 
     @property
@@ -96,12 +96,12 @@ class Setting:
 class Fit:
     """A fitted hypothesis: `change` of the nuisances, the `effects`, and the objective with its parts.
 
-    `misfit` is the whitened sum of squares over the fitted rows, `penalty` that of the prior; `values` and their
+    `misfit` is the whitened sum of squares over the fitted samples, `penalty` that of the prior; `values` and their
     standard deviations `std` are in physical units in the order of `names` (number of the effect, parameter);
     `change_std` are those of `change`. `occam` is by how much the data narrowed all parameters, nuisances included: the
     logarithm of the ratio of the prior's volume to the posterior's. `log_variance` is the sum of the logarithms of the
     noise variances that `misfit` is in units of. `residuals` are of simulations that began in `states`, per record.
-    `misled` tells of a descent that slopes with torques held have led astray: the next one does without them.
+    `misled` says that slopes with held torques misled the descent: the next one does without them.
     """
 
     candidates: tuple[Candidate, ...]
@@ -140,7 +140,7 @@ class Fit:
 
 
 def linear_of(setting: Setting, fit: Fit) -> ModalModel:
-    """Return the linear model of a fit: nuisances turned, and what its effects change in the model itself."""
+    """Return the linear model of a fit: nuisances adjusted, and what its effects change in the model itself."""
     return retuned(turned(setting.nominal, setting.nuisances, fit.change), fit.effects, setting.places)
 
 
@@ -291,7 +291,7 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
 
 
 def _weights(setting: Setting, fit: Fit, record: Record) -> Array:
-    """Return how much each output of a record counts, (n_y,): in units of what a fit leaves of it on its own rows.
+    """Return how much each output of a record counts, (n_y,): in units of what a fit leaves of it on its own samples.
 
     The output of which it leaves least for its size counts in units of its own motion, of which steps are small parts.
     """

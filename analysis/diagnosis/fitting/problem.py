@@ -165,7 +165,7 @@ class Problem:
         return -size if x[i] + size > self.scales[own].bound(self.scales[own].high) else size
 
     def whiten(self, residuals: Sequence[Array]) -> Array:
-        """Return all fitted rows of (n, n_y) or (n, n_y, k) per record, whitened, the unknown starts projected out."""
+        """Return all fitted samples of (n, n_y) or (n, n_y, k) per record, whitened, unknown starts projected out."""
         s = self.setting
 
         def white(record: Record, values: Array, start: Start) -> Array:

@@ -206,8 +206,8 @@ class Slopes:
 class Answering:
     """One record's linear model with what acts in its modes, and torques (n, n_u), held for a sample each, on it.
 
-    `closing` (n_y, n_y, n_f) takes changes of the outputs, transformed over `length` rows, from torques held to torques
-    that answer; there is none where none answers, or where the model never comes to rest.
+    `closing` (n_y, n_y, n_f) takes changes of the outputs, transformed over `length` samples, from held torques to
+    torques that answer; there is none where none answers, or where the model never comes to rest.
     """
 
     linear: ModalModel

@@ -142,7 +142,7 @@ TORQUES: dict[str, BasisFunction] = {
     "past commands": _of_past_commands,
     "past positions": _of_past_motion,
     "time": _of_time,
-    "command and motion in a measure that changes with time": _changing,
+    "command and motion with a gain that changes slowly": _changing,
     "temperature": _of_temperature,
     "other degrees of freedom": _of_other_inputs,
     "products of degrees of freedom": _of_several_axes,
@@ -153,7 +153,7 @@ READINGS: dict[str, BasisFunction] = {
     "position and rate": _reading_of_motion,
     "large positions": _reading_of_large_positions,
     "time": _of_time,
-    "the motion in a measure that changes with time": _reading_changing,
+    "the motion with a gain that changes slowly": _reading_changing,
     "other readings": _reading_of_others,
 }
 """What the error of a reading may depend on."""

@@ -48,7 +48,7 @@ _LATER = (0.236, 0.472, 0.618, 0.854)
 number of periods in a record comes near."""
 
 _SWINGS = 3.0
-"""A size that swings less often in a record changes slowly, which has functions of its own."""
+"""Fewest cycles in a record: a slower change of a gain is among the basis functions."""
 
 Signal = Literal["command", "position", "rate"]
 
@@ -139,9 +139,9 @@ class Line(Pattern):
 
 @dataclass(frozen=True)
 class Modulated(Pattern):
-    """A torque that goes with a signal in a measure that swings with time; the span is as of a line.
+    """A torque proportional to a signal, with a gain that oscillates; the span is that of a `Line`.
 
-    Each record has a phase of its own, and so columns of its own.
+    Each record has its own phase, and so its own columns.
     """
 
     signal: Signal
@@ -149,7 +149,7 @@ class Modulated(Pattern):
     @property
     def what(self) -> str:
         """The quantity that the pattern follows, as remarks print it."""
-        return f"the {self.signal} in a measure that swings with time"
+        return f"the {self.signal} with a gain that oscillates"
 
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
         """Return the outputs' change (n, n_y, 2 r) by the signal times a wave in time and one a quarter of it later."""
@@ -230,7 +230,7 @@ def _span_s(view: RecordView) -> float:
 
 
 def _modulated(view: RecordView, at: int) -> Iterator[Pattern]:
-    """Yield what the residual asks for most of all torques that go with a signal in a measure that swings."""
+    """Yield the torque with an oscillating gain that explains most of the residual."""
     signals: dict[Signal, Array] = {"command": view.u, "position": view.position, "rate": view.rate}
     span_s, choices = _span_s(view), len(signals) * view.residual.size // 2
     found: list[tuple[float, int, Signal]] = []
