@@ -20,7 +20,7 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Hypothesis, Setting, hypothesis, residuals_of, simulated_together
 from analysis.diagnosis.fitting.starts import Start, stack_white
-from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.nominal.responses import coasting, played, simulate
 from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
 from sim_backend.effects.base import Effect
@@ -38,8 +38,9 @@ quality factor, while rounding leaves 1e-7 of it."""
 
 _HALVINGS = 4
 
-_WILD = 10.0
-"""Times the largest of readings and linear model from which on a simulation is of no use: it swings up by itself."""
+_WILD, _CYCLES = 10.0, 10.0
+"""Times the largest of readings and linear model above which a simulation is of no use: it is self-excited. A mode of
+fewer cycles in a record drifts as far by a small error of a torque or of its start."""
 
 _ROOF, _ROUNDS, _FOLLOWING, _GAINED = 0.01, 3, 4, 0.1
 """How far from where a descent ended a cusp is sought, on its parameter's scale; how often, with how many steps of all
@@ -112,11 +113,15 @@ class Problem:
 
     @cached_property
     def _farthest(self) -> list[Array]:
-        """How far the readings of each record go at most in a simulation that is of any use, (n_y,)."""
+        """Largest readings of each record in a simulation of any use, (n_y,); infinite where a slow mode may drift."""
         s = self.setting
-        model = played(s.nominal, s.data.rate_hz)
-        swings = [np.stack([r.y, simulate(model, r.u)]) for r in s.data.records]
-        return [_WILD * np.max(np.abs(both), axis=(0, 1)) for both in swings]
+        model, limits = played(s.nominal, s.data.rate_hz), []
+        for record, states in zip(s.data.records, s.states, strict=True):
+            linear = simulate(model, record.u) + coasting(model, states[: s.nominal.n_blocks], record.n)
+            limit = _WILD * np.max(np.abs(np.stack([record.y, linear])), axis=(0, 1))
+            slow = s.nominal.omega_rad_s * record.n / s.data.rate_hz < 2.0 * np.pi * _CYCLES
+            limits.append(np.where(np.any(s.nominal.c[:, slow] != 0.0, axis=1), np.inf, limit))
+        return limits
 
     def evaluate(self, x: Array) -> Point:
         """Simulate at `x`."""

@@ -96,9 +96,8 @@ def search(
 ) -> Found:
     """Return the best set of effects, by alternating screening and refitting, and all that came near it.
 
-    The effects of `start` are there to begin with; no more are added than there are `rounds`. `without_noise` returns a
-    fit without what is noise: where that removes something, the noise is louder than assumed, and nothing more is
-    searched for.
+    It begins with the effects of `start` and adds one in each of at most `rounds`. `without_noise` returns a fit
+    without what is noise: where that removes something, the noise is louder than assumed, and the search ends.
     """
     best = tuned if start is None else start
     rivals = [best]

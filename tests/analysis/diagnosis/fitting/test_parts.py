@@ -173,7 +173,7 @@ def test_sensitivities_of_separate_axes_are_those_of_all() -> None:
     here, _ = whole.raw(x)
     ours = exact_sensitivities(setting, fit)
     for i in range(x.size):
-        slope = whole.slope(x, i, here)
+        (slope,) = whole.slopes(x, [i], here)
         assert slope is not None
         for r, column in enumerate(slope):
             size = np.max(np.abs(column))
