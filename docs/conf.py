@@ -139,7 +139,9 @@ def _notebook_output(output: dict[str, Any]) -> str:
     if "image/png" in data:
         return f'<img alt="what the cell draws" src="data:image/png;base64,{"".join(data["image/png"]).strip()}">'
     if "text/html" in data:
-        return f"```{{raw}} html\n{''.join(data['text/html'])}\n```"
+        # on a phone a table is wider than the page
+        scrolls = '<div style="overflow-x: auto">'
+        return f"```{{raw}} html\n{scrolls}{''.join(data['text/html'])}</div>\n```"
     text = "".join(output.get("text", data.get("text/plain", [])))
     return f"```text\n{text.rstrip()}\n```"
 
