@@ -76,7 +76,9 @@ def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> 
     known = {name.partition(" ")[0] for name in commands} | {FOR_ALL}
     for name, part in values.items():
         where = next(origins[key] for key in origins if key[0] == name)
-        if name not in known or not isinstance(part, dict):
+        if not isinstance(part, dict):
+            raise ConfigError(f"{where}: '{name}' is in no table; write it below [{FOR_ALL}] or below [COMMAND]")
+        if name not in known:
             raise ConfigError(
                 f"{where}: there is no command '{name}'; {did_you_mean(name, known)}a table has a command's name"
             )

@@ -72,5 +72,8 @@ def load_to_forces(load: Array, actuator_radius_m: float) -> Array:
 
 
 def forces_to_load(force_n: Array, actuator_radius_m: float) -> Array:
-    """Return (M_x, M_y, F_z) in N m, N m, N from three forces in N, both (..., 3)."""
+    """Return (M_x, M_y, F_z) in N m, N m, N from three forces in N, both (..., 3).
+
+    Source: (6.2), inverted. Raises ConfigError when the radius is not finite and positive.
+    """
     return force_n @ points_from_dof(actuator_radius_m)

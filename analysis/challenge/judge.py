@@ -77,7 +77,7 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether every hidden effect was found and nothing else was named."""
+        """Whether every hidden effect was found and nothing was named wrongly; granted names do not count."""
         return all(self.found) and not self.wrong
 
     @property

@@ -100,6 +100,6 @@ def kind_of(path: str) -> str:
 
 
 def document_in(file: Path) -> Any:
-    """Return what a JSON file of a program says; raises DataError for one that is none."""
+    """Return the content of a JSON file; raises DataError if it is missing, too large, or no JSON."""
     text = read_text(file, "diagnosis", most_bytes=STATE_BYTES, error=DataError, fix="diagnose again")
     return json_of(text, str(file), error=DataError, fix="diagnose again")

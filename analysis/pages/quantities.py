@@ -34,6 +34,11 @@ def quantity(value: float, unit: str) -> str:
     return f"{readable(value * factor)} {unit_text(shown)}".strip()
 
 
+def certainty(probability: float) -> str:
+    """Return a probability in whole percent: it is counted in some dozens of cases, and never sure."""
+    return f"{min(round(100.0 * probability), 99)} %"
+
+
 def share(part: float) -> str:
     """Return a part of a whole with three digits: in percent, below 0.001 % in ppm, and below 0.001 ppm as a bound."""
     size, unit = 100.0 * part, "%"

@@ -140,11 +140,10 @@ class Measured:
         return warm, cold
 
     def fit(self, axis: str) -> RationalFit | None:
-        """Return the modal fit to the whole sweep of an axis, behind the bench's zero-order hold.
+        """Return the modal fit to the whole sweep of an axis, with the bench's zero-order hold and a delay.
 
-        It has as many modes as the paper's model, or one more where the sweep shows a pair (`PAIR_HZ`), and a delay:
-        the fit follows the phase, and a mode would otherwise absorb the delay. None also where the sweep does not cover
-        every mode of the design model: what it did not see it cannot fit.
+        Without the delay a mode would absorb its phase. The fit has as many modes as the paper's model, or one more
+        where the sweep shows a pair (`PAIR_HZ`). None without a sweep that covers every mode of the design model.
         """
         sweep = self.sweep(axis)
         modes_hz = self.design_axis(axis).omega_rad_s / (2.0 * np.pi)
@@ -200,11 +199,11 @@ class Measured:
         return self._once(("loops", axis), self.find("hysteresis", axis=axis), lambda run: loops_of(run, lag_s))
 
     def loop_fit(self, axis: str = "theta_x") -> LoopFit | None:
-        """Return the nonlinear model fitted to the loops."""
+        """Return the nonlinear model fitted to the hysteresis loops, Table 6.3; None without such a run."""
         return self._once(("loop fit", axis), self.find("hysteresis", axis=axis), loop_fit_of)
 
     def steps(self, axis: str = "theta_x") -> list[OffsetStep] | None:
-        """Return the fed-forward steps at offsets."""
+        """Return the mean step responses to feed-forward from each offset, Fig. 6.9; None without such a run."""
         return self._once(("steps", axis), self.find("hysteresis", axis=axis), steps_of)
 
     def model_steps(self, axis: str = "theta_x") -> list[OffsetStep] | None:

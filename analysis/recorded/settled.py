@@ -17,9 +17,10 @@ _LOOKED_AT = 16
 
 
 def settling_periods(parts: Sequence[tuple[Run, LogSegment]], period: int, count: int) -> int:
-    """Return how many of the first of `count` periods (samples) hold a transient: as the log states, or as is seen.
+    """Return how many of the first of `count` periods of `period` samples still hold the transient of the start.
 
-    Two periods cannot tell a transient from noise, and are taken as they are.
+    The log's `transient_periods` if stated, the largest; otherwise each period is compared with the last one. Of two
+    periods none: a transient and noise cannot be distinguished.
     """
     stated = [int(s.settings["transient_periods"]) for _, s in parts if "transient_periods" in s.settings]
     if stated:

@@ -140,7 +140,7 @@ class Watch:
         )
 
     def first_row(self, run: Run) -> int:
-        """Return the first sample of the last seconds."""
+        """Return the number of the first sample of the last `window_s` seconds of a run."""
         return max(0, run.rows - round(self.window_s * run.sample_rate_hz))
 
     def simulated(self, name: str, rows: int) -> Array | None:

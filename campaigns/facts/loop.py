@@ -119,14 +119,14 @@ def _answer(output: str, regression: Regression) -> _Answer:
 
 def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
     if not answers:
-        text = "whether the inputs answer the outputs is not known: too few samples, or inputs that hold nothing new"
+        text = "whether the inputs react to the outputs is not known: too few samples, or inputs without new content"
         return Fact(NAME, text, remark=False)
     worst = max(answers, key=lambda a: (a.found, a.share))
     numbers = {"found": int(worst.found), "share": worst.share, "samples": worst.rows}
     if not worst.found:
         text = (
-            f"no sign of it: the {AHEAD} inputs to come hold {max(100.0 * worst.share, 0.0):.1f} % of what is new in "
-            f"{worst.output}; from {100.0 * LEAST_SHARE:.0f} % on it would be seen"
+            f"no sign of it: the next {AHEAD} inputs contain {max(100.0 * worst.share, 0.0):.1f} % of the "
+            f"unpredictable part of {worst.output}; from {100.0 * LEAST_SHARE:.0f} % on it would be seen"
         )
         unseen = "" if with_references else ", or answers within a sample without its reference in the log,"
         return Fact(
@@ -141,9 +141,9 @@ def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
     names = ", ".join(a.output for a in answers if a.found)
     return Fact(
         NAME,
-        f"the inputs answer {names} (closed loop): inputs to come hold {100.0 * worst.share:.0f} % of what is new "
-        "in it",
-        "the noise of the output is in the input too: averaged spectra and a delay of no sample are biased by it"
+        f"the inputs react to {names} (closed loop): later inputs contain {100.0 * worst.share:.0f} % of its "
+        "unpredictable part",
+        "measured noise is in the input too, which biases averaged spectra and any path without a delay"
         + ("" if with_references else "; log the reference as well"),
         worst.output,
         numbers=numbers,

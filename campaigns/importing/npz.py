@@ -51,7 +51,10 @@ class NpySource:
         return []
 
     def pieces(self, name: str) -> Pieces:
-        """Return the array; raises DataError when the file is damaged or holds Python objects."""
+        """Return the one array of the file as `Pieces`, which are read on demand; `name` is for messages alone.
+
+        Raises DataError for a damaged file, Python objects, or an array that is too large for its stored bytes.
+        """
         with _told(self.path), self.path.open("rb") as stream:
             shape, turned, dtype = described(stream)
         check_expansion(self.path, name, math.prod(shape) * dtype.itemsize, stored_bytes(self.path))

@@ -140,7 +140,7 @@ def _check_size(dataset: h5py.Dataset, path: Path, item: str) -> None:
 
 
 def check_total(datasets: Iterable[h5py.Dataset], path: Path) -> None:
-    """Raise DataError if all of them together would exhaust the memory: they may share what they store."""
+    """Raise DataError if all datasets together exceed the limit for their file; several may share stored bytes."""
     size = sum(_bytes(dataset.shape or (), dataset.dtype.itemsize) for dataset in datasets)
     stored = stored_bytes(path)
     if size > most_bytes(stored):

@@ -49,7 +49,7 @@ class EmulatorProcess:
             raise
 
     def transport(self) -> Transport:
-        """Return a transport to it."""
+        """Return a new transport to the emulated bench, not yet opened."""
         kind, _, rest = self.address.partition(":")
         return transport_at(kind, f"{rest}@{PTY_BAUD}" if kind == "serial" else rest)
 

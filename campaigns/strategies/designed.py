@@ -81,9 +81,11 @@ def move_over(chop: Chop, samples: Callable[[float], int], concentration: float,
 
 
 def feedforward_of(design: Design, dof: str, motion: Array, knowledge: Knowledge) -> Array:
-    """Return the input (n,) that holds the known part of the plant on a periodic motion (n,).
+    """Return the periodic feed-forward (n,) with which the known plant follows one period `motion` (n,).
 
-    Effects on the structure act as they do along the motion itself, after enough periods to forget how it began.
+    Both are in the units of the input and the output of `dof`. "linear" inverts the modes of the mechanism, "modes" all
+    of them; "hysteresis" and "learned" also oppose the torques of the structure's effects, as they are in the last of
+    `MAGNETISING_PERIODS` periods. Raises ConfigError where the plant has no gain at a frequency of the motion.
     """
     plant = design.axis(dof)
     known = get_args(Knowledge).index(knowledge)

@@ -271,13 +271,14 @@ def _description(bench: str, seed: int) -> BenchDescription:
 
 def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
     from analysis.pages.formats import without_exponents
+    from analysis.pages.quantities import certainty
 
     parts = [found["sentence"]]
     causes = [
         (
             c["effect"],
             c["where"],
-            f"{100.0 * c['probability']:.1f} %",
+            certainty(c["probability"]),
             ", ".join(_parameter(n, p) for n, p in c["parameters"].items()),
         )
         for c in found["causes"]

@@ -38,7 +38,7 @@ class CoulombFriction(Effect):
 
     @classmethod
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
-        """Return breakaway rates from nearly sharp to a tenth of the fastest motion."""
+        """Return starts of the breakaway rate: 0.1, 1 and 10 % of the peak rate."""
         return [{"breakaway_rate": max(view.rate_peak * part, 1e-12)} for part in (1e-3, 1e-2, 1e-1)]
 
     @classmethod

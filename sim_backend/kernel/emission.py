@@ -16,9 +16,10 @@ from sim_backend.machine_code import NAME
 
 
 class Emission:
-    """The function `play`(whole numbers and addresses as TABLE says, time steps) of a structure as it is emitted.
+    """The LLVM code of a structure's function `play`, while it is generated.
 
-    `mine` are copies of what the loop goes on with, `bus` the signals of a sample; both are there after `begin`.
+    `play` takes the whole numbers and addresses of TABLE, one table per lane, and the time steps. `begin` creates
+    `mine`, local copies of the COPIED arrays, and `bus`, the signals of one sample.
     """
 
     def __init__(self, structure: Structure) -> None:

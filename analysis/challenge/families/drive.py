@@ -39,7 +39,7 @@ class ActuatorGain(Hidden):
         return on_axis(drive, self.axis, drive[:, self.axis] * (1.0 + self.size * self.way))
 
     def truth(self) -> dict[str, float]:
-        """Return the relative error."""
+        """Return `relative`, the error of the actuator gain as a part of the nominal gain."""
         return {"relative": self.size * self.way}
 
 

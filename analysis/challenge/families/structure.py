@@ -298,7 +298,7 @@ class Play(Hidden):
 
 @dataclass(frozen=True)
 class Cogging(Hidden):
-    """A torque that repeats over the position."""
+    """A torque that is periodic in the position: size·sin(2π x / `period` + `phase`), `phase` in rad."""
 
     period: float
     phase: float

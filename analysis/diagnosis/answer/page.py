@@ -32,7 +32,7 @@ from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
 from analysis.pages.formats import fit_percent, readable, shown, unit_text, without_exponents
-from analysis.pages.quantities import chance, quantity, share
+from analysis.pages.quantities import certainty, chance, quantity, share
 from analysis.pages.svg import inlined
 from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
@@ -171,6 +171,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["readable"] = readable
     environment.filters["fit"] = fit_percent
     environment.filters["plainly"] = without_exponents
+    environment.filters["certainty"] = certainty
     environment.filters["percent"] = lambda x, digits=1: _unbroken(f"{100.0 * x:.{digits}f} %")
     environment.filters["share"] = lambda part: _unbroken(share(part))
     environment.filters["chance"] = chance

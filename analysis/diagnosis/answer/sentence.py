@@ -11,7 +11,7 @@ from analysis.diagnosis.verdict.held_out import ABOVE_NOISE, leaves_most
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.formats import readable, without_exponents
-from analysis.pages.quantities import chance, share
+from analysis.pages.quantities import certainty, chance, share
 
 SIGNIFICANT = 1e-3
 """Evidence with a larger p-value, counted over all curves of its domain, is not spoken of."""
@@ -88,7 +88,7 @@ def _verdict(
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
     listed = _listed(causes)
-    sure = f" (probability {100.0 * min((c.probability for c in causes), default=0.0):.1f} %)"
+    sure = f" (probability {certainty(min((c.probability for c in causes), default=0.0))})"
     if verdict == "ambiguous":
         choice = " or ".join(", ".join(group) for group in tied)
         start = f"The simulation lacks {listed}{sure}, and" if listed else "The simulation is wrong, but"
@@ -219,7 +219,7 @@ def _capitalised(note: str) -> str:
 
 
 def _how(diagnosis: Diagnosis) -> list[str]:
-    said = [f"{c.effect} at {c.where}: {100.0 * c.probability:.1f} % probable." for c in diagnosis.causes]
+    said = [f"{c.effect} at {c.where}: {certainty(c.probability)} probable." for c in diagnosis.causes]
     if said:
         said.append("In blind trials on simulated benches that share of the names with evidence as strong was right.")
     if diagnosis.verdict == "ambiguous":

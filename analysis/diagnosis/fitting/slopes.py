@@ -204,10 +204,10 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Answering:
-    """One record's linear model with what acts in its modes, and torques (n, n_u), held for a sample each, on it.
+    """The linear model of one record, for sensitivities; it has the effects in its modes, `torque` (n, n_u) drives it.
 
-    `closing` (n_y, n_y, n_f) takes changes of the outputs, transformed over `length` samples, from held torques to
-    torques that answer; there is none where none answers, or where the model never comes to rest.
+    `closing` (n_y, n_y, n_f) is the closed loop (I − P F)⁻¹ over `length` samples: it takes changes of the outputs with
+    the effects' forces frozen to changes with forces that react. None if no effect reacts, or a mode is free.
     """
 
     linear: ModalModel

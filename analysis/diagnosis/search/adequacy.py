@@ -20,7 +20,12 @@ LEAST_CHANCE = 1e-300
 
 
 def adequate(found: Found, allowed: float = 0.0) -> bool:
-    """Tell whether the best model leaves no more than noise, or next to nothing of the excess it set out to explain."""
+    """Tell whether the best model is adequate.
+
+    Where periods repeat: its excess mean square over the noise, less `allowed` for causes that the search cannot see,
+    is within the uncertainty of the noise, or the model explains at least `EXPLAINED` of the initial excess. Elsewhere:
+    no further candidate would lower the squares by more than 1 − `EXPLAINED` of what the model explains.
+    """
     best = found.best
     if not found.setting.whitener.repeats:
         out = standing_out(found)

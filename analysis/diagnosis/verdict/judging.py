@@ -72,10 +72,9 @@ def judge(
 ) -> Judgement:
     """Return the verdict on the outcome of a search.
 
-    `allowed` is by how much the mean square of the whitened residual may be larger for causes that no search can see,
-    `left` the lack of fit along the basis functions, least likely first, `random` how much of each of these
-    (twice a log-likelihood) those causes may be, `general` the generic alternatives to its effects, which are computed
-    only where nothing else speaks against it.
+    `allowed` is the increase of the whitened residual's mean square that variance effects may cause, and `random` the
+    most that they may explain along a few columns (twice a log-likelihood). `left` is the lack of fit along the basis
+    functions, least likely first. `general` are the generic alternatives, computed only if no other check fails.
     """
     best, inflation = found.best, found.inflation
     if not best.candidates:

@@ -88,7 +88,7 @@ def test_without_a_command_all_that_is_not_default(capsys, monkeypatch):
         ("[log.shwo]\njson = true\n", ("mccd.toml", "'log shwo'", "did you mean 'show'?")),
         ("[defaults]\nsed = 3\n", ("mccd.toml", "'sed'", "did you mean 'seed'?")),
         ("[chop\n", ("mccd.toml", "not valid TOML")),
-        ("chop = 3\n", ("mccd.toml", "a table has a command's name")),
+        ("chop = 3\n", ("mccd.toml", "'chop' is in no table", "[COMMAND]")),
         ("[chop]\ncycles = 'many'\n", ("--cycles", "'many'")),
     ],
 )

@@ -75,7 +75,7 @@ def rounded_reading(t, y, v, u, z, p, r, i, j):
     parameter="fringe",
 )
 def missed_fringes(t, y, v, u, z, p, r, i, j):
-    """A counter that loses a fringe each time the motion comes to be too fast for it."""
+    """A fringe counter that misses one fringe p[0] each time the rate rises above p[1]; the offset stays."""
     fast = abs(v[i]) > p[1]
     if fast and z[1] == 0.0:
         z[0] -= copysign(p[0], v[i])

@@ -19,7 +19,7 @@ _PART = "structure"
     parameter="stiffness",
 )
 def cubic_hardening(t, y, v, u, z, dz, p, f, i, j):
-    """A spring that stiffens with the cube of the deflection."""
+    """A hardening spring: a restoring torque p[0]·y³, so that its stiffness 3 p[0]·y² grows with the deflection."""
     f[i] -= p[0] * y[i] ** 3
 
 
@@ -33,7 +33,7 @@ def cubic_hardening(t, y, v, u, z, dz, p, f, i, j):
     cap=6.0,
 )
 def cubic_softening(t, y, v, u, z, dz, p, f, i, j):
-    """A spring that softens with the cube of the deflection."""
+    """A softening spring: the restoring torque is lower by p[0]·y³."""
     f[i] += p[0] * y[i] ** 3
 
 

@@ -236,7 +236,7 @@ def test_why_an_answer_is_not_surer_is_told_beside_it():
         evidence={"rate": (curve,)},
     )
     told = surety(more)
-    assert told.how[0] == f"coulomb-friction at x: {100.0 * found.causes[0].probability:.1f} % probable."
+    assert told.how[0] == f"coulomb-friction at x: {100.0 * found.causes[0].probability:.0f} % probable."
     assert told.why_not[0] == "The next best explanation, backlash, makes the data 50 times less likely."
     assert "6.00 % of the squared error" in told.why_not[1] and "p = 1·10⁻⁹" in told.why_not[1]
     assert told.why_not[2].startswith("No segment was held out")

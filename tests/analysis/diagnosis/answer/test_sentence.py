@@ -64,7 +64,7 @@ def test_a_consistent_verdict_tells_what_it_misses_of_held_out_rows_beside_the_u
 def test_named_tells_every_cause_its_symptom_and_the_gain() -> None:
     causes = (cause("coulomb-friction", "the residual switches sign"), cause("sensor-gain", "the residual is", 0.99))
     text = sentence("named", causes, (), GAIN, {})
-    assert f"coulomb-friction at x and sensor-gain at x (probability {100.0 * calibrated(0.99):.1f} %)" in text
+    assert f"coulomb-friction at x and sensor-gain at x (probability {100.0 * calibrated(0.99):.0f} %)" in text
     assert "the residual switches sign; the residual is" in text
     assert "adding them takes the held-out error from 25.0 % to 1.25 %" in text
 
@@ -76,7 +76,7 @@ def test_a_kind_of_cause_at_several_places_is_told_once() -> None:
     three = sentence("named", at("hysteresis", "piezo_1", "piezo_2", "piezo_3"), (), GAIN, {})
     assert three.startswith(
         f"The simulation lacks hysteresis at piezo_1, piezo_2 and "
-        f"piezo_3 (probability {100.0 * calibrated(0.999):.1f} %):"
+        f"piezo_3 (probability {100.0 * calibrated(0.999):.0f} %):"
     )
     two = sentence("named", [*at("hysteresis", "x", "y"), *at("sensor-gain", "x")], (), GAIN, {})
     assert two.startswith("The simulation lacks hysteresis at x and y, and sensor-gain at x (probability")
@@ -130,4 +130,4 @@ def test_an_error_as_large_as_its_noise_is_not_said_to_be_wrong_and_noise_at_onc
 def test_ambiguous_tells_the_tie_what_is_sure_beside_it_and_the_gain(sure: tuple[Cause, ...]) -> None:
     text = sentence("ambiguous", sure, (("cubic-stiffness", "backlash"),), GAIN, {})
     assert "which of cubic-stiffness, backlash it is" in text and "from 25.0 % to 1.25 %" in text
-    assert (f"lacks delay at x (probability {100.0 * calibrated(0.998):.1f} %)" in text) == bool(sure)
+    assert (f"lacks delay at x (probability {100.0 * calibrated(0.998):.0f} %)" in text) == bool(sure)
