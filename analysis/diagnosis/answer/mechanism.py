@@ -235,11 +235,7 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
     canvas.points(0, "measured", at, measured[::every] * scale, color=INK, marker=".", markersize=1.8, alpha=0.7)
     canvas.legend(0, loc="best")
     held = ", which no fit has seen" if window.held_out else ""
-    told = (
-        ""
-        if _looped(effect)
-        else f" {over.label[0].upper()}{over.label[1:]} explains {share(part)} of the modelled one."
-    )
+    told = "" if _looped(effect) else f" Of the extended model's, {share(part)} is a function of {over.label}."
     caption = (
         f"The {missing.label}, in segment “{window.label}”{held}: the measured residual converted into what would "
         f"make it, where it stands above the noise, and the same of the extended model.{told}"

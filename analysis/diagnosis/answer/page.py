@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 HEADLINES = {
     "consistent": "Model and data agree",
-    "named": "The model is wrong, and this is why",
+    "named": "The model lacks what is named here",
     "ambiguous": "The model is wrong; several causes would explain it",
     "unknown": "The model is wrong; no effect in the library explains it",
 }
