@@ -123,7 +123,7 @@ def test_a_spring_is_seen_over_the_position_with_its_cube():
     cube = float(np.sum(y * x**3) / np.sum(x**6))
     # force in mN m over the cube of mrad: 1e-3 / 1e-9
     assert cube * 1e6 == pytest.approx(-SPRING, rel=0.05)
-    assert "explains" in figure.caption
+    assert "is a function of position of x" in figure.caption
 
 
 def test_without_an_effect_there_is_no_picture_of_one():
