@@ -7,6 +7,9 @@ import re
 
 from sim_backend.axis_names import with_axes
 
+_EXACT = 1e-6
+"""Standard deviation, as a part of the number, below which it is not worth printing."""
+
 NONE = "—"
 """What stands where there is no number."""
 
@@ -54,6 +57,11 @@ def readable(value: float, digits: int = 3) -> str:
     if "e" not in text:
         return _signed(text)
     return _signed(f"{float(text):,.0f}") if 0 < int(text.partition("e")[2]) < 6 else _power(text, value)
+
+
+def known_exactly(value: float, std: float | None) -> bool:
+    """Tell whether a number is known beyond any use: a step that every reading is a multiple of, for one."""
+    return std is not None and std < _EXACT * abs(value)
 
 
 def fit_percent(error: float) -> str:

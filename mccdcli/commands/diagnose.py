@@ -293,8 +293,9 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
 
 
 def _parameter(name: str, estimate: dict[str, Any]) -> str:
-    from analysis.pages.formats import readable
+    from analysis.pages.formats import known_exactly, readable
 
     unit = "" if estimate["unit"] == "1" else f" {estimate['unit']}"
-    spread = "" if estimate["std"] is None else f" ± {readable(estimate['std'], 2)}"
-    return f"{name} {readable(estimate['value'], 5)}{spread}{unit}"
+    value, std = estimate["value"], estimate["std"]
+    spread = "" if std is None or known_exactly(value, std) else f" ± {readable(std, 2)}"
+    return f"{name} {readable(value, 5)}{spread}{unit}"

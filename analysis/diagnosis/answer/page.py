@@ -31,7 +31,7 @@ from analysis.diagnosis.result import Diagnosis, Domain, Visible
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
-from analysis.pages.formats import fit_percent, readable, shown, unit_text, without_exponents
+from analysis.pages.formats import fit_percent, known_exactly, readable, shown, unit_text, without_exponents
 from analysis.pages.quantities import certainty, chance, quantity, share
 from analysis.pages.svg import inlined
 from campaigns.spreadsheet import inert_frame
@@ -169,6 +169,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["unit"] = unit_text
     environment.filters["readable"] = readable
+    environment.filters["known_exactly"] = known_exactly
     environment.filters["fit"] = fit_percent
     environment.filters["plainly"] = without_exponents
     environment.filters["certainty"] = certainty

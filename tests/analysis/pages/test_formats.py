@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from analysis.pages.formats import exact, fit_percent, printed, readable, shown, without_exponents
+from analysis.pages.formats import exact, fit_percent, known_exactly, printed, readable, shown, without_exponents
 
 
 @pytest.mark.parametrize(
@@ -86,3 +86,8 @@ def test_a_text_loses_its_exponents_and_a_name_keeps_them():
 )
 def test_a_page_prints_numbers_and_axes_as_a_reader_knows_them(text, shown):
     assert printed(text) == shown
+
+
+def test_a_number_that_is_known_exactly_has_no_error_worth_printing():
+    assert known_exactly(2.5724e-7, 1.3e-22) and known_exactly(-3.0, 1e-9)
+    assert not known_exactly(3.0, 1e-5) and not known_exactly(3.0, None) and not known_exactly(0.0, 0.0)
