@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
-AXES: Final[Mapping[str, str]] = MappingProxyType({"theta_x": "θx", "theta_y": "θy"})
+AXES: Final[Mapping[str, str]] = MappingProxyType({"theta_x": "θx", "theta_y": "θy", "theta_z": "θz"})
 
 
 def axis_text(name: str) -> str:

@@ -12,7 +12,7 @@ from sim_backend.axis_names import axes_in, with_axes
     [
         ("coulomb-friction at theta_x (probability 99 %)", "coulomb-friction at θx (probability 99 %)"),
         ("cross-coupling at theta_x->theta_y.", "cross-coupling at θx→θy."),
-        ("it was theta_y, and theta_z", "it was θy, and theta_z"),
+        ("it was theta_y, theta_z and theta_w", "it was θy, θz and theta_w"),
         ("runs/a->b.h5 by mccd chop --axis theta_x", "runs/a->b.h5 by mccd chop --axis theta_x"),
         (
             "in sweep-theta_x.h5, theta_x_slow and runs/theta_y/a.h5",
