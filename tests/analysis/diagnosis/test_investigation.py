@@ -116,7 +116,7 @@ def test_two_gains_stay_tied_where_no_instrument_sees_the_angle(tmp_path):
     assert set(found.rounds[0].ambiguous[0]) == {"sensor-gain", "actuator-gain"}
     assert found.rounds[0].next_experiment is None
     assert "no further experiment that this bench can do" in found.reason
-    assert "No plan tells" in found.rounds[0].sentence
+    assert "No plan distinguishes" in found.rounds[0].sentence
 
 
 def test_the_rounds_and_the_budget_are_kept(tmp_path):
