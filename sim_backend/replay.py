@@ -137,10 +137,11 @@ def _play(begun: Sequence[_Begun], n: int, farthest: Array | None) -> None:
         waves, outs = [one.part(first, end) for one in left], [one.out._replace(first=first) for one in left]
         side_by_side.play([one.loop for one in left], end - first, waves, outs)
         if farthest is not None:
-            for one in left:
-                if not np.all(np.abs(one.out.reading[:, first:end]) <= farthest[:, None]):
+            within = [bool(np.all(np.abs(one.out.reading[:, first:end]) <= farthest[:, None])) for one in left]
+            for one, stays in zip(left, within, strict=True):
+                if not stays:
                     one.out.reading[:] = np.inf
-            left = [one for one in left if np.isfinite(one.out.reading[0, first])]
+            left = [one for one, stays in zip(left, within, strict=True) if stays]
         first = end
 
 

@@ -15,6 +15,7 @@ from sim_backend.kernel import machine, side_by_side
 from sim_backend.kernel.structure import LANES, Structure
 from sim_backend.linear import ModalModel
 from sim_backend.replay import Case, Motion, replay_together, stepped
+from tests.lanes import lanes_asked
 from tests.sim_backend.test_kernel import RATE_HZ, one_axis
 
 MODEL = one_axis()
@@ -26,16 +27,7 @@ AXIS, DRIVE = PLACES.outputs[0], PLACES.inputs[0]
 @pytest.fixture
 def lanes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return how many replays each loop played that was asked for; loops for several are made at once."""
-    asked = []
-    loop_of = machine.loop_of
-
-    def asking(structure: Structure) -> machine.Play:
-        asked.append(structure.lanes)
-        return loop_of(structure)
-
-    monkeypatch.setattr(machine, "loop_of", asking)
-    monkeypatch.setattr(side_by_side, "_is_there", lambda *_: True)
-    return asked
+    return lanes_asked(monkeypatch)
 
 
 def softer(k: int) -> ModalModel:

@@ -23,7 +23,7 @@ from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
 from sim_backend.effects.dominant import residues
 from sim_backend.linear import Array, ModalModel
-from sim_backend.replay import Case, Motion, Stepped, replay_together, stepped
+from sim_backend.replay import Case, Motion, replay_together, stepped
 
 T = TypeVar("T")
 
@@ -144,46 +144,38 @@ def linear_of(setting: Setting, fit: Fit) -> ModalModel:
     return retuned(turned(setting.nominal, setting.nuisances, fit.change), fit.effects, setting.places)
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """A linear model as the loop steps it, and all effects that act in it."""
-
-    ready: Stepped
-    acting: Sequence[Effect]
-
-
-def hypothesis(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> Hypothesis:
+def case_of(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> Case:
     """Return `linear` with the known effects and `effects`; raises ConfigError where there is no such model.
 
     Between samples only what acts on the structure changes; without such effects one step per sample is exact.
     """
     acting = [*setting.known, *effects]
     substeps = setting.substeps if any(e.site in (Site.DRIVE, Site.STRUCTURE) for e in acting) else 1
-    return Hypothesis(stepped(linear, acting, setting.places, setting.data.rate_hz, substeps), acting)
+    return Case(stepped(linear, acting, setting.places, setting.data.rate_hz, substeps), acting)
 
 
 def simulated(setting: Setting, linear: ModalModel, effects: Sequence[Effect]) -> list[Motion]:
     """Return every record replayed through `linear` with the known effects and `effects`."""
-    return simulated_together(setting, [hypothesis(setting, linear, effects)])[0]
+    return simulated_together(setting, [case_of(setting, linear, effects)])[0]
 
 
 def simulated_together(
-    setting: Setting, hypotheses: Sequence[Hypothesis], farthest: Sequence[Array] | None = None
+    setting: Setting, cases: Sequence[Case], farthest: Sequence[Array] | None = None
 ) -> list[list[Motion]]:
-    """Return for each hypothesis every record replayed: together they take less time than one by one.
+    """Return for each case every record replayed from its known state: together they take less time than one by one.
 
     With `farthest`, (n_y,) for each record, readings of motions that go beyond are infinite.
     """
 
     def played(run: int, record: Record, states: Array) -> list[Motion]:
-        cases = [
+        own = [
             # states of modes that other effects added stay out
-            Case(h.ready, [e.in_run(run) for e in h.acting], states[: h.ready.linear.n_blocks])
-            for h in hypotheses
+            Case(case.ready, [e.in_run(run) for e in case.effects], states[: case.ready.linear.n_blocks])
+            for case in cases
         ]
         given = setting.places, setting.transducers, record.u, setting.data.rate_hz
         limit = None if farthest is None else farthest[run]
-        return replay_together(cases, *given, temperature_k=record.temperature_k, farthest=limit)
+        return replay_together(own, *given, temperature_k=record.temperature_k, farthest=limit)
 
     motions = setting.each(played, range(len(setting.data.records)), setting.data.records, setting.states)
     return [list(own) for own in zip(*motions, strict=True)]

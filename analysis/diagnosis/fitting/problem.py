@@ -18,7 +18,7 @@ import scipy
 from analysis.diagnosis.candidates.parameters import Scale, parameters_of
 from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
-from analysis.diagnosis.fitting.fit import Fit, Hypothesis, Setting, hypothesis, residuals_of, simulated_together
+from analysis.diagnosis.fitting.fit import Fit, Setting, case_of, residuals_of, simulated_together
 from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.nominal.responses import coasting, played, simulate
 from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
@@ -27,6 +27,7 @@ from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.kernel.structure import LANES
 from sim_backend.linear import Array
+from sim_backend.replay import Case
 
 _NUISANCE_STEP = 0.2
 """Largest change of a nuisance in one step: far beyond any tolerance; what a step may do within is left to the
@@ -99,11 +100,11 @@ class Problem:
 
     def _raw(self, places: Sequence[Array]) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
         """Return the same at several places."""
-        s, there = self.setting, dict[int, Hypothesis]()
+        s, there = self.setting, dict[int, Case]()
         for i, x in enumerate(places):
             with suppress(ConfigError):
                 linear = turned(s.nominal, s.nuisances, x[: len(s.nuisances)])
-                there[i] = hypothesis(s, linear, self.effects(x))
+                there[i] = case_of(s, linear, self.effects(x))
         found = dict(zip(there, simulated_together(s, list(there.values()), self._farthest), strict=True))
         nowhere = tuple(np.full(r.y.shape, np.inf) for r in s.data.records), tuple(r.u for r in s.data.records)
         return [

@@ -23,17 +23,16 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
     Otherwise the colour and size of the residuals themselves are used. `order` is the longest memory of the filter.
     """
     taps: list[Array] = []
-    repeats = any(w.repeats for r in data.records for w in r.windows)
     for o in range(data.n_outputs):
         parts = []
         for record, residual in zip(data.records, residuals, strict=True):
-            if repeats:
+            if data.repeats:
                 parts += _differences(data, record, residual[:, o])
             else:
                 parts.append((residual[:, o], record.fitted()))
         taps.append(fit_ar(parts, MAX_ORDER if order is None else order))
     longest = max(t.size for t in taps)
-    plain = Whitener(np.stack([np.pad(t, (0, longest - t.size)) for t in taps]), repeats)
+    plain = Whitener(np.stack([np.pad(t, (0, longest - t.size)) for t in taps]), data.repeats)
     return plain if order == 0 else _with_levels(plain, data, residuals)
 
 

@@ -232,6 +232,11 @@ class Dataset:
         return [(i, w) for i, w in self.windows if w.held_out] or self.windows
 
     @property
+    def repeats(self) -> bool:
+        """Whether any window repeats, so that noise is known from what differs between periods."""
+        return any(window.repeats for record in self.records for window in record.windows)
+
+    @property
     def noise_rows(self) -> int:
         """How many samples, of one output, differences of periods show of noise alone."""
         return sum(max(w.repeated[1] - 1, 0) * w.period for _, w in self.windows)

@@ -19,11 +19,11 @@ from campaigns.benches import open_bench
 from campaigns.log import read_run
 from campaigns.plans import make_plan
 from campaigns.playing.runner import run_plan
-from sim_backend.kernel import machine, side_by_side
-from sim_backend.kernel.structure import LANES, Structure
+from sim_backend.kernel.structure import LANES
 from sim_backend.model import number
 from sim_backend.simbench import SimBench
 from tests.analysis.study.studies import spread
+from tests.lanes import lanes_asked
 
 HEAD = (
     'schema = "mccd-study/1"\nname = "s"\nkind = "settling"\ntrials = 1000\nseed = 5\n'
@@ -178,15 +178,7 @@ def test_what_lies_outside_a_trial_is_no_result_of_it(error: Exception, monkeypa
 
 @pytest.mark.parametrize("lanes", [False, True])
 def test_trials_side_by_side_are_what_each_is_alone(lanes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    loop_of = machine.loop_of
-
-    def noted(structure: Structure) -> machine.Play:
-        asked.append(structure.lanes)
-        return loop_of(structure)
-
-    monkeypatch.setattr(machine, "loop_of", noted)
-    monkeypatch.setattr(side_by_side, "_is_there", lambda *_: lanes)
+    asked = lanes_asked(monkeypatch, there=lanes)
     # every second one is unstable, and two strategies play other segments
     one = job(
         f'place = "{FREQUENCY}"\nnormal = {{ std = 0.01 }}\nrelative = true',

@@ -16,6 +16,7 @@ from sim_backend.kernel.tables import AT_ONCE
 from sim_backend.kernel.wide_step import wide_step
 from sim_backend.model import EffectEntry, load_model
 from sim_backend.simbench import SimBench, play_side_by_side
+from tests.lanes import lanes_asked
 from tests.sim_backend.kernel.test_loop import SIZES, STEPPED, N, closed
 from tests.sim_backend.test_kernel import RATE_HZ, held_torque, one_axis
 
@@ -28,16 +29,7 @@ SMALL = {"slow-softening": 1e-3, "magnetic-polynomial": 1e-4}
 @pytest.fixture
 def lanes(monkeypatch):
     """How many benches every loop played that was asked for; those for several are made at once."""
-    found = []
-    loop_of = machine.loop_of
-
-    def asking(structure):
-        found.append(structure.lanes)
-        return loop_of(structure)
-
-    monkeypatch.setattr(machine, "loop_of", asking)
-    monkeypatch.setattr(side_by_side, "_is_there", lambda *_: True)
-    return found
+    return lanes_asked(monkeypatch)
 
 
 def drawn(model, k):

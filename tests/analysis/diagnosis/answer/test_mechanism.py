@@ -280,6 +280,19 @@ def test_the_error_of_the_model_as_given_is_that_of_the_held_out_rows():
     assert error_as_given(data, found.nominal, ["x"], []) is None
 
 
+@pytest.mark.parametrize("period", [0, 500])
+def test_a_page_says_where_the_noise_is_that_of_the_residual(tmp_path, period):
+    """Where periods repeat it is known by itself, even if it is as large as all that is left."""
+    found, *_ = diagnosed("cubic-stiffness", rows=4000)
+    (record,) = found.data.records
+    windows = tuple(dataclasses.replace(w, period=period) for w in record.windows)
+    data = dataclasses.replace(found.data, records=(dataclasses.replace(record, windows=windows),))
+    gain = Gain(("uid#held-out",), 0.5, 0.1, 0.1, 0.8, (0.7, 0.9))
+    page = write_page(dataclasses.replace(found, gain=gain, data=data), axis(), (), tmp_path)["index.html"].read_text()
+    assert "down to the noise" in page
+    assert ("estimated from this very residual: nothing repeats" in page) == (period == 0)
+
+
 @pytest.mark.parametrize(
     ("verdict", "ci95", "shown", "missing"),
     [
