@@ -75,6 +75,22 @@ def _next(choice: Choice | None) -> str:
     )
 
 
+def advice(diagnosis: Diagnosis) -> str:
+    """Return what to record next where no plan was chosen; empty where a plan was, or nothing is left to find."""
+    if diagnosis.next_experiment is not None or diagnosis.verdict not in ("ambiguous", "unknown"):
+        return ""
+    if diagnosis.verdict == "unknown":
+        return (
+            "Plans are compared by how well they distinguish effects, and no effect of the library explains this "
+            "residual. Record the same motion at other amplitudes, speeds and temperatures, one of them changed at a "
+            "time: what the residual follows tells what causes it."
+        )
+    return (
+        "No plan of the bench is known to distinguish what is tied; the remarks say why. An instrument that does not "
+        "share the bench's sensors may."
+    )
+
+
 def _verdict(
     verdict: Verdict,
     causes: Sequence[Cause],
