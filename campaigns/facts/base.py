@@ -76,7 +76,7 @@ def changed(values: Array) -> NDArray[np.bool_]:
     return np.asarray(values[1:] != values[:-1])
 
 
-def stretches_of(at: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+def stretches_of(at: NDArray[np.bool_], least: int = 1) -> list[tuple[int, int]]:
     """Return where the stretches of `least` samples and more begin and end (exclusive) in which `at` (n,) holds."""
     return [(int(a), int(b)) for a, b in zip(*runs_of(at), strict=True) if b - a >= least]
 

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, left_by, linear_of
-from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, response
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
+from campaigns.facts.base import stretches_of
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
@@ -178,7 +179,7 @@ def _lines(whitener: Whitener, model: DiscreteModel, record: Record, change: Arr
     answers = [response(model, record.u[:, j], j, through_delay=True) for j in range(record.u.shape[1])]
     frequency: list[Array] = []
     spectra: list[Spectrum] = []
-    for start, stop in runs_of(record.fitted()):
+    for start, stop in stretches_of(record.fitted()):
         n = stop - start
         taper = np.hanning(n)[:, None] * record.weight
         own = np.arange(1, n // 2)

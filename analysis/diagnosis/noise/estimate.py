@@ -9,8 +9,9 @@ import scipy
 
 from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
 from analysis.diagnosis.noise.levels import held_by_few, levels_of_means, levels_of_medians, no_weaker
-from analysis.diagnosis.noise.whitener import Mask, Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Mask, Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record
+from campaigns.facts.base import stretches_of
 from sim_backend.linear import Array
 
 _TREND = 3
@@ -106,7 +107,7 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
     frequency, power = [np.zeros(0)], [np.zeros(0)]
     for x, mask in parts:
         white = plain.apply(x[:, None], output)[:, 0]
-        for start, stop in runs_of(mask):
+        for start, stop in stretches_of(mask):
             power.append(scipy.fft.dct(white[start:stop], norm="ortho") ** 2)
             frequency.append(np.arange(stop - start) / (2.0 * (stop - start)))
     return np.concatenate(frequency), np.concatenate(power)
