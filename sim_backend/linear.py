@@ -219,7 +219,7 @@ class Taps:
 def delay_taps(delay_samples: float) -> Taps:
     """Return the held samples that together act as the input `delay_samples` ago (not necessarily whole) does.
 
-    A held input that arrives between two samples is no sequence of held samples. A plant answers to it as to the cubic
+    A held input that arrives between two samples is not a sequence of held samples. A plant answers it as the cubic
     through the nearest four that have been, to third order in the angle per sample (Lagrange's interpolation). On a
     straight line between two, at a part f of a sample, what is fast would lose f (1 - f)/2 of the squared angle: more
     than a first-order lag of half a sample differs from a delay.

@@ -19,7 +19,7 @@ class Fact:
 
     `name` says of which kind it is, `numbers` hold what programs need; `channel` and `segment` are empty where it is of
     all. One that `forbids` makes wrong whatever is computed from the record as it is; one that `refuses_import` as well
-    knows what to write into the map instead. One that is no `remark` is told when asked for only.
+    knows what to write into the map instead. One that is not a `remark` is shown when asked for only.
     """
 
     name: str

@@ -223,7 +223,7 @@ def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
 
 
 def clock_start(stamps: Stamps) -> float:
-    """Return the time of the first sample for the log: none where it is a date, which is no time of the run."""
+    """Return the time of the first sample for the log: none where it is a date, which is not a time of the run."""
     return stamps.first_s if abs(stamps.first_s) < EPOCH_S else 0.0
 
 

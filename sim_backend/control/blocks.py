@@ -30,7 +30,7 @@ class DiscreteFilter:
 
     Shapes: `a` (m, 2, 2), `b` and `c` (m, 2), `d` a number. `integrator` is the index of the block whose
     first state is an integrator in units of the output, or None. Raises ConfigError when a shape does not
-    fit, a number is not finite, the rate is not positive or the named block is no integrator.
+    fit, a number is not finite, the rate is not positive or the named block is not an integrator.
     """
 
     a: Array

@@ -1,4 +1,4 @@
-"""By how many standard deviations an experiment would tell two hypotheses apart, once everything else may adapt.
+"""By how many standard deviations an experiment would separate two hypotheses, once everything else may adapt.
 
 If one hypothesis is true, fitting the other to the old and the new data together leaves a sum of squares that is
 larger by d², and d is what is called the separation. To second order about the fits to the old data

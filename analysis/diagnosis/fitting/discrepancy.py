@@ -2,7 +2,7 @@
 
 A lag, or a creep, whose law differs from the real one leaves an error H(f) times what the linear model answers to
 each input, whatever H is, as long as it is smooth and the same at every level. A spring that stiffens, or free play,
-answers with harmonics, with intermodulation, and differently at another level: that is no H. So the part of a
+answers with harmonics, with intermodulation, and differently at another level: that is not H. So the part of a
 difference that follows the drive by some linear law bounds what a wrong linear law can explain.
 """
 

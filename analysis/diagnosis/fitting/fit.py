@@ -202,7 +202,7 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
     Of one that no fit has seen the state in which it begins is sought, and where it repeats, also as if it had been
-    played before: what hangs on the level of the motion is then as it is in the steady state. Which of both it was
+    played before: what depends on the level of the motion is then as it is in the steady state. Which of both it was
     tells its first period.
     """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, _begun_anew(setting, fit), strict=True)}

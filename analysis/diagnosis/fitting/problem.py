@@ -221,7 +221,7 @@ class Problem:
         return x, at, deviations
 
     def _cusp(self, x: Array, i: int, close: float) -> tuple[Callable[[float], float], float, float, float]:
-        """Return the objective over parameter `i`, where it is, how far a cusp is sought, and what is no gain."""
+        """Return the objective over parameter `i`, its value, how far to seek a cusp, and the least gain."""
         grain = self.scales[i - len(self.setting.nuisances)].grain
         return (lambda value: self.evaluate(_with(x, i, value)).objective), float(x[i]), max(_ROOF, 2.0 * grain), close
 

@@ -130,7 +130,7 @@ def _differences(data: Dataset, record: Record, x: Array) -> list[tuple[Array, M
 def _without_trend(x: Array) -> Array:
     """Return a difference (n,) of periods without the cubic that runs through it best.
 
-    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is no
+    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is not
     noise; a filter that took it for noise would differentiate, and nothing slow would count any more.
     """
     at = np.linspace(-1.0, 1.0, x.size)

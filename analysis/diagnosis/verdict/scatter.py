@@ -1,4 +1,4 @@
-"""Does what differs between periods grow with the excitation? Then it is no noise that a bench has by itself.
+"""Does what differs between periods grow with the excitation? Then it is not a noise that a bench has by itself.
 
 Whatever does not repeat with the drive is absorbed by noise: a stiffness that varies at a rate of its own, an
 intermittent force, a friction that differs from pass to pass. In one record nothing distinguishes it from noise.
