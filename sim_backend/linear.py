@@ -95,7 +95,7 @@ class ModalModel:
         )
 
     def driven_by(self, inputs: Sequence[int] | NDArray[np.intp]) -> ModalModel:
-        """Return the model from those of its inputs that are numbered, in their order."""
+        """Return the model from those of its inputs whose numbers (k,) are given, in their order."""
         keep = list(inputs)
         return self.with_(
             b=self.b[:, keep], b_direct=self.b_direct[:, keep], d=self.d[:, keep], delay_s=self.delay_s[keep]
@@ -297,7 +297,7 @@ def _block(omega_rad_s: Array, sigma_1_s: Array, one: Array, times: Array) -> Ar
 
 
 def nonzero(lengths: Array) -> Array:
-    """Return `lengths`, one for what has none: something to divide by."""
+    """Return `lengths`, any shape, with one for what has none: something to divide by."""
     return np.where(lengths > 0.0, lengths, 1.0)
 
 

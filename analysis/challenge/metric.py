@@ -60,7 +60,7 @@ class Metric:
 
     @classmethod
     def of(cls, campaign: Campaign, tuned: Array | None = None, beside: Sequence[Hidden] = ()) -> Metric:
-        """Return the metric of a campaign about its own plant, or about one adjusted by `tuned`, with effects in it."""
+        """Return the metric of a campaign about its plant, or one adjusted by `tuned` (n,), with effects in it."""
         coarse = campaign.coarse(_COARSE)
         noise = campaign.noise()
         tuned = np.zeros(len(places_of(campaign.plant))) if tuned is None else tuned
@@ -135,7 +135,7 @@ def places_of(plant: Plant) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def adjusted(plant: Plant, tuned: Array) -> Plant:
-    """Return the plant with every number that the nominal model states changed by `tuned` prior standard deviations."""
+    """Return the plant with each stated number changed by `tuned` (n,) prior standard deviations, see `places_of`."""
     values = {name: getattr(plant, name).copy() for name in ("omega_rad_s", "sigma_1_s", "b", "c")}
     for (name, at), value in zip(places_of(plant), tuned, strict=True):
         values[name][at] *= np.exp(PRIOR_SD * value)

@@ -54,7 +54,7 @@ class Seen:
     complete: bool = True
 
     def of_role(self, *roles: str) -> dict[str, Array]:
-        """Return the columns of these roles."""
+        """Return the columns (n,) of these roles, by channel."""
         return {name: values for name, values in self.columns.items() if self.channels[name].role in roles}
 
     @property
@@ -82,7 +82,7 @@ def stretches_of(at: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
 
 
 def by_segment(seen: Seen, values: Array) -> Iterator[tuple[LogSegment, Array]]:
-    """Yield every segment with samples and its part of a column."""
+    """Yield every segment with samples and its part of a column (n,)."""
     for segment in seen.segments:
         if segment.rows:
             yield segment, values[segment.start : segment.stop]

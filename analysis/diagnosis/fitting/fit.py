@@ -128,7 +128,7 @@ class Fit:
     def held(self, keep: Sequence[int] | None = None) -> tuple[list[Candidate], Array]:
         """Return where another refit of these effects (or those numbered in `keep`) starts: shapes and sizes as fitted.
 
-        Sizes are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
+        Sizes (k,) are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
         """
         chosen = range(len(self.effects)) if keep is None else keep
         candidates, sizes = [], np.zeros(0)

@@ -37,7 +37,10 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
 
 
 def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
-    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats."""
+    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats.
+
+    `residuals` are (n, n_y) per record.
+    """
     ratios = [0.0]
     for o in range(data.n_outputs):
         noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(data, r, e[:, o])]
