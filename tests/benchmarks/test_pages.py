@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.pages import TABLES, robustness, scores
 from benchmarks.pages.__main__ import main
-from benchmarks.pages.marks import RESULTS, Table, files_of, percent, with_table
+from benchmarks.pages.marks import DOCS, RESULTS, Table, files_of, percent, with_table
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.name)
@@ -83,6 +83,16 @@ def test_a_score_is_held_against_the_requirement_of_the_second_generator(tmp_pat
         "those of the second generator: 90 % in row 1 (the file states that of the first generator, 97 %) "
         "and 85 % in row 6 (the file states none)."
     )
+
+
+def test_the_page_of_challenges_states_the_same_requirements() -> None:
+    text = (DOCS / "challenge.md").read_text(encoding="utf-8")
+    named, twisted = (row.low for row in scores.ROWS if row.low is not None)
+    (file,) = files_of(*next((t.page.read_text(encoding="utf-8"), t) for t in TABLES if t.name == "scores"))
+    first = json.loads(file.read_text(encoding="utf-8"))["measures"][0]["low"]
+    assert f"(≥ {percent(first)} %; of the second generator ≥ {percent(named)} %)" in text
+    (line,) = (line for line in text.splitlines() if line.startswith("- twisted:"))
+    assert line.endswith(f"(≥ {percent(twisted)} %)")
 
 
 def test_only_one_score_with_every_measure_is_shown(tmp_path: Path) -> None:

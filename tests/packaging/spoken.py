@@ -10,7 +10,14 @@ from pathlib import Path
 from tests.docs.test_pages import PAGES
 
 ROOT = Path(__file__).parents[2]
-DOCS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "mccdcli/results.toml")
+DOCS = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "mccdcli/results.toml",
+    "benchmarks/README.md",
+    "benchmarks/results/README.md",
+)
 """Texts outside of docs/ that people read."""
 
 PRODUCT = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
