@@ -14,7 +14,7 @@ BANNED = {
     r"\bis no (?!(?:longer|better|worse|more|less|larger|smaller)\b|\w+ (?:to|of what)\b)": "is not a",
     r"\b(?:general way|stranger|stand-in|testimony|leeway|freshness)": "basis function; unlisted alternative; …",
     r"\b(?:imitat|objection|doubted|barely|knob|re-tuned)": "resembles; failed check; adjusted",
-    r"\b(?:what is left(?! out)|left ?over|brought into line|lined up|shaking)\b": "residual; noise re-estimated; disturbance",
+    r"\b(?:what is left(?! out)|left ?over|brought into line|lined up|shaking)\b": "residual; estimated; disturbance",
     r"\bpass(?:es|ed|ing)? for\b|\btakes? for its own\b": "is absorbed by; is taken as",
     r"(?<!what it was )\btold\b(?! to\b)|\btells? \w+ from\b|\btells? [^.:;]* apart\b": "distinguished; known; shown",
     r"(?<!pendulum that )\bhangs? on\b": "depends on",
