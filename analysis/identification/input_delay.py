@@ -170,7 +170,7 @@ def _doubtful(fit: TimeFit) -> int:
 
 
 def _known(fit: TimeFit) -> NDArray[np.bool_]:
-    """Return which delays (n_u,) are none, or differ from none by what is no uncertainty of theirs.
+    """Return which delays (n_u,) are none, or differ from none by what is not an uncertainty of theirs.
 
     Where no linear model explains the record, the evidence counts a little help as much.
     """

@@ -99,7 +99,7 @@ def _verdict(
     evidence: Mapping[str, Sequence[Domain]],
 ) -> str:
     if verdict == "consistent":
-        return f"The simulation is consistent with the data: what it leaves is noise{_little(gain)}."
+        return f"The simulation is consistent with the data: the residual is noise{_little(gain)}."
     if verdict == "unknown":
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
@@ -171,7 +171,7 @@ def _little(gain: Gain | None) -> str:
 
 
 def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -> str:
-    """Return the residual of the named causes above the usual noise, if large, and why it is no lack of fit."""
+    """Return the residual of the named causes above the usual noise, if large, and why it is not a lack of fit."""
     if verdict not in ("named", "ambiguous") or remainder is not None or gain is None:
         return ""
     above = _above_usual(gain)

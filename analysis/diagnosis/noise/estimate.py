@@ -38,7 +38,10 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
 
 
 def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
-    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats."""
+    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats.
+
+    `residuals` are (n, n_y) per record.
+    """
     ratios = [0.0]
     for o in range(data.n_outputs):
         noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(data, r, e[:, o])]
@@ -131,7 +134,7 @@ def _differences(data: Dataset, record: Record, x: Array) -> list[tuple[Array, M
 def _without_trend(x: Array) -> Array:
     """Return a difference (n,) of periods without the cubic that runs through it best.
 
-    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is no
+    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is not
     noise; a filter that took it for noise would differentiate, and nothing slow would count any more.
     """
     at = np.linspace(-1.0, 1.0, x.size)

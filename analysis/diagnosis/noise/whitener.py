@@ -92,7 +92,7 @@ class Whitener:
         return replace(self, edges=edges, levels=np.maximum(self.bands.at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
-        """Return the levels of the lowest of `n` cosine coefficients, as many as lie in bands.
+        """Return the levels (k,) of the lowest of `n` cosine coefficients, as many as lie in bands.
 
         Below the middle of the lowest band the noise is extrapolated as it rose over the lowest few: noise that is
         coloured there is strongest where it is least visible, and an offset would be taken for physics. Where nothing
@@ -169,12 +169,12 @@ class Whitener:
         return out.T
 
     def band_of_rows(self, mask: Mask) -> Ints:
-        """Return the band of each coefficient that `rows` returns, -1 above all bands or where there are none."""
+        """Return the band (rows,) of each coefficient that `rows` returns, -1 above all bands or without any."""
         band = band_of(self.edges, frequency_of_rows(mask))
         return np.asarray(np.where(band < self.levels.shape[1], band, -1))
 
     def log_variance(self, mask: Mask) -> float:
-        """Return the sum of the logarithms of the variances by which the masked samples of a record are divided."""
+        """Return the sum of the logarithms of the variances by which the samples of a mask (n,) are divided."""
         total = -2.0 * int(mask.sum()) * float(np.sum(np.log(self.taps[:, 0])))
         for taps, begin in zip(self.taps, self._beginnings, strict=True):
             own = np.diag(begin)[: mask.size]
@@ -188,9 +188,10 @@ class Whitener:
 
 
 def frequency_of_rows(mask: Mask, least: float = 0.0) -> Array:
-    """Return the frequency of each coefficient that a whitener makes of a mask, in cycles per sample, at least `lines`.
+    """Return the frequency (rows,) of each coefficient that a whitener makes of a mask (n,), in cycles per sample.
 
-    The first coefficient of an unbroken run is its mean, each further one is half a frequency bin higher.
+    It is `least` bins at least. The first coefficient of an unbroken run is its mean, each further one is half a
+    frequency bin higher.
     """
     counts = (stop - start for start, stop in stretches_of(mask))
     return np.concatenate([np.zeros(0), *(np.maximum(np.arange(n) / 2.0, least) / n for n in counts)])

@@ -71,7 +71,7 @@ class Law:
 def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
     """Return every output whose noise grows with its position, no worse than with anything else.
 
-    Noise that differs between segments, or grows with the excitation, is no effect: where that explains more there is
+    Noise that differs between segments, or grows with the excitation, is not an effect: where it explains more there is
     nothing to name, however well the noise follows the position.
     """
     known = {e.where for e in setting.known if isinstance(e, ApexNoise)}
