@@ -31,8 +31,8 @@ _PATIENCE = 2
 """Numbers of blocks in succession that may be no better before the search for their number ends."""
 
 _COARSE = 1e-6
-"""Relative decrease of the squared error that ends a fit whose only purpose is to be compared: of 10⁵ samples a tenth of
-one degree of freedom, where a mode more has to be worth dozens."""
+"""Relative decrease of the squared error that ends a fit whose only purpose is to be compared: of 10⁵ samples a tenth
+of one degree of freedom, where a mode more has to be worth dozens."""
 
 _NOTHING = 1e-6
 """Part of its motion that a spring takes back in a record, below which there is none."""
