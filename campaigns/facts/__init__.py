@@ -5,6 +5,7 @@ samples.
 """
 
 from campaigns.facts.base import Fact, Seen
+from campaigns.facts.dead import dead_in_all
 from campaigns.facts.finding import (
     FACTS,
     RELATIONS,
@@ -24,6 +25,7 @@ __all__ = [
     "Fact",
     "Seen",
     "all_facts_of",
+    "dead_in_all",
     "facts_of",
     "found_in",
     "measured_segments",

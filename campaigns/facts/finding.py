@@ -12,6 +12,7 @@ from campaigns.facts import (
     clipping,
     clock,
     coherence,
+    dead,
     delay,
     loop,
     missing,
@@ -33,6 +34,7 @@ from sim_backend.readings import with_gaps
 FACTS: tuple[Callable[[Seen], list[Fact]], ...] = (
     size.facts,
     period.facts,
+    dead.facts,
     rest.facts,
     slow_sensor.facts,
     steps.facts,
@@ -63,6 +65,8 @@ def found_in(seen: Seen, asked: Sequence[str] = tuple(RELATIONS)) -> tuple[Fact,
         return ()
     found = missing.facts(seen)
     seen = missing.drawn_over(seen) if found else seen
+    if not seen.columns:
+        return tuple(found)
     found += [fact for find in FACTS for fact in find(seen)]
     stretches = stretches_in(seen, found) if asked else []
     for name in asked:
