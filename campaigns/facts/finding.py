@@ -17,6 +17,7 @@ from campaigns.facts import (
     loop,
     missing,
     period,
+    resampled,
     rest,
     size,
     slow_sensor,
@@ -102,9 +103,15 @@ def _facts(run: Run, asked: Sequence[str]) -> tuple[Fact, ...]:
     stored = stored_facts(run)
     if stored and run.rows * columns > MOST_NUMBERS:
         return stored
-    missing = missing_in(run)
-    found = found_in(seen_in(run), asked)
-    return (*found, *(fact for fact in stored if fact.name in RELATIONS and fact.name not in missing))
+    kept = set(RELATIONS) - set(missing_in(run))
+    made = [fact for fact in stored if _only_at_import(run, fact)]
+    return (*made, *found_in(seen_in(run), asked), *(fact for fact in stored if fact.name in kept))
+
+
+def _only_at_import(run: Run, fact: Fact) -> bool:
+    """Tell whether a stored fact is found by an import only, not in a log's inputs, outputs and references."""
+    channel = run.channels.get(fact.channel)
+    return fact.name == resampled.NAME or (channel is not None and channel.role == "aux")
 
 
 def stored_facts(run: Run) -> tuple[Fact, ...]:
