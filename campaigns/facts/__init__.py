@@ -17,6 +17,7 @@ from campaigns.facts.finding import (
     stored_facts,
     whole,
 )
+from campaigns.facts.sizes import sizes_of
 from campaigns.facts.usable import measured_segments, remarks_on, usable_segments
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "missing_in",
     "remarks_on",
     "seen_in",
+    "sizes_of",
     "stored_facts",
     "usable_segments",
     "whole",

@@ -17,6 +17,7 @@ from campaigns.facts import (
     loop,
     missing,
     period,
+    plausible,
     resampled,
     rest,
     size,
@@ -34,6 +35,7 @@ from sim_backend.readings import with_gaps
 
 FACTS: tuple[Callable[[Seen], list[Fact]], ...] = (
     size.facts,
+    plausible.facts,
     period.facts,
     dead.facts,
     rest.facts,
