@@ -1,8 +1,8 @@
 """Sizes that are hardly true of a bench: a unit stated too large or too small, outputs in different units.
 
-What is judged is the span of a whole record, largest less smallest. A span that is too small is one of a record in
-which something is driven, and only the largest one of a unit: at rest, and beside the axis that is driven, an output
-may show nothing but its noise.
+What is judged is the span of a whole record, largest less smallest. Of spans that are too small only the largest one of
+a unit counts, and only of outputs that are driven: at rest, and beside the axis that is driven, an output may show
+nothing but its noise.
 """
 
 from __future__ import annotations
@@ -76,8 +76,9 @@ def _too_small(seen: Seen, span: Mapping[str, float]) -> dict[str, str]:
     found = {}
     if not _driven(seen):
         return found
-    for role in ("input", "output"):
-        moving = [name for name in seen.of_role(role) if span.get(name, 0.0) > 0.0]
+    driven = {"input": seen.of_role("input"), "output": [one.name for one in _moved(seen)]}
+    for role, names in driven.items():
+        moving = [name for name in names if span.get(name, 0.0) > 0.0]
         for unit in dict.fromkeys(seen.channels[name].unit for name in moving):
             largest = max((name for name in moving if seen.channels[name].unit == unit), key=span.__getitem__)
             limits = SPANS[unit]
