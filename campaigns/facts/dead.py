@@ -28,7 +28,8 @@ def facts(seen: Seen) -> list[Fact]:
         found.append(
             Fact(
                 NAME,
-                f"{name} is {values[0]:.6g} {seen.channels[name].unit} in all {values.size} samples",
+                f"{seen.channels[name].role} '{name}' is constant at {values[0]:.6g} {seen.channels[name].unit} in all "
+                f"{values.size} samples",
                 _means(output, nothing),
                 name,
                 numbers={"value": float(values[0])},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from campaigns.facts.base import Array, Fact, Seen
 from campaigns.facts.plausible import doubts
 
 NAME = "size"
+
+AT_ONCE = 1_000_000
+"""Samples whose squares are summed together: a second copy of a long channel takes much memory."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +31,11 @@ def size_of(values: Array) -> Size | None:
     values = values if held.all() else values[held]
     if not values.size:
         return None
-    about = values - values.mean()
-    about *= about
-    return Size(float(values.min()), float(values.max()), float(np.sqrt(np.mean(about))))
+    mean = values.mean()
+    squares = sum(
+        float(about @ about) for about in (values[k : k + AT_ONCE] - mean for k in range(0, values.size, AT_ONCE))
+    )
+    return Size(float(values.min()), float(values.max()), math.sqrt(squares / values.size))
 
 
 def facts(seen: Seen) -> list[Fact]:

@@ -53,7 +53,7 @@ def test_one_dead_output_of_two_is_remarked_and_the_log_is_not_forbidden() -> No
     values[:, 3] = 0.25
     (fact,) = told(values)
     assert (fact.channel, fact.numbers["value"], fact.remark, fact.forbids) == ("o1", 0.25, True, False)
-    assert "0.25 rad in all 3000 samples" in fact.finding
+    assert "output 'o1' is constant at 0.25 rad in all 3000 samples" in fact.finding
 
 
 def test_a_dead_input_is_told_when_asked_for_only() -> None:
@@ -69,7 +69,7 @@ def test_a_log_in_which_no_output_changes_is_forbidden(tmp_path) -> None:
     assert [fact.forbids for fact in told(values)] == [True, True]
     with (
         read_run(written(tmp_path / "a.h5", values)) as run,
-        pytest.raises(DataError, match=r"o0 is 0 rad .*no output changes"),
+        pytest.raises(DataError, match=r"output 'o0' is constant at 0 rad .*no output changes"),
     ):
         usable_segments(run)
 
@@ -99,7 +99,7 @@ def test_identification_refuses_a_dead_output_and_remarks_a_dead_input(tmp_path)
     deaf[:, 3], undriven[:, 1] = 0.25, 0.0
     paths = [written(tmp_path / f"{k}.h5", values) for k, values in enumerate((sound, deaf, undriven))]
     with read_run(paths[0]) as whole, read_run(paths[1]) as no_output, read_run(paths[2]) as no_input:
-        with pytest.raises(DataError, match=r"1\.h5: o1 is 0\.25 rad in all 3000 samples"):
+        with pytest.raises(DataError, match=r"1\.h5: output 'o1' is constant at 0\.25 rad in all 3000 samples"):
             identified(no_output)
         assert any("input i1 moves in no log" in remark for remark in identified(no_input))
         assert not any("moves in no log" in remark for remark in identified(no_input, whole))
