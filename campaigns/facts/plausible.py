@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.facts.base import Fact, Seen
+from campaigns.facts.base import Array, Fact, Seen
 
 NAME = "unlike-sizes"
 
@@ -61,7 +61,7 @@ BY_DRIVE = 10.0
 def doubts(seen: Seen, ends: Mapping[str, tuple[float, float]]) -> dict[str, str]:
     """Return, for each channel whose smallest and largest value (`ends`) are implausible in its unit, why."""
     span = {name: high - low for name, (low, high) in ends.items() if seen.channels[name].unit in SPANS}
-    found = {}
+    found: dict[str, str] = {}
     for name, width in span.items():
         limits = SPANS[seen.channels[name].unit]
         if width > limits.most:
@@ -73,7 +73,7 @@ def doubts(seen: Seen, ends: Mapping[str, tuple[float, float]]) -> dict[str, str
 
 
 def _too_small(seen: Seen, span: Mapping[str, float]) -> dict[str, str]:
-    found = {}
+    found: dict[str, str] = {}
     if not _driven(seen):
         return found
     driven = {"input": seen.of_role("input"), "output": [one.name for one in _moved(seen)]}
@@ -109,7 +109,7 @@ class _Output:
 
 def facts(seen: Seen) -> list[Fact]:
     """Return the outputs whose rms differs by orders of magnitude from that of the others in their unit."""
-    found = []
+    found: list[Fact] = []
     if not _driven(seen):
         return found
     outputs = _moved(seen)
@@ -122,14 +122,19 @@ def facts(seen: Seen) -> list[Fact]:
 
 def _moved(seen: Seen) -> Sequence[_Output]:
     """Return the outputs that are driven: by the inputs of their degree of freedom, or by any where none has one."""
-    inputs = {name: float(values.std()) for name, values in seen.of_role("input").items()}
+    inputs = {name: _rms(values) for name, values in seen.of_role("input").items()}
     found = []
     for name, values in seen.of_role("output").items():
         own = [u for u in inputs if seen.channels[u].dof == seen.channels[name].dof]
         units = frozenset(seen.channels[u].unit for u in own)
-        found.append(_Output(name, float(values.std()), math.hypot(*(inputs[u] for u in own)), units))
+        found.append(_Output(name, _rms(values), math.hypot(*(inputs[u] for u in own)), units))
     known = any(one.drive_units for one in found)
     return [one for one in found if one.rms > 0.0 and (one.drive > 0.0 or not known)]
+
+
+def _rms(values: Array) -> float:
+    """Return the rms about the mean, of a constant exactly zero: its mean may be rounded."""
+    return float(values.std()) if np.ptp(values) > 0.0 else 0.0
 
 
 def _apart(one: _Output, other: _Output) -> bool:

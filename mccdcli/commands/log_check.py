@@ -14,7 +14,7 @@ from mccdcli.output import emit, table
 @existing_file("run")
 @common_options("json")
 def check(run: Path, as_json: bool) -> int:
-    """Check what a log shows about itself: sizes and units, periods, dead channels, slow sensors, steps, clipping, wraps.
+    """Check what a log shows about itself: sizes, units, periods, dead channels, slow sensors, steps, clipping.
 
     Checks inputs and outputs together for transients, clocks that differ, a closed loop, delays and coherence, and says
     what each finding means for identify and diagnose.

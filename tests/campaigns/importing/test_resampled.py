@@ -101,7 +101,7 @@ def test_a_record_too_short_to_tell_says_that_its_error_is_unknown(tmp_path, run
 @pytest.mark.parametrize("seed", range(20))
 def test_counts_are_those_of_every_sample_looked_at_by_itself(seed):
     rng = np.random.default_rng([7, seed])
-    grid_s = 3.0 + 0.01 * np.arange(int(rng.integers(2, 300)))
+    grid_s = np.asarray(3.0 + 0.01 * np.arange(int(rng.integers(2, 300))), dtype=np.float64)
     time_s = np.unique(rng.uniform(2.9, 3.1 + grid_s[-1] - grid_s[0], int(rng.integers(2, 200))))
     alone = np.abs(grid_s[:, None] - time_s).min(axis=1) > 0.005
     found = resampling(time_s, grid_s, "linear", 0.0)

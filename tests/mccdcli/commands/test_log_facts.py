@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -86,7 +87,7 @@ def test_check_shows_coherence_by_thirds_of_an_octave(tmp_path, capsys) -> None:
     assert all(0.9 < band["share"] <= 1.0 for band in fact["bands"])
 
 
-def sizes(capsys, path: Path) -> tuple[dict, str]:
+def sizes(capsys, path: Path) -> tuple[dict[str, Any], str]:
     """Return what `log show` says as JSON and as text."""
     assert main(["log", "show", str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
