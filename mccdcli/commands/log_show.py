@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 @existing_file("run")
 @common_options("json")
 def show(run: Path, as_json: bool) -> None:
-    """Show what a log holds: its run, its channels with smallest value, largest value and rms, and its segments.
+    """Show what a log holds: its run, its channels with their sizes, its segments.
 
-    Facts that an import has left in the log are listed; `mccd log check` finds those of any log.
+    Sizes are smallest value, largest value and rms about the mean; a wrong unit is seen there. Facts that an import has
+    left in the log are listed; `mccd log check` finds those of any log.
 
     \b
     Examples:
