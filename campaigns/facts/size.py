@@ -45,7 +45,7 @@ def facts(seen: Seen) -> list[Fact]:
     found = []
     for name, size in sizes.items():
         unit = seen.channels[name].unit
-        text = f"{size.smallest:.4g} to {size.largest:.4g} {unit}, rms about the mean {size.rms:.4g}"
+        text = f"{name}: {size.smallest:.4g} to {size.largest:.4g} {unit}, rms about the mean {size.rms:.4g}"
         numbers = {"smallest": size.smallest, "largest": size.largest, "rms": size.rms}
         found.append(Fact(NAME, text, doubted.get(name, ""), name, numbers=numbers, remark=name in doubted))
     return found
