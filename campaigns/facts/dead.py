@@ -14,7 +14,7 @@ NAME = "dead"
 def facts(seen: Seen) -> list[Fact]:
     """Return the inputs and outputs that have one value throughout, none of a record that is not seen to its end.
 
-    Without any output that changes the record is forbidden. An input at rest is no fault: another record may drive it.
+    A record in which no output changes is forbidden. An input at rest is not a fault: another record may drive it.
     """
     if not seen.complete or seen.rows < 2:
         return []

@@ -15,7 +15,7 @@ import numpy as np
 
 from campaigns.facts.base import Array, Fact, Seen
 
-NAME = "unlike-sizes"
+NAME = "size-ratio"
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ SPANS: Mapping[str, Plausible] = {
 that an actuator of any bench gives; a temperature may be as constant as it likes."""
 
 DIFFERENT = 1e4
-"""Ratio of the rms of outputs in one unit from which on it is told: degrees beside microradians make 1.7e4."""
+"""Ratio of the rms of outputs in one unit from which on it is remarked: degrees beside microradians make 1.7e4."""
 
 BY_DRIVE = 10.0
 """What two axes may differ by in motion for a drive of one size, against that ratio: a loop holds one of them still."""

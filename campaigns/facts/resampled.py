@@ -15,7 +15,7 @@ from campaigns.facts.base import Array, Fact
 NAME = "resampled"
 
 LARGE = 0.01
-"""Error against rms from which on it is told: the step of a converter is told from there on as well."""
+"""Error against rms from which on it is remarked, as the step of a converter is."""
 
 
 BESIDE = 0.5 + 1e-6
